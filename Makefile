@@ -1,0 +1,44 @@
+# The first use makes .venv; nothing but Python 3.11 or newer, its pip, and make is assumed.
+PYTHON ?= python3
+BIN := .venv/bin
+RUNTIME := .venv/.installed
+TEST := .venv/.installed-test
+
+.PHONY: run test check format report leaderboard clean
+
+run: $(RUNTIME)
+	$(BIN)/fdbench run
+
+report: $(RUNTIME)
+	$(BIN)/fdbench report results -o results/report.html
+
+leaderboard: $(RUNTIME)
+	$(BIN)/fdbench leaderboard results
+
+test: $(TEST)
+	$(BIN)/python -m pytest
+
+check: $(TEST)
+	$(BIN)/ruff format --check
+	$(BIN)/ruff check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(MAKE) --no-print-directory test
+
+format: $(TEST)
+	$(BIN)/ruff format
+	$(BIN)/ruff check --fix
+
+clean:
+	rm -rf .venv build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	find fdbench baselines tests -name __pycache__ -prune -exec rm -rf {} +
+
+$(TEST): EXTRAS := [test]
+$(RUNTIME) $(TEST): pyproject.toml | $(BIN)/python
+	@echo "installing fdbench$(EXTRAS) and what it needs into .venv"
+	$(PYTHON) -m pip --python $(BIN)/python install --quiet --editable ".$(EXTRAS)"
+	@touch $@
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "fdbench needs Python 3.11 or newer: make PYTHON=/path/to/it")'
+	$(PYTHON) -m venv --without-pip .venv

@@ -1,0 +1,277 @@
+r"""Kernel recursive least squares tracker on a fixed budget, compiled.
+
+The published recursion keeps the posterior of the function on its dictionary, :math:`\mu` and :math:`\Sigma`, and
+:math:`Q = K^{-1}`, the inverse of the dictionary's kernel matrix with jitter. This one keeps the weights instead:
+
+.. math:: \alpha = Q \mu, \qquad R = Q - Q \Sigma Q, \qquad Q
+
+At an input with kernel column k the mean is :math:`k^T \alpha` and the variance :math:`k(x, x) - k^T R k`; forgetting
+back to the prior is :math:`R \leftarrow \lambda R`, so K is not needed. A step reads Q and R once, together, writes R
+once, and writes Q only if the dictionary changes. At any time :math:`\mu = K \alpha` and :math:`\Sigma = K - K R K`.
+
+References
+----------
+Van Vaerenbergh, Lázaro-Gredilla, Santamaría (2012), Kernel Recursive Least-Squares Tracker for Time-Varying
+Regression, IEEE Trans. Neural Networks and Learning Systems 23, 1313-1326, doi:10.1109/TNNLS.2012.2200500.
+Csató, Opper (2002), Sparse On-Line Gaussian Processes, Neural Computation 14, 641-668 (the form with weights).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class Tracker(NamedTuple):
+    """State of the recursion for budget M and inputs of dimension d; changed in place by `track`.
+
+    A free slot holds a point at infinity, which is independent of every input: k = 0, Q = 1 and no weight.
+
+    Attributes
+    ----------
+    dictionary : (d, M) array
+        Inputs in the dictionary, one column for each slot; a new input takes the slot of the one that leaves.
+    members : (M,) array of int
+        Sample that each slot holds; -1 if it is free.
+    alpha : (M,) array
+        Weights.
+    QR : (M, 2 M) array
+        Q and R side by side, both symmetric.
+    power : (2,) array
+        Numerator and denominator of s0^2, the signal power.
+    seen : (1,) array of int
+        Number of samples taken in.
+    """
+
+    dictionary: FloatArray
+    members: NDArray[np.int64]
+    alpha: FloatArray
+    QR: FloatArray
+    power: FloatArray
+    seen: NDArray[np.int64]
+
+
+def empty_tracker(dimension: int, budget: int) -> Tracker:
+    """Return the state before the first sample.
+
+    >>> tracker = empty_tracker(dimension=1, budget=2)
+    >>> predictions, removed = track(tracker, np.zeros((2, 1)), np.array([2.0, 2.0]), 1.0, 1.0, 0.0, False)
+    >>> predictions[1, :2], removed  # one observation of 2 with as much noise as signal; the second adds no member
+    (array([1. , 0.5]), array([-1,  1]))
+    """
+    return Tracker(
+        dictionary=np.full((dimension, budget), np.inf),
+        members=np.full(budget, -1, dtype=np.int64),
+        alpha=np.zeros(budget),
+        QR=np.eye(budget, 2 * budget),
+        power=np.zeros(2),
+        seen=np.zeros(1, dtype=np.int64),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def locally_periodic_inputs(t: FloatArray, sigma_1: float, sigma_2: float, psi: float) -> FloatArray:
+    r"""Map times to inputs whose Gaussian kernel is the locally periodic kernel.
+
+    .. math:: e^{-\tau^2 / (2 \sigma_1^2)} e^{-\sin^2(\pi \tau / \psi) / (2 \sigma_2^2)} = e^{-|x - x'|^2 / 2},
+              \qquad x = (t / \sigma_1, \cos(2 \pi t / \psi) / (2 \sigma_2), \sin(2 \pi t / \psi) / (2 \sigma_2))
+
+    Parameters
+    ----------
+    t : (n,) array
+        Time in s.
+    sigma_1, psi : float
+        Length scale and period in s.
+    sigma_2 : float
+        Length scale of the periodic factor, dimensionless.
+
+    Returns
+    -------
+    (n, 3) array
+        Rows x.
+
+    References
+    ----------
+    McPherson (2024), eq. 2.11, with the pi that the print lacks; MacKay (1998) for the map to the circle.
+    """
+    x = np.empty((t.size, 3))
+    for n in range(t.size):
+        phase = 2.0 * np.pi * t[n] / psi
+        x[n, 0] = t[n] / sigma_1
+        x[n, 1] = np.cos(phase) / (2.0 * sigma_2)
+        x[n, 2] = np.sin(phase) / (2.0 * sigma_2)
+    return x
+
+
+@njit(cache=True, error_model="numpy")
+def kernel_column(dictionary: FloatArray, x: FloatArray, k: FloatArray) -> None:
+    """Write exp(-|x_i - x|^2 / 2) for every slot i into ``k``."""
+    k[:] = 0.0
+    for c in range(x.size):
+        row, xc = dictionary[c], x[c]
+        for i in range(k.size):
+            k[i] += (row[i] - xc) ** 2
+    for i in range(k.size):
+        k[i] = np.exp(-0.5 * k[i])
+
+
+@njit(cache=True, error_model="numpy")
+def symmetric_products(QR: FloatArray, k: FloatArray, qr: FloatArray) -> None:
+    """Write Q k and R k side by side into ``qr``, eight rows at a time: vector code without a reordered sum."""
+    qr[:] = 0.0
+    whole = k.size - k.size % 8
+    for j in range(0, whole, 8):
+        a, b, c, d, e, f, g, h = QR[j], QR[j + 1], QR[j + 2], QR[j + 3], QR[j + 4], QR[j + 5], QR[j + 6], QR[j + 7]
+        ka, kb, kc, kd, ke, kf, kg, kh = k[j], k[j + 1], k[j + 2], k[j + 3], k[j + 4], k[j + 5], k[j + 6], k[j + 7]
+        for i in range(qr.size):
+            first = (ka * a[i] + kb * b[i]) + (kc * c[i] + kd * d[i])
+            qr[i] += first + ((ke * e[i] + kf * f[i]) + (kg * g[i] + kh * h[i]))
+    for j in range(whole, k.size):
+        a, ka = QR[j], k[j]
+        for i in range(qr.size):
+            qr[i] += ka * a[i]
+
+
+@njit(cache=True, error_model="numpy")
+def inject_uncertainty(QR: FloatArray, members: NDArray[np.int64], lam: float) -> None:
+    """Sigma <- Sigma / lam, which is R <- R / lam - (1 / lam - 1) Q."""
+    M = members.size
+    for j in range(M):
+        if members[j] >= 0:  # a free slot has no variance that may grow
+            Q, R = QR[j], QR[j, M:]
+            for i in range(M):
+                R[i] = R[i] / lam - (1.0 / lam - 1.0) * Q[i]
+
+
+@njit(cache=True, error_model="numpy")
+def update_reduction(QR: FloatArray, lam: float, s: FloatArray, u: FloatArray, b: FloatArray) -> None:
+    """R <- lam R + s s' - (u b' + b u')."""
+    M = s.size
+    for j in range(M):
+        R, sj, uj, bj = QR[j, M:], s[j], u[j], b[j]
+        for i in range(M):
+            R[i] = lam * R[i] + sj * s[i] - (uj * b[i] + bj * u[i])
+
+
+@njit(cache=True, error_model="numpy")
+def update_inverse(QR: FloatArray, t: FloatArray, p: FloatArray) -> None:
+    """Q <- Q + t t' - p p'."""
+    M = t.size
+    for j in range(M):
+        Q, tj, pj = QR[j], t[j], p[j]
+        for i in range(M):
+            Q[i] += tj * t[i] - pj * p[i]
+
+
+@njit(cache=True, error_model="numpy")
+def track(
+    tracker: Tracker, x: FloatArray, y: FloatArray, s2: float, lam: float, jitter: float, injection: bool
+) -> tuple[FloatArray, NDArray[np.int64]]:
+    r"""Predict and take in samples one after the other, with the kernel :math:`k(x, x') = e^{-|x - x'|^2 / 2}`.
+
+    A sample is predicted from the state that the sample before it left. Then the state forgets, takes the sample in,
+    and gives up the member whose loss :math:`|\alpha_i / Q_{ii}|` is smallest, be it a free slot or the sample itself.
+
+    Parameters
+    ----------
+    tracker : Tracker
+        State, changed in place.
+    x : (n, d) array
+        Inputs, divided by their length scales.
+    y : (n,) array
+        Targets.
+    s2 : float
+        Noise-to-signal power ratio, above 0.
+    lam : float
+        Forgetting factor, in (0, 1].
+    jitter : float
+        Added to the diagonal of the kernel matrix; an input that adds no more than this to it is no member.
+    injection : bool
+        How to forget. False, back to the prior: lam Sigma + (1 - lam) K and sqrt(lam) mu; true, uncertainty injection:
+        Sigma / lam and mu.
+
+    Returns
+    -------
+    (n, 3) array
+        Mean of the function before the sample, its variance in units of s0^2, and s0^2 after the sample. An observation
+        has s2 more variance.
+    (n,) array of int
+        Sample that left the dictionary: -1 if none, the sample itself if it did not become a member.
+    """
+    members, alpha, QR, power = tracker.members, tracker.alpha, tracker.QR, tracker.power
+    M = members.size
+    predictions, removed = np.empty((y.size, 3)), np.empty(y.size, np.int64)
+    k, qr = np.empty(M), np.empty(2 * M)
+    q, r = qr[:M], qr[M:]
+    s, t, p, u, b = np.empty(M), np.empty(M), np.empty(M), np.empty(M), np.empty(M)
+    kxx = 1.0 + jitter
+    for n in range(y.size):
+        kernel_column(tracker.dictionary, x[n], k)
+        symmetric_products(QR, k, qr)
+        mean = kq = kr = 0.0
+        for i in range(M):
+            mean += k[i] * alpha[i]
+            kq += k[i] * q[i]
+            kr += k[i] * r[i]
+        predictions[n, 0], predictions[n, 1] = mean, kxx - kr
+
+        shrink, keep, scale, share = np.sqrt(lam), lam, lam, 0.0
+        if injection:
+            inject_uncertainty(QR, members, lam)
+            shrink, keep, scale, share = 1.0, 1.0, 1.0 / lam, 1.0 / lam - 1.0
+        sv2 = s2 + kxx - (scale * kr - share * kq)
+        error = y[n] - shrink * mean
+        weight = lam if tracker.seen[0] > 0 else 1.0
+        power[0] += weight * error**2 / sv2
+        power[1] += weight
+        predictions[n, 2] = power[0] / power[1]
+
+        a, g2 = error / sv2, kxx - kq
+        out, loss = 0, np.inf
+        for i in range(M):
+            r[i] = scale * r[i] - share * q[i]
+            alpha[i] = shrink * alpha[i] - a * r[i]
+            loss_i = abs(alpha[i] / (QR[i, i] + q[i] ** 2 / g2))
+            if loss_i < loss:
+                out, loss = i, loss_i
+        enters = g2 > jitter and abs(a * g2) >= loss
+
+        # u: column of Q of who leaves over its diagonal element; b, s: what projects that one out of R.
+        if enters:
+            g = 1.0 / np.sqrt(g2)
+            t_out = g * q[out]
+            pivot = np.sqrt(QR[out, out] + t_out**2)
+            s_out, alpha_out, half = -r[out], alpha[out], 0.5 * keep * QR[out, M + out]
+            for i in range(M):
+                t[i] = g * q[i]
+                p[i] = (QR[out, i] + t_out * t[i]) / pivot
+                u[i] = p[i] / pivot
+                b[i] = keep * QR[out, M + i]
+        else:
+            s_out, alpha_out, half = 1.0, a, 0.0
+            for i in range(M):
+                u[i] = -q[i]
+                b[i] = 0.0
+        root = 1.0 / np.sqrt(sv2)
+        for i in range(M):
+            b[i] -= half * u[i]
+            s[i] = root * (-r[i] - s_out * u[i])
+            alpha[i] -= alpha_out * u[i]
+        removed[n] = tracker.seen[0]
+        if enters:
+            removed[n] = members[out]
+            t[out], p[out] = -g, -g * t_out / pivot
+            u[out] = p[out] / pivot
+            b[out], s[out], alpha[out] = -half * u[out], root * (1.0 - s_out * u[out]), a - alpha_out * u[out]
+            QR[out] = 0.0
+            QR[:, out] = 0.0
+            QR[:, M + out] = 0.0
+            update_inverse(QR, t, p)
+            members[out] = tracker.seen[0]
+            tracker.dictionary[:, out] = x[n]
+        update_reduction(QR, keep, s, u, b)
+        tracker.seen[0] += 1
+    return predictions, removed

@@ -1,0 +1,179 @@
+"""Kernel recursive least squares tracker (KRLS-T): a Gaussian process over time that learns and forgets."""
+
+from array import array
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Literal, final
+
+import numpy as np
+
+from fdbench.errors import PluginError, SpecError, did_you_mean
+from fdbench.estimator import Context, Estimate, FloatArray, OnlineEstimator, Sample
+from fdbench.record import Record
+from fdbench_baselines._krls_t_recursion import Tracker, empty_tracker, locally_periodic_inputs, track
+
+SMALLEST_JITTER = 1e-6
+
+
+@final
+class KRLST(OnlineEstimator):
+    r"""One-step-ahead prediction of a nearly periodic disturbance beside a known linear model.
+
+    .. math:: y_n = z_n^T \beta + f(t_n) + \varepsilon_n, \qquad v_n = y_n - z_n^T \beta, \qquad
+              \hat f_n = E[f(t_n) \mid v_1 \ldots v_{n-1}]
+
+    f has the locally periodic kernel :math:`e^{-\tau^2 / 2 \sigma_1^2} e^{-\sin^2(\pi \tau / \psi) / 2 \sigma_2^2}`;
+    at most ``budget`` samples are kept. :math:`\beta` is fixed: ``linear_parameters``, or else what PL-LSSVM identifies
+    on the record (`fit`), or else the nominal plant's values (`start`, as a stream has no record).
+
+    ``output`` is :math:`z^T \beta + \hat f` with variance :math:`s_0^2 (s_2 + s_f^2)`, that of an observation;
+    ``disturbance_N`` is :math:`\hat f / g` with variance :math:`s_0^2 s_f^2 / g^2`, that of the disturbance without
+    noise, where g is the disturbance gain. Given :math:`\beta`, a row depends on earlier samples only, save that the
+    first row's variance is scaled by its own sample, as no signal power :math:`s_0^2` is known before it.
+
+    Parameters
+    ----------
+    sigma_1_s : float
+        :math:`\sigma_1`, time over which the period's shape is kept, s; above 0.
+    sigma_2 : float
+        :math:`\sigma_2`, width within a period in units of the sine; above 0.
+    gamma : float
+        Signal-to-noise variance ratio, :math:`1 / s_2`; above 0.
+    period_s : float, optional
+        :math:`\psi`, s; by default the context's disturbance period.
+    forgetting : float
+        :math:`\lambda` of each sample, in (0, 1].
+    budget : int
+        M, samples in the dictionary; at least 1.
+    jitter : float
+        Added to the diagonal of the kernel matrix; at least 1e-6, or rounding errors may grow where inputs come back.
+    mode : {"B2P", "UI"}
+        Forget back to the prior, or by uncertainty injection. The latter divides the variance of every member by lambda
+        at every sample, also of those that time has left behind: over time it serves for short records only.
+    linear_parameters : mapping of str to float, optional
+        :math:`\beta`, a value for each parameter of the regression.
+
+    Raises
+    ------
+    SpecError
+        If an argument is out of bounds, no period is known, the names in ``linear_parameters`` are not those of the
+        regression, or the recursion diverges.
+    PluginError
+        If a sample comes before ``start``.
+
+    References
+    ----------
+    Van Vaerenbergh, Lázaro-Gredilla and Santamaría, Kernel recursive least-squares tracker for time-varying regression,
+    IEEE Trans. Neural Networks and Learning Systems 23 (2012); McPherson, thesis, 2024, eq. 2.11 to 2.22 with
+    :math:`(v - \hat v)^2` in eq. 2.20 (defaults: shaker trials; the budget is ours).
+    """
+
+    def __init__(
+        self,
+        sigma_1_s: float = 1.2,
+        sigma_2: float = 0.99,
+        gamma: float = 5.85,
+        period_s: float | None = None,
+        forgetting: float = 0.996,
+        budget: int = 50,
+        jitter: float = SMALLEST_JITTER,
+        mode: Literal["B2P", "UI"] = "B2P",
+        linear_parameters: Mapping[str, float] | None = None,
+    ) -> None:
+        for name, value in (("sigma_1_s", sigma_1_s), ("sigma_2", sigma_2), ("gamma", gamma), ("period_s", period_s)):
+            _require(value is None or 0.0 < value < np.inf, name, value, "above 0 and finite")
+        _require(0.0 < forgetting <= 1.0, "forgetting", forgetting, "above 0 and at most 1")
+        _require(isinstance(budget, int) and budget >= 1, "budget", budget, "an integer of at least 1")
+        _require(SMALLEST_JITTER <= jitter < np.inf, "jitter", jitter, f"at least {SMALLEST_JITTER} and finite")
+        _require(mode in ("B2P", "UI"), "mode", mode, "B2P (back to the prior) or UI (uncertainty injection)")
+        for name, value in (linear_parameters or {}).items():
+            _require(np.isfinite(value), f"linear_parameters[{name}]", value, "finite")
+        self.sigma_1_s, self.sigma_2, self.gamma, self.period_s = sigma_1_s, sigma_2, gamma, period_s
+        self.forgetting, self.budget, self.jitter, self.mode = forgetting, budget, jitter, mode
+        self.linear_parameters = linear_parameters
+        self._tracker: Tracker | None = None
+
+    def skip(self, context: Context) -> str | None:
+        """Skip where no period is known."""
+        if self.period_s is None and context.disturbance_period_s is None:
+            return "no disturbance period is known"
+        return None
+
+    def start(self, context: Context) -> None:
+        """Forget everything; the linear parameters are those given or the nominal plant's."""
+        nominal = context.plant.true_parameters(context.model, context.sampling_time_s)
+        self._start(context, tuple(nominal), nominal if self.linear_parameters is None else self.linear_parameters)
+
+    def update(self, sample: Sample) -> None:
+        """Predict a sample, then take it in."""
+        time_s, regressors, target, gain = sample
+        self._take(np.array([time_s]), regressors[np.newaxis], np.array([target]), gain)
+
+    def estimate(self) -> Estimate:
+        """Return the predictions made so far."""
+        self._started()
+        linear, mean, variance, power, gain = np.array(self._rows).reshape(-1, 5).T
+        power_before = np.concatenate((power[:1], power[:-1]))
+        return Estimate(
+            parameters=self._parameters,
+            disturbance_N=mean / gain,
+            disturbance_variance_N2=power_before * variance / gain**2,
+            output=linear + mean,
+            output_variance=power_before * (1.0 / self.gamma + variance),
+        )
+
+    def fit(self, context: Context, record: Record) -> Estimate:
+        """Run over a whole record, after PL-LSSVM if no linear parameters are given."""
+        context = replace(context, disturbance_period_s=self._period_s(context))
+        regression = context.regression(record)
+        parameters = self.linear_parameters
+        if parameters is None:
+            from fdbench_baselines.pl_lssvm import PLLSSVM
+
+            parameters = PLLSSVM().fit(context, record).parameters
+        self._start(context, regression.names, parameters)
+        self._take(regression.time_s, regression.regressors, regression.target, regression.disturbance_gain)
+        return self.estimate()
+
+    def _start(self, context: Context, names: tuple[str, ...], parameters: Mapping[str, float]) -> None:
+        for name in parameters:
+            if name not in names:
+                raise SpecError(f"krls_t: {context.model} has no linear parameter {name}.{did_you_mean(name, names)}")
+        missing = [name for name in names if name not in parameters]
+        if missing:
+            raise SpecError(f"krls_t: {context.model} needs linear_parameters for {', '.join(missing)} too.")
+        self._parameters = {name: float(parameters[name]) for name in names}
+        self._psi = self._period_s(context)
+        self._rows = array("d")
+        self._tracker = empty_tracker(3, self.budget)
+
+    def _take(self, time_s: FloatArray, regressors: FloatArray, target: FloatArray, gain: float) -> None:
+        tracker = self._started()
+        linear = np.zeros(len(target))
+        for value, column in zip(self._parameters.values(), regressors.T, strict=True):
+            linear += value * column  # a matrix product would round one row and many differently
+        x = locally_periodic_inputs(time_s, self.sigma_1_s, self.sigma_2, self._psi)
+        s2, injection = 1.0 / self.gamma, self.mode == "UI"
+        predictions, _ = track(tracker, x, target - linear, s2, self.forgetting, self.jitter, injection)
+        if not np.isfinite(tracker.power[0]):
+            raise SpecError(
+                f"krls_t: diverged within {tracker.seen[0]} samples with mode {self.mode}, jitter {self.jitter}, "
+                f"forgetting {self.forgetting}. Use mode B2P, more jitter or forgetting nearer to 1."
+            )
+        self._rows.frombytes(np.column_stack((linear, predictions, np.full(len(target), gain))).tobytes())
+
+    def _started(self) -> Tracker:
+        if self._tracker is None:
+            raise PluginError("krls_t: start(context) must come before update and estimate.")
+        return self._tracker
+
+    def _period_s(self, context: Context) -> float:
+        period_s = context.disturbance_period_s if self.period_s is None else self.period_s
+        if period_s is None:
+            raise SpecError("krls_t: period_s is needed, as the scenario's context gives no disturbance_period_s.")
+        return period_s
+
+
+def _require(allowed: bool | np.bool, name: str, value: object, bounds: str) -> None:
+    if not allowed:
+        raise SpecError(f"krls_t: {name} = {value!r} must be {bounds}.")

@@ -1,0 +1,34 @@
+"""Encoder quantisation: the position is read in whole steps."""
+
+import math
+from dataclasses import dataclass
+from typing import final
+
+from fdbench.effects._effect import Effect, Port, kernel, parameter
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class EncoderQuantisation(Effect):
+    r"""Rounding of the motor encoder's reading to its resolution q.
+
+    .. math:: y = q \lfloor x / q + 1/2 \rfloor
+
+    Source: Widrow, Kollar, Quantization Noise (2008), eq. (1.1).
+
+    Examples
+    --------
+    >>> effect = EncoderQuantisation(resolution_m=1e-6)
+    >>> (reading,) = EncoderQuantisation.kernel(0.0, 1e-4, 0.0, 0.0, 2.6e-6, *effect.values())
+    >>> round(reading * 1e6, 9)
+    3.0
+    """
+
+    port = Port.MOTOR_ENCODER
+    amplitude = "resolution_m"
+
+    resolution_m: float = parameter("q", low=0.0, high=1e-3, typical=1e-6)
+
+    @kernel
+    def kernel(t, h, x, v, u, q):
+        return ((q * math.floor(u / q + 0.5)) if q > 0.0 else u,)

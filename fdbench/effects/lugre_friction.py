@@ -1,0 +1,57 @@
+"""LuGre friction: bristles that bend before the axis slides (presliding), with a Stribeck curve."""
+
+from dataclasses import dataclass
+from typing import final
+
+from fdbench.effects._effect import Effect, Port, kernel, parameter
+from fdbench.effects._functions import exp
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class LugreFriction(Effect):
+    r"""Mean bristle deflection z as a hidden state.
+
+    .. math::
+        \dot z = v - \frac{\sigma_0 |v|}{g(v)} z, \qquad
+        g(v) = F_c + (F_s - F_c)\, e^{-(v/v_s)^2}, \qquad F = \sigma_0 z + \sigma_1 \dot z
+
+    At constant velocity over a substep z relaxes exactly, so no speed or stiffness makes the bristle unstable;
+    the force is its mean over the substep. Viscous friction is an effect of its own.
+
+    Source: Canudas de Wit, Olsson, Astrom, Lischinsky (1995), IEEE Trans. Automatic Control 40(3), eqs. (1)-(4).
+
+    Examples
+    --------
+    In steady sliding well above v_s the force is the Coulomb force.
+
+    >>> effect = LugreFriction.typical(coulomb_force_N=120.0)
+    >>> z = 120.0 / effect.bristle_stiffness_N_per_m
+    >>> force, slope, z = LugreFriction.kernel(0.0, 1e-4, 0.0, 0.5, 0.0, *effect.values(), z)
+    >>> round(force, 9)
+    120.0
+    """
+
+    port = Port.TABLE_FORCE
+    states = ("z",)
+    amplitude = "coulomb_force_N"
+
+    coulomb_force_N: float = parameter("F_c", low=0.0, high=5000.0, typical=120.0)
+    static_force_N: float = parameter("F_s", low=0.0, high=8000.0, typical=150.0)
+    stribeck_velocity_m_per_s: float = parameter("v_s", low=1e-4, high=0.1, typical=3e-3)
+    bristle_stiffness_N_per_m: float = parameter("sigma_0", low=1e4, high=1e9, typical=2e7)
+    bristle_damping_N_s_per_m: float = parameter("sigma_1", low=0.0, high=1e6, typical=1e4)
+
+    @kernel
+    def kernel(t, h, x, v, u, F_c, F_s, v_s, sigma_0, sigma_1, z):
+        ratio = v / v_s
+        g = F_c + (F_s - F_c) * exp(-(ratio * ratio))
+        z_steady = g / sigma_0 if v >= 0.0 else -g / sigma_0
+        y = min(sigma_0 * abs(v) * h / g, 700.0) if g > 0.0 else 700.0
+        decay = exp(-y)
+        mean = (1.0 - decay) / y if y > 1e-2 else 1.0 - y * (0.5 - y * (1.0 / 6.0 - y * (1.0 / 24.0 - y / 120.0)))
+        distance = z_steady - z
+        z_end = z + distance * y * mean
+        force = sigma_0 * (z_steady - distance * mean) + sigma_1 * ((z_end - z) / h)
+        slope = (0.5 * sigma_0 * h + sigma_1) * decay
+        return force, slope, z_end

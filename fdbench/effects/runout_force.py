@@ -1,0 +1,50 @@
+"""Run-out force: what radial run-out of the tool adds to the tooth-passing force."""
+
+import math
+from dataclasses import dataclass
+from typing import final
+
+from fdbench.effects._effect import Effect, Port, kernel, parameter
+from fdbench.effects.tooth_passing_force import TURN, cutting_force
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class RunoutForce(Effect):
+    r"""Milling force with run-out minus the force without it.
+
+    Even teeth cut a chip thicker by e, odd teeth one thinner by e,
+
+    .. math:: h_j = \max(f_t \sin\varphi_j \pm e, 0), \qquad F = \sum_j [F(h_j) - F(h_j)|_{e = 0}]
+
+    so the force repeats once per turn and no longer once per tooth. Its cutting parameters are those of the
+    tooth-passing force that it modifies. Source: Kline, DeVor (1983), Int. J. Machine Tool Design and Research 23.
+
+    Examples
+    --------
+    >>> effect = RunoutForce.typical(radial_runout_m=0.0)
+    >>> RunoutForce.kernel(0.003, 1e-5, 0.0, 0.01, 0.0, *effect.values())
+    (0.0, 0.0)
+    """
+
+    port = Port.TABLE_FORCE
+    amplitude = "radial_runout_m"
+    disturbance = True
+
+    radial_runout_m: float = parameter("e", low=0.0, high=2e-4, typical=1e-5)
+    teeth: float = parameter("N_t", low=1.0, high=12.0, typical=2.0)
+    spindle_frequency_Hz: float = parameter("f_s", low=0.1, high=1000.0, typical=50.0)
+    axial_depth_m: float = parameter("a_p", low=0.0, high=0.05, typical=1.5e-3)
+    tangential_cutting_Pa: float = parameter("K_tc", low=0.0, high=1e10, typical=796.1e6)
+    radial_cutting_Pa: float = parameter("K_rc", low=0.0, high=1e10, typical=168.8e6)
+    tangential_edge_N_per_m: float = parameter("K_te", low=0.0, high=1e6, typical=27.7e3)
+    radial_edge_N_per_m: float = parameter("K_re", low=0.0, high=1e6, typical=30.8e3)
+    entry_angle_rad: float = parameter("phi_in", low=0.0, high=TURN, typical=0.0)
+    exit_angle_rad: float = parameter("phi_out", low=0.0, high=TURN, typical=math.pi)
+    direction_rad: float = parameter("theta", low=-TURN, high=TURN, typical=0.0)
+
+    @kernel
+    def kernel(t, h, x, v, u, e, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta):
+        with_runout = cutting_force(t, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, e)
+        without = cutting_force(t, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, 0.0)
+        return with_runout - without, 0.0

@@ -1,0 +1,39 @@
+"""Stribeck friction: extra resistance near standstill that falls as the axis starts to slide."""
+
+from dataclasses import dataclass
+from typing import final
+
+from fdbench.effects._effect import Effect, Port, kernel, parameter
+from fdbench.effects._functions import exp, tanh
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class StribeckFriction(Effect):
+    r"""The part of steady friction above the Coulomb level.
+
+    .. math:: F(v) = (F_s - F_c)\, e^{-(v/v_s)^2} \tanh(v / v_0)
+
+    Source: Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30, eq. (6) with exponent 2.
+
+    Examples
+    --------
+    >>> effect = StribeckFriction.typical(stribeck_force_N=40.0, stribeck_velocity_m_per_s=0.01)
+    >>> force, slope = StribeckFriction.kernel(0.0, 1e-4, 0.0, 0.01, 0.0, *effect.values())
+    >>> round(force, 4)  # 40 / e
+    14.7152
+    """
+
+    port = Port.TABLE_FORCE
+    amplitude = "stribeck_force_N"
+
+    stribeck_force_N: float = parameter("F_d", low=0.0, high=2000.0, typical=40.0)
+    stribeck_velocity_m_per_s: float = parameter("v_s", low=1e-4, high=0.1, typical=3e-3)
+    transition_velocity_m_per_s: float = parameter("v_0", low=1e-5, high=0.05, typical=5e-4)
+
+    @kernel
+    def kernel(t, h, x, v, u, F_d, v_s, v_0):
+        ratio = v / v_s
+        force = F_d * exp(-(ratio * ratio)) * tanh(v / v_0)
+        slope = force / v if abs(v) > 1e-9 * v_0 else F_d / v_0
+        return force, slope

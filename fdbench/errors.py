@@ -1,0 +1,47 @@
+"""Errors that a user can cause. Each says where, what, what is allowed and what was probably meant."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class FdbenchError(Exception):
+    """Base of every error caused by input; the command line prints it and exits with 2."""
+
+
+class SpecError(FdbenchError):
+    """A scenario, model or mapping file breaks its schema."""
+
+
+class RecordError(FdbenchError):
+    """A record has missing, misnamed or damaged data."""
+
+
+class MissingData(RecordError):
+    """Measured data that the user has to fetch are not on this machine."""
+
+
+class UnknownName(FdbenchError):
+    """A plug-in, scenario or column of this name does not exist."""
+
+
+class PluginError(FdbenchError):
+    """A plug-in file cannot be loaded or breaks its contract."""
+
+
+class SimulationDiverged(FdbenchError):
+    """A simulated state left the limits of its scenario."""
+
+
+def did_you_mean(name: str, allowed: Iterable[str]) -> str:
+    """Return `` Did you mean x?`` for the nearest allowed name, else the list of allowed names.
+
+    >>> did_you_mean("mas_kg", ["mass_kg", "stiffness_N_per_m"])
+    ' Did you mean mass_kg?'
+    >>> did_you_mean("zzz", ["b", "a"])
+    ' Allowed: a, b.'
+    """
+    candidates = sorted(set(allowed))
+    nearest = difflib.get_close_matches(name, candidates, n=1, cutoff=0.6)
+    if nearest:
+        return f" Did you mean {nearest[0]}?"
+    return f" Allowed: {', '.join(candidates) if candidates else 'none'}."

@@ -1,0 +1,178 @@
+"""What an estimator is given, what it does and what it returns.
+
+A researcher writes one class in one file; ``Context`` and ``Record`` are all that it can see, and the truth is
+in neither of them.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.plants._plant import Plant
+from fdbench.record import Record
+from fdbench.registry import Registry
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Regression:
+    r"""The nominal plant as a model that is linear in its parameters, :math:`y = Z \beta + f + \varepsilon`.
+
+    Attributes
+    ----------
+    regressors : (n_rows, n_parameters) array
+        Z, one column for each parameter.
+    target : (n_rows,) array
+        y, the quantity that ``Estimate.output`` predicts.
+    names : tuple of str
+        Names of the parameters, with their units.
+    target_name : str
+        Name of y, with its unit.
+    time_s : (n_rows,) array
+        Time of each row.
+    rows : (n_rows,) array of int
+        Sample of the record that each row belongs to.
+    disturbance_gain : float
+        f in units of y for one newton of disturbance (a force against positive motion).
+    """
+
+    regressors: FloatArray
+    target: FloatArray
+    names: tuple[str, ...]
+    target_name: str
+    time_s: FloatArray
+    rows: NDArray[np.intp]
+    disturbance_gain: float
+
+    @property
+    def sampling_time_s(self) -> float:
+        """Time between two rows."""
+        return float((self.time_s[-1] - self.time_s[0]) / (len(self.time_s) - 1))
+
+
+class Sample(NamedTuple):
+    """One row of a regression, as a streaming estimator meets it."""
+
+    time_s: float
+    regressors: FloatArray
+    target: float
+    disturbance_gain: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Context:
+    """What a user of a real drive would know before the record is taken.
+
+    Attributes
+    ----------
+    scenario : str
+        Id of the scenario.
+    sampling_time_s : float
+        Clock of the record.
+    plant : Plant
+        The nominal plant, with the parameters on paper.
+    model : str
+        Which linear model of the plant is to be identified, such as ``"velocity_loop"``.
+    disturbance_period_s : float or None
+        Period of the spindle or shaker, where one runs.
+    """
+
+    scenario: str
+    sampling_time_s: float
+    plant: Plant
+    model: str
+    disturbance_period_s: float | None = None
+
+    def regression(self, record: Record) -> Regression:
+        """Return the nominal plant's linear model, filled with the samples of ``record``."""
+        return self.plant.regression(record, self.model)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimate:
+    """What an estimator claims; every part is optional, and only what is claimed is scored.
+
+    Attributes
+    ----------
+    parameters : mapping of str to float
+        Named parameters, in the order of ``covariance``.
+    covariance : (n_parameters, n_parameters) array or None
+        Covariance of ``parameters``.
+    disturbance_N : (n_rows,) array or None
+        Disturbance force against positive motion, one value for each row of the regression.
+    disturbance_variance_N2 : (n_rows,) array or None
+        Its variance.
+    output : (n_rows,) array or None
+        Prediction of the regression's target.
+    output_variance : (n_rows,) array or None
+        Its variance, that of a new observation.
+    """
+
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    covariance: FloatArray | None = None
+    disturbance_N: FloatArray | None = None
+    disturbance_variance_N2: FloatArray | None = None
+    output: FloatArray | None = None
+    output_variance: FloatArray | None = None
+
+
+class Estimator(ABC):
+    """Common part of both kinds: registered by file name, every constructor argument has a default."""
+
+    name: ClassVar[str]
+    expected_failures: ClassVar[Mapping[str, str]] = {}
+
+    def skip(self, context: Context) -> str | None:
+        """Return why this estimator does not apply to the scenario, or None if it does."""
+        return None
+
+    @abstractmethod
+    def fit(self, context: Context, record: Record) -> Estimate:
+        """Estimate from a whole record."""
+
+
+class BatchEstimator(Estimator):
+    """An estimator that needs the whole record at once; implement ``fit``."""
+
+
+class OnlineEstimator(Estimator):
+    """An estimator that is recursive by nature: ``start``, then ``update`` for each sample, ``estimate`` any time.
+
+    ``fit`` drives the three over a record. An estimator with a compiled loop may implement ``fit`` too; the
+    shared checks hold both ways against each other.
+    """
+
+    @abstractmethod
+    def start(self, context: Context) -> None:
+        """Forget everything and prepare for a record of ``context``."""
+
+    @abstractmethod
+    def update(self, sample: Sample) -> None:
+        """Take in one sample."""
+
+    @abstractmethod
+    def estimate(self) -> Estimate:
+        """Return the estimate after the samples seen so far, with one row for each of them."""
+
+    def fit(self, context: Context, record: Record) -> Estimate:
+        """Stream the record through ``update``."""
+        self.start(context)
+        for sample in samples(context.regression(record)):
+            self.update(sample)
+        return self.estimate()
+
+
+def samples(regression: Regression) -> list[Sample]:
+    """Return the rows of a regression as samples, in order of time."""
+    return [
+        Sample(float(time), row, float(target), regression.disturbance_gain)
+        for time, row, target in zip(regression.time_s, regression.regressors, regression.target, strict=True)
+    ]
+
+
+estimators: Registry[Estimator] = Registry("estimator", Estimator)  # type: ignore[type-abstract]

@@ -1,0 +1,111 @@
+"""Controllers of a feed drive; each acts once a sampling time and holds its force."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal, final
+
+from fdbench.errors import SpecError, did_you_mean
+from fdbench.specification import bounded, check_bounds, nonnegative, positive
+
+FEEDBACK = ("motor", "table")
+
+
+def check_feedback(feedback: str) -> None:
+    """Raise a SpecError unless the feedback is that of the motor or of the table."""
+    if feedback not in FEEDBACK:
+        raise SpecError(f"feedback: unknown side '{feedback}'.{did_you_mean(feedback, FEEDBACK)}")
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class VelocityLoop:
+    """Proportional velocity control, F = K (v_reference - v); source: McPherson (2024), eq. (2.1)."""
+
+    gain_N_s_per_m: float = positive()
+    force_limit_N: float = positive()
+
+    action_row: ClassVar[str] = "ACTION_VELOCITY"
+    action_name: ClassVar[str] = "velocity_m_per_s"
+    uses_table: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+    def rows(self) -> Mapping[str, float]:
+        """Return the controller's rows of a block."""
+        return {
+            "VELOCITY_FEEDFORWARD": 1.0,
+            "VELOCITY_GAIN": self.gain_N_s_per_m,
+            "FORCE_LIMIT": self.force_limit_N,
+        }
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Cascade:
+    r"""Position and velocity cascade with feed-forward and a limited force.
+
+    .. math::
+        e = k_v v_r + K_x (x_r - x) - \hat v, \qquad
+        F = K_p e + K_i \int e\,dt + m_{ff} a_r, \quad |F| \le F_{max}
+
+    The velocity is the difference of the position reading over ``difference_span`` samples (0: a tachometer), the
+    integral stops while the force is limited. Source: Altintas, Manufacturing Automation (2012), section 5.5.
+    """
+
+    position_gain_per_s: float = nonnegative()
+    velocity_gain_N_s_per_m: float = positive()
+    integral_gain_N_per_m: float = nonnegative()
+    velocity_feedforward: float = bounded(0.0, 2.0)
+    acceleration_feedforward_kg: float = nonnegative()
+    force_limit_N: float = positive()
+    feedback: str = "motor"
+    difference_span: int = bounded(0, 2)
+
+    action_row: ClassVar[str] = "ACTION_POSITION"
+    action_name: ClassVar[str] = "position_m"
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        check_feedback(self.feedback)
+
+    @property
+    def uses_table(self) -> bool:
+        """Whether the table's scale closes the loop."""
+        return self.feedback == "table"
+
+    def rows(self) -> Mapping[str, float]:
+        """Return the controller's rows of a block."""
+        return {
+            "USE_TABLE": float(self.uses_table),
+            "DIFFERENCE_SPAN": float(self.difference_span),
+            "POSITION_GAIN": self.position_gain_per_s,
+            "VELOCITY_FEEDFORWARD": self.velocity_feedforward,
+            "VELOCITY_GAIN": self.velocity_gain_N_s_per_m,
+            "INTEGRAL_GAIN": self.integral_gain_N_per_m,
+            "ACCELERATION_FEEDFORWARD": self.acceleration_feedforward_kg,
+            "FORCE_LIMIT": self.force_limit_N,
+        }
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class OpenLoop:
+    """No feedback: the force is the mass times the commanded acceleration, plus the action."""
+
+    acceleration_feedforward_kg: float = nonnegative()
+    force_limit_N: float = positive()
+
+    action_row: ClassVar[str] = "ACTION_FORCE"
+    action_name: ClassVar[str] = "force_N"
+    uses_table: ClassVar[Literal[False]] = False
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+    def rows(self) -> Mapping[str, float]:
+        """Return the controller's rows of a block."""
+        return {
+            "ACCELERATION_FEEDFORWARD": self.acceleration_feedforward_kg,
+            "FORCE_LIMIT": self.force_limit_N,
+        }

@@ -1,0 +1,96 @@
+"""The discrete model of a rigid drive in a proportional velocity loop.
+
+Source: McPherson (2024), eqs. (2.2)-(2.6), corrected: the disturbance gain is (p_d - 1)/p for accelerations.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fdbench.estimator import Regression
+from fdbench.plants._friction_curve import FrictionLine
+from fdbench.record import Record
+
+DEAD_BAND_M_PER_S = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class VelocityLoopModel:
+    r"""Continuous values and their discrete equivalents under a held command.
+
+    .. math::
+        v_{k+1} = \beta_1 v_{r,k} + \beta_2 v_k - \beta_3 s^+_k + \beta_4 s^-_k + f_k, \quad
+        p = -B/m, \; K_v = K/m, \; p_d = e^{p T_s}, \; g = (p_d - 1)/p,
+
+    .. math:: \beta_1 = K_v g, \quad \beta_2 = p_d - \beta_1, \quad \beta_3 = g F_c^+/m, \quad \beta_4 = g F_c^-/m
+
+    with s+ = 1 for v > 1 mm/s and s- = 1 for v < -1 mm/s; the regressors are -s+ and +s-, so that beta_3 and beta_4
+    are both positive.
+    """
+
+    mass_kg: float
+    line: FrictionLine
+    gain_N_s_per_m: float
+    sampling_time_s: float
+
+    @property
+    def pole(self) -> float:
+        """p, 1/s."""
+        return -self.line.viscous_N_s_per_m / self.mass_kg
+
+    @property
+    def disturbance_time_s(self) -> float:
+        """g, the velocity that one m/s^2 of deceleration costs over a sample."""
+        x = self.pole * self.sampling_time_s
+        return self.sampling_time_s * (math.expm1(x) / x if x != 0.0 else 1.0)
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether the model on paper has a Coulomb part to be identified."""
+        return abs(self.line.coulomb_N) > 1e-9
+
+    def parameters(self) -> Mapping[str, float]:
+        """Return beta_1, beta_2 and, with friction, beta_3, beta_4."""
+        g = self.disturbance_time_s
+        beta_1 = self.gain_N_s_per_m / self.mass_kg * g
+        values = {"beta_1": beta_1, "beta_2": math.exp(self.pole * self.sampling_time_s) - beta_1}
+        if self.has_friction:
+            values["beta_3"] = g * (self.line.coulomb_N + self.line.offset_N) / self.mass_kg
+            values["beta_4"] = g * (self.line.coulomb_N - self.line.offset_N) / self.mass_kg
+        return values
+
+    def physical(self, parameters: Mapping[str, float]) -> Mapping[str, float]:
+        """Return mass, viscous and Coulomb friction for discrete parameters, given the controller gain.
+
+        NaN where the discrete pole beta_1 + beta_2 is not positive or beta_1 is zero.
+        """
+        discrete_pole = parameters["beta_1"] + parameters["beta_2"]
+        pole = math.log(discrete_pole) / self.sampling_time_s if discrete_pole > 0.0 else math.nan
+        x = pole * self.sampling_time_s
+        g = self.sampling_time_s * (math.expm1(x) / x if x != 0.0 else 1.0)
+        beta_1 = parameters["beta_1"]
+        mass = self.gain_N_s_per_m * g / beta_1 if beta_1 != 0.0 else math.nan
+        values = {"mass_kg": mass, "viscous_friction_N_s_per_m": -pole * mass}
+        if "beta_3" in parameters:
+            values["coulomb_friction_N"] = 0.5 * (parameters["beta_3"] + parameters["beta_4"]) * mass / g
+        return values
+
+
+def regression(record: Record, model: VelocityLoopModel) -> Regression:
+    """Return y = v_{k+1} on the regressors of row k, for k = 0 ... n - 2."""
+    velocity, reference = record["velocity_m_per_s"], record["reference_velocity_m_per_s"]
+    now = velocity[:-1]
+    columns = [reference[:-1], now]
+    if model.has_friction:
+        columns += [-(now > DEAD_BAND_M_PER_S).astype(float), (now < -DEAD_BAND_M_PER_S).astype(float)]
+    return Regression(
+        regressors=np.column_stack(columns),
+        target=velocity[1:],
+        names=tuple(f"beta_{n + 1}" for n in range(len(columns))),
+        target_name="velocity_m_per_s",
+        time_s=record["time_s"][:-1],
+        rows=np.arange(record.n_samples - 1),
+        disturbance_gain=-model.disturbance_time_s / model.mass_kg,
+    )

@@ -1,0 +1,226 @@
+"""Feed drive: linear motor or ball screw, rigid or with an elastic screw, in a velocity loop or position cascade."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from fdbench.effects import Effect
+from fdbench.errors import SpecError, did_you_mean
+from fdbench.estimator import Regression
+from fdbench.plants import _inverse_dynamics as inverse
+from fdbench.plants import _velocity_loop as loop
+from fdbench.plants._controllers import Cascade, OpenLoop, VelocityLoop
+from fdbench.plants._friction_curve import friction_line
+from fdbench.plants._inverse_dynamics import InverseDynamics
+from fdbench.plants._plant import Plant
+from fdbench.record import Record
+from fdbench.simulate import layout
+from fdbench.simulate.axis import Axis, Mechanics
+from fdbench.simulate.system import FloatArray, Setup
+from fdbench.specification import check_bounds, nonnegative, positive
+
+TWO_PI = 2.0 * np.pi
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class LinearMotor:
+    """Linear motor: the primary part moves with the table or, on an elastic axis, before it."""
+
+    mass_kg: float = positive()
+    viscous_friction_N_s_per_m: float = nonnegative()
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+    @property
+    def force_per_unit(self) -> float:
+        """Newton of motor force in the table's coordinates for one unit of the logged quantity."""
+        return 1.0
+
+    @property
+    def logged(self) -> str:
+        """Column in which the drive logs the motor's command."""
+        return "motor_force_N"
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class RotaryMotor:
+    r"""Rotary motor with ball screw: :math:`m = J (2\pi/l)^2`, :math:`F = T\, 2\pi/l`, x = angle times :math:`l/2\pi`."""
+
+    inertia_kg_m2: float = positive()
+    lead_m: float = positive()
+    viscous_friction_N_s_per_m: float = nonnegative()
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+    @property
+    def mass_kg(self) -> float:
+        """Inertia of motor and screw as a mass at the table."""
+        return self.inertia_kg_m2 * self.force_per_unit**2
+
+    @property
+    def force_per_unit(self) -> float:
+        """Newton of motor force in the table's coordinates for one newton metre."""
+        return TWO_PI / self.lead_m
+
+    @property
+    def logged(self) -> str:
+        """Column in which the drive logs the motor's command."""
+        return "motor_torque_Nm"
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """Table with workpiece."""
+
+    mass_kg: float = positive()
+    viscous_friction_N_s_per_m: float = nonnegative()
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Screw:
+    """Axial spring and damper between motor side and table; an axis without this table is rigid."""
+
+    stiffness_N_per_m: float = positive()
+    damping_N_s_per_m: float = nonnegative()
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class FeedDrive(Plant):
+    r"""One feed axis.
+
+    .. math::
+        m_m \dot v_m + B_m v_m + k (x_m - x_t) + c (v_m - v_t) = F_m - F_{effects,m}, \qquad
+        m_t \dot v_t + B_t v_t - k (x_m - x_t) - c (v_m - v_t) = -F_{effects,t}
+
+    A rigid axis has x_m = x_t and the sums of masses and frictions. ``effects`` are those that the model on paper
+    knows. Models for estimators: ``velocity_loop`` (McPherson 2024, eq. (2.6)), ``inverse_dynamics`` and
+    ``directional_inverse_dynamics`` (Janot, Gautier, Brunot 2019).
+    """
+
+    motor: LinearMotor | RotaryMotor
+    controller: VelocityLoop | Cascade | OpenLoop
+    table: Table | None = None
+    screw: Screw | None = None
+    travel_m: float = positive()
+    velocity_limit_m_per_s: float = positive()
+    effects: tuple[Effect, ...] = ()
+    inverse_dynamics: InverseDynamics | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.screw is not None and self.table is None:
+            raise SpecError("table: missing table; an axis with a screw has a table behind it.")
+
+    @property
+    def mass_kg(self) -> float:
+        """Total moved mass."""
+        return self.motor.mass_kg + (self.table.mass_kg if self.table else 0.0)
+
+    @property
+    def viscous_friction_N_s_per_m(self) -> float:
+        """Total viscous friction of the linear part."""
+        return self.motor.viscous_friction_N_s_per_m + (self.table.viscous_friction_N_s_per_m if self.table else 0.0)
+
+    def mechanics(self) -> Mechanics:
+        """Return the linear part as matrices."""
+        A, B = np.zeros((4, 4)), np.zeros((4, 2))
+        k = c = 0.0
+        if self.screw is None or self.table is None:
+            rows = (0.0, 1.0, 0.0, 0.0), (0.0, -self.viscous_friction_N_s_per_m / self.mass_kg, 0.0, 0.0)
+            A[0], A[1], A[2], A[3] = rows[0], rows[1], rows[0], rows[1]
+            B[1] = B[3] = 1.0 / self.mass_kg
+        else:
+            k, c = self.screw.stiffness_N_per_m, self.screw.damping_N_s_per_m
+            m, t = self.motor, self.table
+            A[0, 1] = A[2, 3] = 1.0
+            A[1] = np.array([-k, -c - m.viscous_friction_N_s_per_m, k, c]) / m.mass_kg
+            A[3] = np.array([k, c, -k, -c - t.viscous_friction_N_s_per_m]) / t.mass_kg
+            B[1, 0], B[3, 1] = 1.0 / m.mass_kg, 1.0 / t.mass_kg
+        return Mechanics(
+            A=A,
+            B=B,
+            stiffness_N_per_m=k,
+            damping_N_s_per_m=c,
+            rigid=self.screw is None,
+            position_limit_m=self.travel_m,
+            velocity_limit_m_per_s=self.velocity_limit_m_per_s,
+        )
+
+    def system(self, setup: Setup, n_lanes: int = 1) -> Axis:
+        """Return the axis with modelled and unmodelled effects."""
+        columns = {"motor_position_m": (layout.OUT_MOTOR, 1.0)}
+        if self.screw is not None:
+            columns["table_position_m"] = (layout.OUT_TABLE, 1.0)
+        feedback = layout.OUT_TABLE if self.controller.uses_table else layout.OUT_MOTOR
+        columns["position_m"] = (feedback, 1.0)
+        columns["velocity_m_per_s"] = (layout.OUT_VELOCITY, 1.0)
+        columns[self.motor.logged] = (layout.OUT_FORCE, 1.0 / self.motor.force_per_unit)
+        return Axis(
+            self.mechanics(),
+            self.controller.rows(),
+            (*self.effects, *setup.unmodelled),
+            setup,
+            columns,
+            self.controller.action_row,
+            self.controller.action_name,
+            n_lanes,
+        )
+
+    def models(self) -> tuple[str, ...]:
+        """Return the models that apply to the controller and specification at hand."""
+        names = ("velocity_loop",) if isinstance(self.controller, VelocityLoop) else ()
+        return names + (("inverse_dynamics", "directional_inverse_dynamics") if self.inverse_dynamics else ())
+
+    def motor_force(self, record: Record) -> FloatArray:
+        """Return the motor's force in table coordinates (n_samples,), from whichever command the record has."""
+        if "motor_force_N" in record:
+            return record["motor_force_N"]
+        return record[self.motor.logged] * self.motor.force_per_unit
+
+    def regression(self, record: Record, model: str) -> Regression:
+        """Return the linear model filled with a record; see `FeedDrive.models`."""
+        period = record.sampling_time_s
+        if model == "velocity_loop" and isinstance(self.controller, VelocityLoop):
+            return loop.regression(record, self._loop(period))
+        if model in inverse.NAMES_OF and self.inverse_dynamics is not None:
+            return inverse.regression(record, self.motor_force(record), self.inverse_dynamics, model)
+        raise SpecError(f"model '{model}' is not offered by this feed drive.{did_you_mean(model, self.models())}")
+
+    def _loop(self, sampling_time_s: float) -> loop.VelocityLoopModel:
+        if not isinstance(self.controller, VelocityLoop):
+            raise SpecError("model 'velocity_loop' needs the controller kind velocity_loop.")
+        gain = self.controller.gain_N_s_per_m
+        return loop.VelocityLoopModel(
+            mass_kg=self.mass_kg,
+            line=friction_line(self.effects, self.velocity_limit_m_per_s, self.viscous_friction_N_s_per_m),
+            gain_N_s_per_m=gain,
+            sampling_time_s=sampling_time_s,
+        )
+
+    def true_parameters(self, model: str, sampling_time_s: float) -> Mapping[str, float]:
+        """Return the parameters on paper; friction effects enter by the straight line of their curve at speed."""
+        if model == "velocity_loop":
+            return self._loop(sampling_time_s).parameters()
+        line = friction_line(self.effects, self.velocity_limit_m_per_s, self.viscous_friction_N_s_per_m)
+        return inverse.parameters(self.mass_kg, line, model)
+
+    def physical_parameters(
+        self, model: str, parameters: Mapping[str, float], sampling_time_s: float
+    ) -> Mapping[str, float]:
+        """Return mass and frictions that follow from the discrete parameters of the velocity loop."""
+        return self._loop(sampling_time_s).physical(parameters) if model == "velocity_loop" else {}

@@ -1,0 +1,264 @@
+"""Scenarios: what a machine is on paper, what it really is, how it is moved, measured and scored.
+
+One strict TOML file for each versioned id; see the ``scenarios`` folder.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import fdbench
+from fdbench.effects import Effect
+from fdbench.errors import SpecError, UnknownName, did_you_mean
+from fdbench.estimator import Context
+from fdbench.motions import Motion
+from fdbench.plants import Plant
+from fdbench.record import FloatArray, Record, measured_file, read_mapped
+from fdbench.simulate.system import Noise, Setup, System, Timing
+from fdbench.specification import bounded, check_bounds, load_toml, positive, read
+
+TRACKS = ("parameters", "disturbance", "output")
+SUITES = ("quick", "full")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reality:
+    """What the machine really is: effects that the model on paper does not know, and noises."""
+
+    effects: tuple[Effect, ...] = ()
+    noise: Noise = field(default_factory=Noise)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """A measured record in place of a simulation.
+
+    Parameters
+    ----------
+    file : str
+        Path within the folder of measured data.
+    obtain : str
+        Where a user gets the file.
+    columns : mapping
+        How the file's columns become columns of a record; see `fdbench.record.read_mapped`.
+    reference_parameters : mapping of str to float
+        Published values, which stand in for the truth.
+    """
+
+    file: str
+    obtain: str
+    columns: Mapping[str, Any]
+    reference_parameters: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimation:
+    """What is to be estimated and what is known for it.
+
+    Parameters
+    ----------
+    model : str
+        Linear model of the plant.
+    tracks : tuple of str
+        Which leaderboards the scenario counts for: parameters, disturbance, output.
+    disturbance_period_s : float, optional
+        Period of spindle or shaker.
+    window_s : pair of float, optional
+        Part of the record in which disturbance errors are scored.
+    hyperparameters : mapping
+        Constructor arguments by estimator name, where a source publishes them.
+    """
+
+    model: str
+    tracks: tuple[str, ...]
+    disturbance_period_s: float | None = positive(default=None)
+    window_s: tuple[float, float] | None = None
+    hyperparameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        for track in self.tracks:
+            if track not in TRACKS:
+                raise SpecError(f"tracks: unknown track '{track}'.{did_you_mean(track, TRACKS)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Environment:
+    """Gymnasium side: what an action of 1 means, and which error the reward squares.
+
+    Parameters
+    ----------
+    action_scale : float
+        Deviation from the command at action 1, in the unit of the controller's command.
+    reward : str
+        Column whose difference to its reference column is squared: ``velocity_m_per_s`` or ``position_m``.
+    """
+
+    action_scale: float = positive()
+    reward: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """What only the simulation knows.
+
+    Attributes
+    ----------
+    parameters : mapping of str to float
+        Parameters of the scenario's model, discrete or physical.
+    disturbance_N : (n_samples,) array or None
+        Mean process force against motion over each sampling time.
+    """
+
+    parameters: Mapping[str, float]
+    disturbance_N: FloatArray | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenario:
+    """One versioned benchmark case; the fields are the tables of its TOML file."""
+
+    title: str
+    source: str
+    suites: tuple[str, ...]
+    plant: Plant
+    estimation: Estimation
+    timing: Timing | None = None
+    motion: Motion | None = None
+    reality: Reality = field(default_factory=Reality)
+    environment: Environment | None = None
+    measured: Measured | None = None
+    id: str = field(default="", init=False)
+    digest: str = field(default="", init=False)
+
+    def __post_init__(self) -> None:
+        if self.estimation.model not in self.plant.models():
+            raise SpecError(
+                f"estimation.model: the plant offers no model '{self.estimation.model}'."
+                f"{did_you_mean(self.estimation.model, self.plant.models())}"
+            )
+        for suite in self.suites:
+            if suite not in SUITES:
+                raise SpecError(f"suites: unknown suite '{suite}'.{did_you_mean(suite, SUITES)}")
+        if self.measured is None and (self.timing is None or self.motion is None):
+            raise SpecError("timing: missing table; a scenario has [timing] and [motion], or [measured].")
+
+    def context(self) -> Context:
+        """Return what an estimator may know."""
+        period = self.timing.sampling_time_s if self.timing else self.record().sampling_time_s
+        return Context(
+            scenario=self.id,
+            sampling_time_s=period,
+            plant=self.plant,
+            model=self.estimation.model,
+            disturbance_period_s=self.estimation.disturbance_period_s,
+        )
+
+    @cached_property
+    def setup(self) -> Setup:
+        """How the plant is moved, disturbed and measured."""
+        if self.timing is None or self.motion is None:
+            raise SpecError(f"{self.id}: a measured scenario cannot be simulated; it has no [timing] and [motion].")
+        return Setup(
+            timing=self.timing, motion=self.motion, noise=self.reality.noise, unmodelled=self.reality.effects
+        )
+
+    def system(self, n_lanes: int = 1) -> System:
+        """Return instances of the machine as it really is."""
+        return self.plant.system(self.setup, n_lanes)
+
+    def record(self, seed: int = 0) -> Record:
+        """Return what a logger on the machine would write, and nothing else."""
+        return self.observe(seed)[0]
+
+    def observe(self, seed: int = 0) -> tuple[Record, Truth]:
+        """Return a record and the truth behind it.
+
+        Raises
+        ------
+        SimulationDiverged
+            If the axis leaves its travel or its velocity limit.
+        MissingData
+            If the scenario is measured and its file is not on this machine.
+        """
+        if self.measured is not None:
+            path = measured_file(self.measured.file, self.measured.obtain)
+            mapping = {"record": {"file": path.name}, "columns": self.measured.columns}
+            record = read_mapped(mapping, path.parent, f"{self.id}: measured")
+            return record, Truth(parameters=dict(self.measured.reference_parameters), disturbance_N=None)
+        return simulate(self, seed)
+
+
+def simulate(scenario: Scenario, seed: int) -> tuple[Record, Truth]:
+    """Run one episode of the scenario's own command."""
+    from fdbench.errors import SimulationDiverged
+
+    system = scenario.system()
+    system.start([seed])
+    rows = system.advance(system.n_samples)[:, :, 0]
+    if bool(system.diverged[0]) or not np.isfinite(rows).all():
+        raise SimulationDiverged(f"{scenario.id}, seed {seed}: the axis left its travel or velocity limit.")
+    setup = scenario.setup
+    period = setup.timing.sampling_time_s
+    reference = setup.motion.reference(period, system.n_samples)
+    columns = {"time_s": np.arange(system.n_samples) * period}
+    columns["reference_position_m"], columns["reference_velocity_m_per_s"] = reference[:, 0], reference[:, 1]
+    for index, name in enumerate(system.columns):
+        columns[name] = rows[:, index]
+    held = rows[:, len(system.columns) + system.truth_columns.index("held_sample")]
+    if held.any():
+        columns["held_sample"] = held
+    provenance = {"scenario": scenario.id, "digest": scenario.digest, "seed": seed, "version": fdbench.__version__}
+    record = Record(columns, provenance, f"{scenario.id} seed {seed}")
+    disturbance = rows[:, len(system.columns) + system.truth_columns.index("disturbance_N")]
+    parameters = scenario.plant.true_parameters(scenario.estimation.model, period)
+    return record, Truth(parameters=parameters, disturbance_N=disturbance)
+
+
+def scenario_folder() -> Path:
+    """Return the folder of scenario files: the packaged copy, else the repository's."""
+    package = Path(fdbench.__file__).parent
+    packaged = package / "_scenarios"
+    return packaged if packaged.is_dir() else package.parent / "scenarios"
+
+
+def scenario_ids() -> list[str]:
+    """Return the ids of all scenarios, sorted, without the namespace ``fdbench/``."""
+    return sorted(path.stem for path in scenario_folder().glob("*.toml"))
+
+
+def load_scenario(name_or_path: str | Path) -> Scenario:
+    """Return a scenario by id (``ShakerConstant-v0``, with or without ``fdbench/``) or by the path of a TOML file.
+
+    Raises
+    ------
+    UnknownName
+        If there is no such id; the message gives the nearest one.
+    SpecError
+        If the file breaks the schema.
+    """
+    name = str(name_or_path)
+    if name.endswith(".toml"):
+        return _load(Path(name))
+    identifier = name.removeprefix("fdbench/")
+    path = scenario_folder() / f"{identifier}.toml"
+    if not path.is_file():
+        raise UnknownName(f"unknown scenario '{name}'.{did_you_mean(identifier, scenario_ids())}")
+    return _load_packaged(path)
+
+
+def _load(path: Path) -> Scenario:
+    scenario = read(Scenario, load_toml(path), f"{path.name}: scenario")
+    object.__setattr__(scenario, "id", path.stem)
+    object.__setattr__(scenario, "digest", hashlib.sha256(path.read_bytes()).hexdigest())
+    return scenario
+
+
+@lru_cache(maxsize=256)
+def _load_packaged(path: Path) -> Scenario:
+    return _load(path)

@@ -1,0 +1,167 @@
+"""The only integrator: exact linear propagation, effects at the predicted midpoint, linearly implicit in velocity.
+
+This file is a template. `compose` writes its functions into a generated module that defines the rows of `layout` and
+LANES, and in which the seven port functions call the kernels of one plant's effects.
+"""
+
+# mypy: ignore-errors
+# ruff: noqa: F821, D103 - rows and ports are defined in the generated module
+
+
+def propagate(w, row, i, x_m, v_m, x_t, v_t, force_m, force_t):
+    """Return one row of A s + B f for lane i."""
+    return (
+        w[row + i] * x_m
+        + w[row + LANES + i] * v_m
+        + w[row + 2 * LANES + i] * x_t
+        + w[row + 3 * LANES + i] * v_t
+        + w[row + 4 * LANES + i] * force_m
+        + w[row + 5 * LANES + i] * force_t
+    )
+
+
+def measure_and_control(w, active, k, period, reference, normal, uniform, out):
+    """Read the encoders, log one row, and set the force that is asked of the motor for the coming period."""
+    for i in range(LANES):
+        w[T + i] = w[INDEX + i] * period
+        w[READ_MOTOR + i] = w[X_M + i]
+        w[READ_TABLE + i] = w[X_T + i] - w[RIGID + i] * w[OFFSET + i]
+        w[READ_HELD + i] = w[HELD + i]
+    motor_encoder(w, active, period, X_M, V_M, READ_MOTOR, uniform)
+    table_scale(w, active, period, X_T, V_T, READ_TABLE, uniform)
+    logging(w, active, period, X_M, V_M, READ_HELD, uniform)
+    for i in range(LANES):
+        motor = w[READ_MOTOR + i] + w[NOISE_MOTOR + i] * normal[0, i]
+        table = w[READ_TABLE + i] + w[NOISE_TABLE + i] * normal[1, i]
+        use_table = w[USE_TABLE + i] > 0.5
+        feedback = table if use_table else motor
+        tachometer = (w[V_T + i] if use_table else w[V_M + i]) + w[NOISE_VELOCITY + i] * normal[2, i]
+        span = w[DIFFERENCE_SPAN + i]
+        back = w[BACK_1 + i] if span < 1.5 else w[BACK_2 + i]
+        velocity = (feedback - back) / (max(span, 1.0) * period) if span > 0.5 else tachometer
+        row = int(w[INDEX + i])
+        wanted = w[VELOCITY_FEEDFORWARD + i] * (reference[row, 1] + w[ACTION_VELOCITY + i])
+        wanted += w[POSITION_GAIN + i] * (reference[row, 0] + w[ACTION_POSITION + i] - feedback)
+        error = wanted - velocity
+        free = w[VELOCITY_GAIN + i] * error + w[INTEGRAL_GAIN + i] * w[INTEGRAL + i]
+        free += w[ACCELERATION_FEEDFORWARD + i] * reference[row, 2] + w[ACTION_FORCE + i]
+        limited = min(max(free, -w[FORCE_LIMIT + i]), w[FORCE_LIMIT + i])
+        w[INTEGRAL + i] += error * period if limited == free else 0.0
+        w[BACK_2 + i] = w[BACK_1 + i]
+        w[BACK_1 + i] = feedback
+        w[REQUEST + i] = limited
+        w[PROCESS_SUM + i] = 0.0
+        fresh = w[READ_HELD + i] < 0.5 or row == 0
+        w[HELD + i] = 0.0 if fresh else 1.0
+        w[LAST_MOTOR + i] = motor if fresh else w[LAST_MOTOR + i]
+        w[LAST_TABLE + i] = table if fresh else w[LAST_TABLE + i]
+        w[LAST_VELOCITY + i] = velocity if fresh else w[LAST_VELOCITY + i]
+        w[LAST_FORCE + i] = limited if fresh else w[LAST_FORCE + i]
+        out[k, OUT_MOTOR, i] = w[LAST_MOTOR + i]
+        out[k, OUT_TABLE, i] = w[LAST_TABLE + i]
+        out[k, OUT_VELOCITY, i] = w[LAST_VELOCITY + i]
+        out[k, OUT_FORCE, i] = w[LAST_FORCE + i]
+        out[k, OUT_HELD, i] = w[HELD + i]
+
+
+def integrate_substep(w, active, time_in_period, period, h, uniform):
+    r"""Advance the drive by one substep.
+
+    With the state s = (x_m, v_m, x_t, v_t), exact propagators over a full and a half substep and forces f held over
+    the substep h,
+
+    .. math::
+        f^* = f_{-1} + \tfrac34 (f_{-1} - f_{-2}), \quad s_{1/2} = A_{h/2} s + B_{h/2} f^*, \quad
+        (I + S G) (f - f^*) = f(s_{1/2}) - f^*, \quad s^+ = A_h s + B_h f
+
+    where f* is the force extrapolated from the last two substeps, S holds the slopes of the two force ports and
+    G = B_{h/2} restricted to the two velocities. The effects' hidden states advance at the predicted velocity.
+    Second order, with one evaluation of each kernel a substep.
+    """
+    for i in range(LANES):
+        w[T + i] = w[INDEX + i] * period + time_in_period
+        w[DELIVERED + i] = w[REQUEST + i]
+    command(w, active, h, X_M, V_M, DELIVERED, uniform)
+    for i in range(LANES):
+        a = w[DELIVERED + i] - w[AHEAD_MOTOR + i]
+        b = -w[AHEAD_TABLE + i]
+        x_m, v_m, x_t, v_t = w[X_M + i], w[V_M + i], w[X_T + i], w[V_T + i]
+        w[MID_X_M + i] = propagate(w, HALF_0, i, x_m, v_m, x_t, v_t, a, b)
+        w[MID_V_M + i] = propagate(w, HALF_6, i, x_m, v_m, x_t, v_t, a, b)
+        w[MID_X_T + i] = propagate(w, HALF_12, i, x_m, v_m, x_t, v_t, a, b)
+        w[MID_V_T + i] = propagate(w, HALF_18, i, x_m, v_m, x_t, v_t, a, b)
+        w[STRETCH + i] = w[MID_X_M + i] - w[MID_X_T + i]
+        w[STRETCH_FREE + i] = 0.0
+    transmission(w, active, h, MID_X_M, MID_V_M, STRETCH, STRETCH_FREE, uniform)
+    for i in range(LANES):
+        free = w[STRETCH_FREE + i]
+        # The force pair by which the free part of the stretch lowers the screw force.
+        w[U + i] = w[STIFFNESS + i] * free + w[DAMPING + i] * ((free - w[OFFSET + i]) / h)
+        w[OFFSET + i] = free
+        w[TRANSMITTED + i] = w[STIFFNESS + i] * w[STRETCH + i] - w[U + i] + w[RIGID + i] * w[DELIVERED + i]
+        w[F_M + i] = 0.0
+        w[S_M + i] = 0.0
+        w[F_T + i] = 0.0
+        w[S_T + i] = 0.0
+        w[PROCESS + i] = 0.0
+    motor_force(w, active, h, MID_X_M, MID_V_M, DELIVERED, F_M, S_M, uniform)
+    table_force(w, active, h, MID_X_T, MID_V_T, TRANSMITTED, F_T, S_T, uniform)
+    for i in range(LANES):
+        d_m = w[F_M + i] - w[U + i] - w[AHEAD_MOTOR + i]
+        d_t = w[F_T + i] + w[U + i] - w[AHEAD_TABLE + i]
+        a_11 = 1.0 + w[S_M + i] * w[HALF_10 + i]
+        a_12 = w[S_M + i] * w[HALF_11 + i]
+        a_21 = w[S_T + i] * w[HALF_22 + i]
+        a_22 = 1.0 + w[S_T + i] * w[HALF_23 + i]
+        scale = 1.0 / (a_11 * a_22 - a_12 * a_21)
+        force_m = w[AHEAD_MOTOR + i] + (a_22 * d_m - a_12 * d_t) * scale
+        force_t = w[AHEAD_TABLE + i] + (a_11 * d_t - a_21 * d_m) * scale
+        w[AHEAD_MOTOR + i] = force_m + 0.75 * (force_m - w[F_MOTOR + i])
+        w[AHEAD_TABLE + i] = force_t + 0.75 * (force_t - w[F_TABLE + i])
+        w[F_MOTOR + i] = force_m
+        w[F_TABLE + i] = force_t
+        a = w[DELIVERED + i] - force_m
+        b = -force_t
+        x_m, v_m, x_t, v_t = w[X_M + i], w[V_M + i], w[X_T + i], w[V_T + i]
+        w[X_M + i] = propagate(w, FULL_0, i, x_m, v_m, x_t, v_t, a, b)
+        w[V_M + i] = propagate(w, FULL_6, i, x_m, v_m, x_t, v_t, a, b)
+        w[X_T + i] = propagate(w, FULL_12, i, x_m, v_m, x_t, v_t, a, b)
+        w[V_T + i] = propagate(w, FULL_18, i, x_m, v_m, x_t, v_t, a, b)
+        w[PROCESS_SUM + i] += w[PROCESS + i]
+
+
+def advance(blocks, first, n_samples, substeps, period, active, reference, normal, uniform, out):
+    """Advance every lane of every block by ``n_samples`` control periods.
+
+    Parameters
+    ----------
+    blocks : (n_blocks, n_rows * LANES) array, changed in place
+    first, n_samples, substeps : int
+        Where the random numbers begin; control periods; integration substeps in each.
+    period : float
+        Control period, s.
+    active : (n_effects,) array of bool
+        Whether any lane has the effect on; effects that are off everywhere cost nothing.
+    reference : (n_reference, 3) array
+        Commanded position (m), velocity (m/s) and acceleration (m/s^2), indexed by each lane's own sample number.
+    normal, uniform : (n_blocks, n_random, n, LANES) arrays
+        Random numbers of each sample.
+    out : (n_blocks, n_samples, OUT_COLUMNS, LANES) array, written
+    """
+    h = period / substeps
+    for block in range(blocks.shape[0]):
+        w = blocks[block]
+        for k in range(n_samples):
+            gauss = normal[block, first + k]
+            flat = uniform[block, first + k]
+            measure_and_control(w, active, k, period, reference, gauss, flat, out[block])
+            for step in range(substeps):
+                integrate_substep(w, active, (step + 0.5) * h, period, h, flat)
+            for i in range(LANES):
+                kick = w[NOISE_EQUATION + i] * gauss[3, i]
+                w[V_M + i] += kick
+                w[V_T + i] += kick
+                w[INDEX + i] += 1.0
+                out[block, k, OUT_DISTURBANCE, i] = w[PROCESS_SUM + i] / substeps
+                inside = abs(w[X_M + i]) <= w[POSITION_LIMIT + i] and abs(w[V_M + i]) <= w[VELOCITY_LIMIT + i]
+                w[DIVERGED + i] = w[DIVERGED + i] if inside else 1.0

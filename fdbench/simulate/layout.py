@@ -1,0 +1,36 @@
+"""Rows of a block: every quantity of the simulation, one row each, the instances (lanes) side by side in a row.
+
+One flat block with rows at constant distance is what lets the compiler run lanes side by side; the generated stepper
+defines each name below as the row's first element. Rows of parameters and hidden states of the effects follow.
+"""
+
+ROWS: tuple[str, ...] = (
+    # State of the drive: position and velocity of motor side and table, effect forces of the last substep, the same
+    # extrapolated to the middle of the first half of the next one, free part of the stretch.
+    *("X_M", "V_M", "X_T", "V_T", "F_MOTOR", "F_TABLE", "AHEAD_MOTOR", "AHEAD_TABLE", "OFFSET"),
+    # State of controller and logger: integral of the velocity error, last two readings, sample number, flags, last row.
+    *("INTEGRAL", "BACK_1", "BACK_2", "INDEX", "HELD", "DIVERGED"),
+    *("LAST_MOTOR", "LAST_TABLE", "LAST_VELOCITY", "LAST_FORCE"),
+    # Propagators over half a substep and a whole one: rows of A | B for X_M, V_M, X_T, V_T.
+    *(f"HALF_{i}" for i in range(24)),
+    *(f"FULL_{i}" for i in range(24)),
+    # Scalars of the plant, limits, standard deviations of the noises.
+    *("STIFFNESS", "DAMPING", "RIGID", "POSITION_LIMIT", "VELOCITY_LIMIT"),
+    *("NOISE_MOTOR", "NOISE_TABLE", "NOISE_VELOCITY", "NOISE_EQUATION"),
+    # Controller.
+    *("USE_TABLE", "DIFFERENCE_SPAN", "POSITION_GAIN", "VELOCITY_FEEDFORWARD"),
+    *("VELOCITY_GAIN", "INTEGRAL_GAIN", "ACCELERATION_FEEDFORWARD", "FORCE_LIMIT"),
+    # Action: deviation from the scenario's own command.
+    *("ACTION_POSITION", "ACTION_VELOCITY", "ACTION_FORCE"),
+    # Scratch of one substep.
+    *("T", "MID_X_M", "MID_V_M", "MID_X_T", "MID_V_T", "U", "F_M", "S_M", "F_T", "S_T", "STRETCH", "STRETCH_FREE"),
+    *("DELIVERED", "TRANSMITTED", "PROCESS", "PROCESS_SUM", "REQUEST", "READ_MOTOR", "READ_TABLE", "READ_HELD"),
+)
+
+FIRST_FREE_ROW = len(ROWS)
+STATE_ROWS = ROWS[: ROWS.index("HALF_0")]
+
+# Columns of the output, one row for each sample.
+OUT_MOTOR, OUT_TABLE, OUT_VELOCITY, OUT_FORCE, OUT_DISTURBANCE, OUT_HELD = range(6)
+OUT_COLUMNS = 6
+NORMAL_COLUMNS = 4  # standard normal numbers of a sample: motor and table reading, velocity reading, equation

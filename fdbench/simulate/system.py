@@ -1,0 +1,103 @@
+"""What a system is: something that starts from seeds and advances lanes of instances by samples."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.effects import Effect
+from fdbench.errors import SpecError
+from fdbench.motions import Motion
+from fdbench.specification import bounded, check_bounds, nonnegative, positive
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timing:
+    """Clock of a simulation: the controller acts and the logger writes once each sampling time.
+
+    Parameters
+    ----------
+    sampling_time_s, duration_s : float
+    substeps : int
+        Integration substeps in one sampling time.
+    """
+
+    sampling_time_s: float = positive()
+    duration_s: float = positive()
+    substeps: int = bounded(1, 10000)
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        if self.n_samples < 3:
+            raise SpecError(f"duration_s: {self.duration_s:g} s hold fewer than 3 samples of {self.sampling_time_s:g} s.")
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples of one episode."""
+        return round(self.duration_s / self.sampling_time_s)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise:
+    """Standard deviations of white noises, each drawn once a sample.
+
+    The equation noise is added to the true velocity at the end of each sample; the others to readings only.
+    """
+
+    motor_position_m: float = nonnegative(default=0.0)
+    table_position_m: float = nonnegative(default=0.0)
+    velocity_m_per_s: float = nonnegative(default=0.0)
+    equation_velocity_m_per_s: float = nonnegative(default=0.0)
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """How a plant is moved, disturbed and measured."""
+
+    timing: Timing
+    motion: Motion
+    noise: Noise = field(default_factory=Noise)
+    unmodelled: tuple[Effect, ...] = ()
+
+
+class System(ABC):
+    """Instances of a plant, stepped together; the last axis of every array is the lane.
+
+    Attributes
+    ----------
+    columns : tuple of str
+        What a logger would write, without ``time_s``.
+    truth_columns : tuple of str
+        What only a simulation knows.
+    action_name : str
+        The command that an action deviates from, with its unit.
+    """
+
+    columns: tuple[str, ...]
+    truth_columns: tuple[str, ...]
+    action_name: str
+    n_lanes: int
+    n_samples: int
+
+    @abstractmethod
+    def start(self, seeds: Sequence[int], lanes: NDArray[np.intp] | None = None) -> None:
+        """Put ``lanes`` (default: all) back to their initial state, each with its own seed."""
+
+    @abstractmethod
+    def advance(self, n_samples: int, action: FloatArray | None = None) -> FloatArray:
+        """Advance all lanes and return an (n_samples, n_columns + n_truth_columns, n_lanes) array.
+
+        ``action`` is an (n_lanes,) deviation from the scenario's own command, held over the call.
+        """
+
+    @property
+    @abstractmethod
+    def diverged(self) -> NDArray[np.bool_]:
+        """Which lanes have left the limits of the plant; shape (n_lanes,)."""
