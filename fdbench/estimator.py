@@ -7,7 +7,7 @@ in neither of them.
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,53 +15,21 @@ from numpy.typing import NDArray
 from fdbench.plants._plant import Plant
 from fdbench.record import Record
 from fdbench.registry import Registry
+from fdbench.regression import Regression, Sample, samples
 
 FloatArray = NDArray[np.float64]
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Regression:
-    r"""The nominal plant as a model that is linear in its parameters, :math:`y = Z \beta + f + \varepsilon`.
-
-    Attributes
-    ----------
-    regressors : (n_rows, n_parameters) array
-        Z, one column for each parameter.
-    target : (n_rows,) array
-        y, the quantity that ``Estimate.output`` predicts.
-    names : tuple of str
-        Names of the parameters, with their units.
-    target_name : str
-        Name of y, with its unit.
-    time_s : (n_rows,) array
-        Time of each row.
-    rows : (n_rows,) array of int
-        Sample of the record that each row belongs to.
-    disturbance_gain : float
-        f in units of y for one newton of disturbance (a force against positive motion).
-    """
-
-    regressors: FloatArray
-    target: FloatArray
-    names: tuple[str, ...]
-    target_name: str
-    time_s: FloatArray
-    rows: NDArray[np.intp]
-    disturbance_gain: float
-
-    @property
-    def sampling_time_s(self) -> float:
-        """Time between two rows."""
-        return float((self.time_s[-1] - self.time_s[0]) / (len(self.time_s) - 1))
-
-
-class Sample(NamedTuple):
-    """One row of a regression, as a streaming estimator meets it."""
-
-    time_s: float
-    regressors: FloatArray
-    target: float
-    disturbance_gain: float
+__all__ = [
+    "BatchEstimator",
+    "Context",
+    "Estimate",
+    "Estimator",
+    "OnlineEstimator",
+    "Regression",
+    "Sample",
+    "estimators",
+    "samples",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,14 +133,6 @@ class OnlineEstimator(Estimator):
         for sample in samples(context.regression(record)):
             self.update(sample)
         return self.estimate()
-
-
-def samples(regression: Regression) -> list[Sample]:
-    """Return the rows of a regression as samples, in order of time."""
-    return [
-        Sample(float(time), row, float(target), regression.disturbance_gain)
-        for time, row, target in zip(regression.time_s, regression.regressors, regression.target, strict=True)
-    ]
 
 
 estimators: Registry[Estimator] = Registry("estimator", Estimator)  # type: ignore[type-abstract]

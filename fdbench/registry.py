@@ -114,5 +114,5 @@ class Registry(Generic[T]):
                 f"{module.__file__}: a plug-in file defines exactly one {self.base.__name__}, found "
                 f"{[value.__name__ for value in classes] or 'none'}."
             )
-        setattr(classes[0], "name", name)
+        classes[0].name = name  # type: ignore[attr-defined]
         return classes[0]

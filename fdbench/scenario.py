@@ -14,13 +14,13 @@ import numpy as np
 
 import fdbench
 from fdbench.effects import Effect
-from fdbench.errors import SpecError, UnknownName, did_you_mean
+from fdbench.errors import SimulationDiverged, SpecError, UnknownName, did_you_mean
 from fdbench.estimator import Context
 from fdbench.motions import Motion
 from fdbench.plants import Plant
 from fdbench.record import FloatArray, Record, measured_file, read_mapped
 from fdbench.simulate.system import Noise, Setup, System, Timing
-from fdbench.specification import bounded, check_bounds, load_toml, positive, read
+from fdbench.specification import check_bounds, load_toml, positive, read
 
 TRACKS = ("parameters", "disturbance", "output")
 SUITES = ("quick", "full")
@@ -164,9 +164,7 @@ class Scenario:
         """How the plant is moved, disturbed and measured."""
         if self.timing is None or self.motion is None:
             raise SpecError(f"{self.id}: a measured scenario cannot be simulated; it has no [timing] and [motion].")
-        return Setup(
-            timing=self.timing, motion=self.motion, noise=self.reality.noise, unmodelled=self.reality.effects
-        )
+        return Setup(timing=self.timing, motion=self.motion, noise=self.reality.noise, unmodelled=self.reality.effects)
 
     def system(self, n_lanes: int = 1) -> System:
         """Return instances of the machine as it really is."""
@@ -196,28 +194,22 @@ class Scenario:
 
 def simulate(scenario: Scenario, seed: int) -> tuple[Record, Truth]:
     """Run one episode of the scenario's own command."""
-    from fdbench.errors import SimulationDiverged
-
     system = scenario.system()
     system.start([seed])
     rows = system.advance(system.n_samples)[:, :, 0]
     if bool(system.diverged[0]) or not np.isfinite(rows).all():
         raise SimulationDiverged(f"{scenario.id}, seed {seed}: the axis left its travel or velocity limit.")
-    setup = scenario.setup
-    period = setup.timing.sampling_time_s
-    reference = setup.motion.reference(period, system.n_samples)
-    columns = {"time_s": np.arange(system.n_samples) * period}
-    columns["reference_position_m"], columns["reference_velocity_m_per_s"] = reference[:, 0], reference[:, 1]
-    for index, name in enumerate(system.columns):
-        columns[name] = rows[:, index]
-    held = rows[:, len(system.columns) + system.truth_columns.index("held_sample")]
-    if held.any():
-        columns["held_sample"] = held
+    period = scenario.setup.timing.sampling_time_s
+    time_s = np.arange(system.n_samples, dtype=np.float64) * period
+    columns: dict[str, FloatArray] = {"time_s": time_s, **system.commanded}
+    columns |= {name: rows[:, index] for index, name in enumerate(system.columns)}
+    hidden = {name: rows[:, len(system.columns) + index] for index, name in enumerate(system.truth_columns)}
+    if "held_sample" in hidden and hidden["held_sample"].any():
+        columns["held_sample"] = hidden["held_sample"]
     provenance = {"scenario": scenario.id, "digest": scenario.digest, "seed": seed, "version": fdbench.__version__}
     record = Record(columns, provenance, f"{scenario.id} seed {seed}")
-    disturbance = rows[:, len(system.columns) + system.truth_columns.index("disturbance_N")]
     parameters = scenario.plant.true_parameters(scenario.estimation.model, period)
-    return record, Truth(parameters=parameters, disturbance_N=disturbance)
+    return record, Truth(parameters=parameters, disturbance_N=hidden.get("disturbance_N"))
 
 
 def scenario_folder() -> Path:

@@ -101,7 +101,9 @@ def read(cls: type[T], table: Any, where: str) -> T:
         if key not in fields:
             nearest = did_you_mean(key, fields)
             unit = next((f" [{unit_of(name)}]" for name in fields if f"mean {name}?" in nearest and unit_of(name)), "")
-            raise SpecError(f"{where}.{key}: unknown key for {snake_case(cls.__name__)}.{nearest[:-1]}{unit}{nearest[-1]}")
+            raise SpecError(
+                f"{where}.{key}: unknown key for {snake_case(cls.__name__)}.{nearest[:-1]}{unit}{nearest[-1]}"
+            )
     values: dict[str, Any] = {}
     for name, field in fields.items():
         if name in table:

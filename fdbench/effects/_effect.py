@@ -148,5 +148,5 @@ class Effect(ABC):
         return tuple(float(getattr(self, item.name)) for item in self.parameters())
 
 
-effects: Registry[Effect] = Registry("effect", Effect)  # type: ignore[type-abstract]
+effects: Registry[Effect] = Registry("effect", Effect)
 reads_plugins_of(effects)

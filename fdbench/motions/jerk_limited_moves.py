@@ -40,7 +40,7 @@ class JerkLimitedMoves(Motion):
 
     def reference(self, period_s: float, n_samples: int) -> Reference:
         """Return the (n_samples, 3) reference."""
-        time = np.arange(n_samples) * period_s
+        time = np.arange(n_samples, dtype=np.float64) * period_s
         result = np.zeros((n_samples, 3))
         here = self.stops_m[0]
         result[:, 0] = here

@@ -1,5 +1,5 @@
 """Nominal systems on which the effects act: one plant, one file."""
 
-from fdbench.plants._plant import Plant, plants
+from fdbench.plants._plant import Plant, RespondingPlant, StateSpace, StateSpacePlant, plants
 
-__all__ = ["Plant", "plants"]
+__all__ = ["Plant", "RespondingPlant", "StateSpace", "StateSpacePlant", "plants"]

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.errors import RecordError
-from fdbench.estimator import Regression
 from fdbench.plants._friction_curve import FrictionLine
 from fdbench.record import Record
+from fdbench.regression import Regression
 from fdbench.specification import bounded, check_bounds, positive
 
 FloatArray = NDArray[np.float64]

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdbench.estimator import Regression
 from fdbench.plants._friction_curve import FrictionLine
 from fdbench.record import Record
+from fdbench.regression import Regression
 
 DEAD_BAND_M_PER_S = 1e-3
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from fdbench.effects import Effect
 from fdbench.errors import SpecError, did_you_mean
-from fdbench.estimator import Regression
 from fdbench.plants import _inverse_dynamics as inverse
 from fdbench.plants import _velocity_loop as loop
 from fdbench.plants._controllers import Cascade, OpenLoop, VelocityLoop
@@ -16,6 +15,7 @@ from fdbench.plants._friction_curve import friction_line
 from fdbench.plants._inverse_dynamics import InverseDynamics
 from fdbench.plants._plant import Plant
 from fdbench.record import Record
+from fdbench.regression import Regression
 from fdbench.simulate import layout
 from fdbench.simulate.axis import Axis, Mechanics
 from fdbench.simulate.system import FloatArray, Setup
@@ -49,7 +49,7 @@ class LinearMotor:
 @final
 @dataclass(frozen=True, kw_only=True)
 class RotaryMotor:
-    r"""Rotary motor with ball screw: :math:`m = J (2\pi/l)^2`, :math:`F = T\, 2\pi/l`, x = angle times :math:`l/2\pi`."""
+    r"""Rotary motor with ball screw: :math:`m = J (2\pi/l)^2`, :math:`F = T\, 2\pi/l`, :math:`x = \varphi\, l/2\pi`."""
 
     inertia_kg_m2: float = positive()
     lead_m: float = positive()

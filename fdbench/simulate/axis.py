@@ -12,7 +12,7 @@ from fdbench.errors import SpecError
 from fdbench.simulate import layout
 from fdbench.simulate.compose import Slot, block_rows, compose, slots
 from fdbench.simulate.random import stream
-from fdbench.simulate.system import FloatArray, Noise, Setup, System
+from fdbench.simulate.system import FloatArray, Setup, System
 
 CHUNK = 256  # samples of random numbers drawn at once
 SIDE_BY_SIDE = 64  # lanes in a block of many
@@ -83,6 +83,10 @@ class Axis(System):
         self.reference = np.ascontiguousarray(
             setup.motion.reference(setup.timing.sampling_time_s, setup.timing.n_samples)
         )
+        self.commanded = {
+            "reference_position_m": self.reference[:, 0],
+            "reference_velocity_m_per_s": self.reference[:, 1],
+        }
         self._kinds = tuple(type(effect) for effect in effects)
         self._side_by_side = SIDE_BY_SIDE if n_lanes >= SIDE_BY_SIDE // 4 else 1
         self._n_blocks = -(-n_lanes // self._side_by_side)
@@ -183,7 +187,8 @@ class Axis(System):
         rows = raw[:, :, self._pick] * self._scale
         if self._n_blocks == 1:
             return rows[0, :, :, : self.n_lanes]  # type: ignore[no-any-return]
-        return np.moveaxis(rows, 0, 2).reshape(n_samples, len(self._pick), -1)[:, :, : self.n_lanes]
+        lanes: FloatArray = np.moveaxis(rows, 0, 2).reshape(n_samples, len(self._pick), -1)[:, :, : self.n_lanes]
+        return lanes
 
     def _run(self, n_samples: int, out: FloatArray) -> None:
         if self._position == CHUNK:

@@ -116,7 +116,10 @@ def _call(number: int, slot: Slot) -> str:
         f"            {result} = kernel_{number}({', '.join(arguments)})",
     ]
     if effect.port.is_force:
-        lines += ["            w[force + i] += value if on else 0.0", "            w[slope + i] += steep if on else 0.0"]
+        lines += [
+            "            w[force + i] += value if on else 0.0",
+            "            w[slope + i] += steep if on else 0.0",
+        ]
         lines += ["            w[PROCESS + i] += value if on else 0.0"] if effect.disturbance else []
     elif effect.port is Port.TRANSMISSION:
         lines += ["            w[total + i] += value if on else 0.0"]

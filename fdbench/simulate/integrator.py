@@ -5,7 +5,7 @@ LANES, and in which the seven port functions call the kernels of one plant's eff
 """
 
 # mypy: ignore-errors
-# ruff: noqa: F821, D103 - rows and ports are defined in the generated module
+# ruff: noqa: F821 - rows and ports are defined in the generated module
 
 
 def propagate(w, row, i, x_m, v_m, x_t, v_t, force_m, force_t):

@@ -1,7 +1,7 @@
 """What a system is: something that starts from seeds and advances lanes of instances by samples."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -33,7 +33,9 @@ class Timing:
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.n_samples < 3:
-            raise SpecError(f"duration_s: {self.duration_s:g} s hold fewer than 3 samples of {self.sampling_time_s:g} s.")
+            raise SpecError(
+                f"duration_s: {self.duration_s:g} s hold fewer than 3 samples of {self.sampling_time_s:g} s."
+            )
 
     @property
     def n_samples(self) -> int:
@@ -76,12 +78,15 @@ class System(ABC):
         What a logger would write, without ``time_s``.
     truth_columns : tuple of str
         What only a simulation knows.
+    commanded : mapping of str to (n_samples,) array
+        Columns that are known before the run, such as ``reference_position_m``.
     action_name : str
         The command that an action deviates from, with its unit.
     """
 
     columns: tuple[str, ...]
     truth_columns: tuple[str, ...]
+    commanded: Mapping[str, FloatArray]
     action_name: str
     n_lanes: int
     n_samples: int
