@@ -18,7 +18,8 @@ from fdbench.errors import SimulationDiverged, SpecError, UnknownName, did_you_m
 from fdbench.estimator import Context
 from fdbench.motions import Motion
 from fdbench.plants import Plant
-from fdbench.record import FloatArray, Record, measured_file, read_mapped
+from fdbench.reading import measured_file, read_mapped
+from fdbench.record import FloatArray, Record
 from fdbench.simulate.system import Noise, Setup, System, Timing
 from fdbench.specification import check_bounds, load_toml, positive, read
 

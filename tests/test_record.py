@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.io import loadmat, savemat
 
 from fdbench.errors import MissingData, RecordError, SpecError, UnknownName
-from fdbench.record import COLUMNS, Record, held_samples, measured_file, read_mapped, read_record
+from fdbench.reading import measured_file, read_mapped, read_record
+from fdbench.record import COLUMNS, Record, held_samples
 
 TIME = [0.0, 0.001, 0.002, 0.003]
 

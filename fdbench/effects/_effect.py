@@ -101,6 +101,8 @@ class Effect(ABC):
         Whether the kernel takes a standard uniform number, drawn once for each sample.
     disturbance : bool
         Whether the effect is a process force to be estimated, and not a property of the drive.
+    follows_command : bool
+        Whether v is the commanded velocity instead of the actual one.
     """
 
     name: ClassVar[str]
@@ -109,6 +111,7 @@ class Effect(ABC):
     amplitude: ClassVar[str]
     random: ClassVar[bool] = False
     disturbance: ClassVar[bool] = False
+    follows_command: ClassVar[bool] = False
     kernel: ClassVar[Any]
     expected_failures: ClassVar[Mapping[str, str]] = {}
 

@@ -18,7 +18,7 @@ HALF_PI_MIDDLE = 6.07710050630396597660e-11
 HALF_PI_LOW = 2.02226624879595063154e-21
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def exp(x):
     x = min(max(x, -708.0), 709.0)
     k = np.floor(x * LOG2_E + 0.5)
@@ -40,7 +40,7 @@ def exp(x):
     return p * np.int64((np.int64(k) + 1023) << 52).view(np.float64)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def tanh(x):
     e = exp(-2.0 * abs(x))
     large = (1.0 - e) / (1.0 + e)
@@ -50,7 +50,7 @@ def tanh(x):
     return np.copysign(value, x)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _sin_reduced(r):
     q = r * r
     p = -1.0 / 1307674368000.0
@@ -63,7 +63,7 @@ def _sin_reduced(r):
     return r + r * (q * p)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _cos_reduced(r):
     q = r * r
     p = 1.0 / 20922789888000.0
@@ -76,7 +76,7 @@ def _cos_reduced(r):
     return 1.0 + q * (p * q - 0.5)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _quarter_wave(x, shift):
     k = np.floor(x * TWO_OVER_PI + 0.5)
     r = ((x - k * HALF_PI_HIGH) - k * HALF_PI_MIDDLE) - k * HALF_PI_LOW
@@ -85,11 +85,11 @@ def _quarter_wave(x, shift):
     return -value if quadrant & 2 else value
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def sin(x):
     return _quarter_wave(x, 0)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def cos(x):
     return _quarter_wave(x, 1)

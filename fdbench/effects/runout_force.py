@@ -30,6 +30,7 @@ class RunoutForce(Effect):
     port = Port.TABLE_FORCE
     amplitude = "radial_runout_m"
     disturbance = True
+    follows_command = True
 
     radial_runout_m: float = parameter("e", low=0.0, high=2e-4, typical=1e-5)
     teeth: float = parameter("N_t", low=1.0, high=12.0, typical=2.0)

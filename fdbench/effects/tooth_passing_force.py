@@ -44,7 +44,8 @@ class ToothPassingForce(Effect):
     .. math:: F = \sum_j \cos\theta (-F_t \cos\varphi_j - F_r \sin\varphi_j)
                        + \sin\theta (F_t \sin\varphi_j - F_r \cos\varphi_j)
 
-    over the teeth with :math:`\varphi_{in} < \varphi_j < \varphi_{out}`. The direction :math:`\theta` is 0 along the
+    where v is the commanded feed: what the axis swings about it returns with the next tooth and cancels in the chip.
+    The sum runs over the teeth with :math:`\varphi_{in} < \varphi_j < \varphi_{out}`. The direction :math:`\theta` is 0 along the
     feed and :math:`\pi/2` across it. Source: Altintas, Manufacturing Automation (2012), eqs. (2.1)-(2.6).
 
     Examples
@@ -60,6 +61,7 @@ class ToothPassingForce(Effect):
     port = Port.TABLE_FORCE
     amplitude = "axial_depth_m"
     disturbance = True
+    follows_command = True
 
     teeth: float = parameter("N_t", low=1.0, high=12.0, typical=2.0)
     spindle_frequency_Hz: float = parameter("f_s", low=0.1, high=1000.0, typical=50.0)

@@ -24,7 +24,7 @@ def steady_force(effect: Effect, velocity: float) -> float:
     states = [0.0] * len(effect.states)
     force = 0.0
     for _ in range(SETTLING_STEPS if states else 1):
-        force, _slope, *states = type(effect).kernel(
+        force, _slope, *states = type(effect).kernel.py_func(
             0.0, SETTLING_STEP_S, 0.0, velocity, 0.0, *effect.values(), *states
         )
     return force

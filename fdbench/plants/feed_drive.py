@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from fdbench.effects import Effect
+from fdbench.effects import Effect, Port
 from fdbench.errors import SpecError, did_you_mean
 from fdbench.plants import _inverse_dynamics as inverse
 from fdbench.plants import _velocity_loop as loop
@@ -18,6 +18,7 @@ from fdbench.record import Record
 from fdbench.regression import Regression
 from fdbench.simulate import layout
 from fdbench.simulate.axis import Axis, Mechanics
+from fdbench.simulate.stability import check_substep
 from fdbench.simulate.system import FloatArray, Setup
 from fdbench.specification import check_bounds, nonnegative, positive
 
@@ -162,7 +163,12 @@ class FeedDrive(Plant):
         )
 
     def system(self, setup: Setup, n_lanes: int = 1) -> Axis:
-        """Return the axis with modelled and unmodelled effects."""
+        """Return the axis with modelled and unmodelled effects; a substep that is too long for them is refused."""
+        effects = (*self.effects, *setup.unmodelled)
+        masses = {Port.MOTOR_FORCE: self.mass_kg, Port.TABLE_FORCE: self.mass_kg}
+        if self.screw is not None and self.table is not None:
+            masses = {Port.MOTOR_FORCE: self.motor.mass_kg, Port.TABLE_FORCE: self.table.mass_kg}
+        check_substep(effects, masses, setup.timing.sampling_time_s, setup.timing.substeps)
         columns = {"motor_position_m": (layout.OUT_MOTOR, 1.0)}
         if self.screw is not None:
             columns["table_position_m"] = (layout.OUT_TABLE, 1.0)
@@ -173,7 +179,7 @@ class FeedDrive(Plant):
         return Axis(
             self.mechanics(),
             self.controller.rows(),
-            (*self.effects, *setup.unmodelled),
+            effects,
             setup,
             columns,
             self.controller.action_row,

@@ -102,7 +102,8 @@ def _call(number: int, slot: Slot) -> str:
         return f"w[{index} * LANES + i]"
 
     states = [row(slot.first_state + j) for j in range(len(effect.states))]
-    arguments = ["w[T + i]", "h", "w[x + i]", "w[v + i]", "w[u + i]"]
+    velocity = "w[COMMANDED_V + i]" if effect.follows_command else "w[v + i]"
+    arguments = ["w[T + i]", "h", "w[x + i]", velocity, "w[u + i]"]
     arguments += [f"uniform[{slot.uniform}, i]"] if effect.random else []
     arguments += [row(slot.parameter(j)) for j in range(len(effect.parameters()))] + states
     targets = ["value", *(["steep"] if effect.port.is_force else []), *(f"z_{j}" for j in range(len(states)))]

@@ -40,6 +40,7 @@ def measure_and_control(w, active, k, period, reference, normal, uniform, out):
         back = w[BACK_1 + i] if span < 1.5 else w[BACK_2 + i]
         velocity = (feedback - back) / (max(span, 1.0) * period) if span > 0.5 else tachometer
         row = int(w[INDEX + i])
+        w[COMMANDED_V + i] = reference[row, 1]
         wanted = w[VELOCITY_FEEDFORWARD + i] * (reference[row, 1] + w[ACTION_VELOCITY + i])
         wanted += w[POSITION_GAIN + i] * (reference[row, 0] + w[ACTION_POSITION + i] - feedback)
         error = wanted - velocity
@@ -165,3 +166,4 @@ def advance(blocks, first, n_samples, substeps, period, active, reference, norma
                 out[block, k, OUT_DISTURBANCE, i] = w[PROCESS_SUM + i] / substeps
                 inside = abs(w[X_M + i]) <= w[POSITION_LIMIT + i] and abs(w[V_M + i]) <= w[VELOCITY_LIMIT + i]
                 w[DIVERGED + i] = w[DIVERGED + i] if inside else 1.0
+                out[block, k, OUT_DIVERGED, i] = w[DIVERGED + i]

@@ -24,13 +24,13 @@ ROWS: tuple[str, ...] = (
     *("ACTION_POSITION", "ACTION_VELOCITY", "ACTION_FORCE"),
     # Scratch of one substep.
     *("T", "MID_X_M", "MID_V_M", "MID_X_T", "MID_V_T", "U", "F_M", "S_M", "F_T", "S_T", "STRETCH", "STRETCH_FREE"),
-    *("DELIVERED", "TRANSMITTED", "PROCESS", "PROCESS_SUM", "REQUEST", "READ_MOTOR", "READ_TABLE", "READ_HELD"),
+    *("DELIVERED", "TRANSMITTED", "PROCESS", "PROCESS_SUM", "REQUEST", "COMMANDED_V", "READ_MOTOR", "READ_TABLE", "READ_HELD"),
 )
 
 FIRST_FREE_ROW = len(ROWS)
 STATE_ROWS = ROWS[: ROWS.index("HALF_0")]
 
 # Columns of the output, one row for each sample.
-OUT_MOTOR, OUT_TABLE, OUT_VELOCITY, OUT_FORCE, OUT_DISTURBANCE, OUT_HELD = range(6)
-OUT_COLUMNS = 6
+OUT_MOTOR, OUT_TABLE, OUT_VELOCITY, OUT_FORCE, OUT_DISTURBANCE, OUT_HELD, OUT_DIVERGED = range(7)
+OUT_COLUMNS = 7
 NORMAL_COLUMNS = 4  # standard normal numbers of a sample: motor and table reading, velocity reading, equation

@@ -77,17 +77,23 @@ class System(ABC):
     columns : tuple of str
         What a logger would write, without ``time_s``.
     truth_columns : tuple of str
-        What only a simulation knows.
+        What only a simulation knows; ``diverged`` is 1 once a lane has left the limits of the plant.
     commanded : mapping of str to (n_samples,) array
         Columns that are known before the run, such as ``reference_position_m``.
     action_name : str
         The command that an action deviates from, with its unit.
+    limits : mapping of str to float
+        Largest magnitude, within the limits of the plant, of every commanded and logged column.
+    at_rest : (n_columns,) array
+        What a logger would write before the first sample.
     """
 
     columns: tuple[str, ...]
     truth_columns: tuple[str, ...]
     commanded: Mapping[str, FloatArray]
     action_name: str
+    limits: Mapping[str, float]
+    at_rest: FloatArray
     n_lanes: int
     n_samples: int
 

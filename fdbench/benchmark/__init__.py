@@ -1,0 +1,1 @@
+"""Estimators against scenarios: run, store, statistics, leaderboard."""

@@ -1,0 +1,177 @@
+"""Where a score comes from: digests of the code that made it, versions, commit and machine."""
+
+import ast
+import hashlib
+import importlib.util
+import inspect
+import json
+import platform
+import subprocess
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+
+import fdbench
+from fdbench.effects import effects
+from fdbench.errors import PluginError
+from fdbench.metrics import metrics
+from fdbench.motions import motions
+from fdbench.plants import plants
+from fdbench.registry import Registry
+
+PACKAGE = Path(fdbench.__file__).parent
+
+# Parts of the package that use scores and have no part in making them.
+USERS_OF_SCORES = (
+    "cli.py",
+    "checks",
+    "envs",
+    "gap",
+    "report",
+    "reproduce",
+    "benchmark/console.py",
+    "benchmark/leaderboard.py",
+    "benchmark/statistics.py",
+)
+
+SIMULATION: tuple[Registry[Any], ...] = (effects, plants, motions, metrics)
+
+
+def provenance() -> dict[str, str]:
+    """Return the columns that say which code, versions and machine made a score."""
+    return {
+        "code_digest": code_digest(),
+        "fdbench_version": fdbench.__version__,
+        "commit": commit(),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "numba": numba.__version__,
+        "machine": machine(),
+    }
+
+
+def plugin_files(registry: Registry[Any]) -> dict[str, Path]:
+    """Return the files of the plug-ins that were registered by path, by name."""
+    by_path = sorted(set(registry.names()) - set(registry.modules()))
+    return {name: Path(inspect.getfile(registry.get(name))) for name in by_path}
+
+
+@lru_cache(maxsize=1)
+def _code_of_packages() -> tuple[Path, ...]:
+    outside = {name.split(".")[0] for registry in SIMULATION for name in registry.packages()} - {"fdbench"}
+    files = [path for path in PACKAGE.rglob("*.py") if not _uses_scores(path.relative_to(PACKAGE))]
+    return tuple(sorted(files)) + tuple(
+        path for name in sorted(outside) for path in sorted(_folder(name).rglob("*.py"))
+    )
+
+
+def _uses_scores(path: Path) -> bool:
+    return any(path.as_posix() == part or Path(part) in path.parents for part in USERS_OF_SCORES)
+
+
+@lru_cache(maxsize=1)
+def _digest_of_packages() -> str:
+    return digest(path.read_bytes() for path in _code_of_packages())
+
+
+def code_digest() -> str:
+    """Return the SHA-256 of everything that simulates and scores, plug-ins included, as it was at first use."""
+    files = [path for registry in SIMULATION for path in plugin_files(registry).values()]
+    return digest([_digest_of_packages().encode(), *(path.read_bytes() for path in files)])
+
+
+def digest(parts: Iterable[bytes]) -> str:
+    """Return the SHA-256 of parts; where one ends and the next begins counts.
+
+    >>> digest([b"ab", b"c"]) == digest([b"a", b"bc"])
+    False
+    """
+    total = hashlib.sha256()
+    for part in parts:
+        total.update(hashlib.sha256(part).digest())
+    return total.hexdigest()
+
+
+def estimator_digest(files: Iterable[Path], arguments: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of an estimator's source files and constructor arguments."""
+    return digest([json.dumps(arguments, sort_keys=True).encode(), *(path.read_bytes() for path in files)])
+
+
+def source_files(module: str) -> list[Path]:
+    """Return the file of a module and those of the same top-level package that it imports, directly or not.
+
+    Found by reading, not by importing, so a plug-in that cannot be imported has a digest too.
+    """
+    root = _folder(module.split(".")[0])
+    found: dict[str, Path] = {}
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        path = _file_of(root, name)
+        if path is None or name in found:
+            continue
+        found[name] = path
+        try:
+            waiting += sorted(_imports(ast.parse(path.read_bytes()), name, path.name == "__init__.py"))
+        except SyntaxError:
+            continue  # the module cannot be imported either, which is reported where it is
+    return [found[name] for name in sorted(found)]
+
+
+def _folder(package: str) -> Path:
+    specification = importlib.util.find_spec(package)
+    if specification is None or not specification.submodule_search_locations:
+        raise PluginError(f"package '{package}' cannot be found.")
+    return Path(next(iter(specification.submodule_search_locations)))
+
+
+def _file_of(root: Path, module: str) -> Path | None:
+    path = root.joinpath(*module.split(".")[1:])
+    candidates = (path / "__init__.py", path.parent / f"{path.name}.py")
+    return next((file for file in candidates if file.is_file()), None)
+
+
+def _imports(tree: ast.Module, module: str, is_package: bool) -> set[str]:
+    """Return what may be modules of the same top-level package among the names that a module imports."""
+    names = {".".join(module.split(".")[:end]) for end in range(1, module.count(".") + 1)}
+    package = module if is_package else module.rpartition(".")[0]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            source = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
+            names |= {source, *(f"{source}.{alias.name}" for alias in node.names)}
+    top = module.split(".")[0]
+    return {name for name in names if name.split(".")[0] == top}
+
+
+@lru_cache(maxsize=1)
+def commit() -> str:
+    """Return the git commit of the checkout that the package lies in, ``-dirty`` with changes, or "" outside one."""
+    commands = (
+        ["git", "ls-files", "--error-unmatch", "__init__.py"],
+        ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
+    )
+    text = ""
+    for command in commands:
+        try:
+            done = subprocess.run(command, cwd=PACKAGE, capture_output=True, text=True, timeout=20, check=True)
+        except (OSError, subprocess.SubprocessError):
+            return ""
+        text = done.stdout.strip()
+    return text
+
+
+@lru_cache(maxsize=1)
+def machine() -> str:
+    """Return the model of the processor."""
+    information = Path("/proc/cpuinfo")
+    if information.is_file():
+        for line in information.read_text("utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()

@@ -1,0 +1,248 @@
+"""From score rows to rankings: normalised scores, interquartile means with intervals, and biases of parameters."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fdbench.benchmark.oracle import NAME as ORACLE
+from fdbench.benchmark.run import NULL
+from fdbench.benchmark.store import DIVERGED, FAILED, OK, SKIPPED
+from fdbench.errors import FdbenchError
+from fdbench.metrics import Metric, metrics
+from fdbench.regression import FloatArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+RESAMPLES = 2000
+SEED = 20240
+LEVEL = 0.95
+RUN = ["scenario", "seed"]
+
+# Share of the null's loss by which the oracle must be better, or the metric says nothing in that scenario.
+SMALLEST_REACH = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interval:
+    """A value with its 95 % interval; the bounds are NaN where there are too few seeds for one."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def excludes_zero(self) -> bool:
+        """Whether 0 lies outside; without bounds nothing is excluded."""
+        return self.low > 0.0 or self.high < 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Standing:
+    """One line of a ranking.
+
+    Attributes
+    ----------
+    rank : int or None
+        Shared where the paired difference to the first of the rank is not significant; None for null and oracle.
+    estimator : str
+    score : Interval
+        Interquartile mean of the normalised scores.
+    scenarios, of_scenarios : int
+        Scenarios in which the estimator has a score of this track, and all that have one.
+    failures : int
+        Failed and diverged runs.
+    """
+
+    rank: int | None
+    estimator: str
+    score: Interval
+    scenarios: int
+    of_scenarios: int
+    failures: int
+
+
+def interquartile_mean(values: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return the weighted mean of the middle half of the weight, along the last axis.
+
+    A value on the edge of the middle half counts by the part of its weight that lies inside.
+
+    Parameters
+    ----------
+    values, weights : (..., n) arrays
+        Of the same shape; weights above 0.
+
+    Examples
+    --------
+    >>> interquartile_mean(np.array([9.0, 1.0, 2.0, -50.0]), np.ones(4))  # the mean of 1 and 2
+    array(1.5)
+    >>> interquartile_mean(np.array([1.0, 2.0, 4.0, 5.0, 90.0]), np.ones(5))  # (0.75 * 2 + 4 + 0.75 * 5) / 2.5
+    array(3.7)
+    """
+    order = np.argsort(values, axis=-1, kind="stable")
+    ordered = np.take_along_axis(values, order, axis=-1)
+    share = np.take_along_axis(weights, order, axis=-1)
+    share = share / share.sum(axis=-1, keepdims=True)
+    above = np.cumsum(share, axis=-1)
+    inside = np.clip(np.minimum(above, 0.75) - np.maximum(above - share, 0.25), 0.0, None)
+    return np.asarray((inside * ordered).sum(axis=-1) / inside.sum(axis=-1))
+
+
+def loss(metric: type[Metric], value: float) -> float:
+    """Return the distance of a value to the metric's ideal; beyond the ideal no gain is left, and the loss is 0."""
+    return max(0.0, metric.ideal - value if metric.bigger_is_better else value - metric.ideal)
+
+
+def run_scores(scores: "pd.DataFrame", track: str) -> "pd.DataFrame":
+    r"""Return the score of each run in a track: a row per scenario and seed, a column per estimator.
+
+    .. math:: s = \frac{1}{M} \sum_{i=1}^{M} \mathrm{clip}\!\left(
+              \frac{\bar\ell_{i,null} - \ell_i}{\bar\ell_{i,null} - \bar\ell_{i,oracle}}, -1, 1 \right)
+
+    with the `loss` :math:`\ell` of each metric and the mean losses of null and oracle over the scenario's seeds. A
+    metric counts where both have it and the oracle is better; a run counts where both ran well. A failed or
+    diverged run has each metric's worst value. A run that is skipped, or claims nothing, is NaN. An estimator that
+    never claims anything of the track has no column.
+
+    Raises
+    ------
+    FdbenchError
+        If there are no rows of null or oracle.
+    """
+    import pandas as pd
+
+    for reference in (NULL, ORACLE):
+        if not (scores["estimator"] == reference).any():
+            raise FdbenchError(f"scores: no rows of '{reference}', which every score is measured against.")
+    classes = {name: metrics.get(name) for name in scores["metric"].unique()}
+    rows = scores[[classes[name].track == track for name in scores["metric"]]].copy()
+    rows["loss"] = [
+        np.nan if status == SKIPPED else loss(classes[name], value if status == OK else classes[name].worst)
+        for name, value, status in zip(rows["metric"], rows["value"], rows["status"], strict=True)
+    ]
+    references = rows[rows["estimator"].isin([NULL, ORACLE]) & (rows["status"] == OK)]
+    bounds = references.pivot(index=[*RUN, "metric"], columns="estimator", values="loss")
+    bounds = bounds.reindex(columns=[NULL, ORACLE]).dropna()
+    means = bounds.groupby(["scenario", "metric"]).transform("mean")
+    bounds = means[means[NULL] - means[ORACLE] > SMALLEST_REACH * means[NULL].abs()]
+    wide = rows.pivot(index=[*RUN, "metric"], columns="estimator", values="loss").reindex(bounds.index)
+    normalised = wide.rsub(bounds[NULL], axis=0).div(bounds[NULL] - bounds[ORACLE], axis=0).clip(-1.0, 1.0)
+    result: pd.DataFrame = normalised.groupby(RUN).mean().sort_index()
+    good = set(rows.loc[rows["status"] == OK, "estimator"])
+    never_good = set(scores["estimator"]) - set(scores.loc[scores["status"] == OK, "estimator"])
+    ranked = [name for name in sorted(result.columns) if name in good | never_good and result[name].notna().any()]
+    return result[ranked]
+
+
+def bootstrap(values: "pd.DataFrame") -> dict[str, tuple[float, FloatArray]]:
+    """Return the interquartile mean of each column and its bootstrap distribution (RESAMPLES,).
+
+    Seeds are drawn with replacement within each scenario, the same for all columns, so that differences are paired;
+    each scenario has the same weight. The generator is its own, with a fixed seed.
+    """
+    rng = np.random.default_rng(SEED)
+    scenario = values.index.get_level_values("scenario").to_numpy()
+    weights = np.empty(len(values))
+    drawn = np.empty((RESAMPLES, len(values)), dtype=np.intp)
+    for name in np.unique(scenario):
+        own = np.flatnonzero(scenario == name)
+        weights[own] = 1.0 / len(own)
+        drawn[:, own] = rng.choice(own, size=(RESAMPLES, len(own)))
+    spread = np.broadcast_to(weights, drawn.shape)
+    columns = {str(name): values[name].to_numpy(dtype=np.float64) for name in values}
+    return {
+        name: (float(interquartile_mean(column, weights)), interquartile_mean(column[drawn], spread))
+        for name, column in columns.items()
+    }
+
+
+def percentile_interval(value: float, resampled: FloatArray, known: bool) -> Interval:
+    """Return the 95 % percentile interval of a bootstrap; without bounds if it is not known."""
+    tail = 50.0 * (1.0 - LEVEL)
+    low, high = np.percentile(resampled, [tail, 100.0 - tail]) if known else (np.nan, np.nan)
+    return Interval(value=value, low=float(low), high=float(high))
+
+
+def standings(scores: "pd.DataFrame", track: str) -> list[Standing]:
+    """Return the ranking of a track, best first; null and oracle have no rank.
+
+    A run that an estimator skips counts as 0, the score of null. Going down from the best score, an estimator shares
+    the rank of the one before unless the interval of its paired difference to the first of that rank excludes 0. With
+    one seed per scenario no interval is known, and all share.
+    """
+    values = run_scores(scores, track)
+    if values.empty:
+        return []
+    known = bool(values.groupby("scenario").size().max() > 1)
+    distributions = bootstrap(values.fillna(0.0))
+    statuses = run_statuses(scores).set_index(["estimator", *RUN])["status"]
+    covered = values.notna().groupby("scenario").any()
+    lines: list[Standing] = []
+    first, rank, n_ranked = "", 0, 0
+    for name in sorted(distributions, key=lambda column: (-round(distributions[column][0], 3), column)):
+        value, resampled = distributions[name]
+        is_reference = name in (NULL, ORACLE)
+        if not is_reference:
+            n_ranked += 1
+            best, best_resampled = distributions[first or name]
+            difference = percentile_interval(best - value, best_resampled - resampled, known)
+            if not first or difference.excludes_zero:
+                first, rank = name, n_ranked
+        lines.append(
+            Standing(
+                rank=None if is_reference else rank,
+                estimator=name,
+                score=percentile_interval(value, resampled, known),
+                scenarios=int(covered[name].sum()),
+                of_scenarios=len(covered),
+                failures=int(statuses[name].reindex(values.index).isin([FAILED, DIVERGED]).sum()),
+            )
+        )
+    return lines
+
+
+def run_statuses(scores: "pd.DataFrame") -> "pd.DataFrame":
+    """Return ``scenario, estimator, seed, status, message``, a row for each run.
+
+    A run is failed if one of its metrics is; it is diverged or skipped if all of them are.
+    """
+    order = {FAILED: 0, OK: 1, DIVERGED: 2, SKIPPED: 3}
+    rows = scores.assign(order=scores["status"].map(order)).sort_values("order", kind="stable")
+    rows = rows.groupby(["scenario", "estimator", "seed"], as_index=False).first()
+    rows.loc[rows["status"] == OK, "message"] = ""
+    return rows[["scenario", "estimator", "seed", "status", "message"]]
+
+
+def seed_means(scores: "pd.DataFrame") -> "pd.DataFrame":
+    """Return the mean of each metric over the good seeds: rows scenario and metric, columns estimators."""
+    good = scores[scores["status"] == OK]
+    return good.pivot_table(index=["scenario", "metric"], columns="estimator", values="value", aggfunc="mean")
+
+
+def parameter_bias(parameters: "pd.DataFrame") -> "pd.DataFrame":
+    r"""Return the bias of each parameter over seeds, with its 95 % interval.
+
+    .. math:: b = \overline{\hateta - eta}, \quad b \pm t_{0.975, n-1}\, rac{s}{\sqrt n}
+
+    Returns
+    -------
+    DataFrame
+        ``scenario, estimator, parameter, truth, bias, low, high, standard_deviation, n_seeds``; bounds and standard
+        deviation s are NaN for one seed. Parameters without truth or estimate are left out.
+    """
+    from scipy.special import stdtrit
+
+    known = parameters.dropna(subset=["estimate", "truth"])
+    errors = known.assign(error=known["estimate"] - known["truth"])
+    groups = errors.groupby(["scenario", "estimator", "parameter"], sort=False)
+    result = groups.agg(
+        truth=("truth", "mean"),
+        bias=("error", "mean"),
+        standard_deviation=("error", "std"),
+        n_seeds=("error", "size"),
+    ).reset_index()
+    n = result["n_seeds"].to_numpy(dtype=np.float64)
+    quantile = np.where(n > 1.0, stdtrit(np.maximum(n - 1.0, 1.0), 0.5 + 0.5 * LEVEL), np.nan)
+    half = quantile * result["standard_deviation"] / np.sqrt(n)
+    return result.assign(low=result["bias"] - half, high=result["bias"] + half)

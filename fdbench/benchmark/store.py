@@ -1,0 +1,333 @@
+"""Results in a folder: one small text file for each run, merged into two tables.
+
+=================================================  ====================================================================
+``runs/<scenario>/<estimator>/<seed>.json``        one run, written at once and whole
+``run.json``                                       what was selected last
+``scores.parquet``                                 of the selection: a row per scenario, estimator, seed and metric
+``parameters.parquet``                             of the selection: a row per scenario, estimator, seed and parameter
+``records/<scenario>/<seed>.parquet``              the record of seed 0, and of every seed on request
+``estimates/<scenario>/<estimator>/<seed>.parquet``  the estimates on it; that of ``oracle`` is the truth
+=================================================  ====================================================================
+"""
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from fdbench.benchmark.validate import SERIES
+from fdbench.errors import FdbenchError, did_you_mean
+from fdbench.estimator import Estimate
+from fdbench.reading import read_record
+from fdbench.record import Record
+from fdbench.regression import FloatArray, Regression
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+OK, FAILED, DIVERGED, SKIPPED = STATUSES = ("ok", "failed", "diverged", "skipped")
+
+# What a result is a function of, besides the seed: it is reused as long as these stay as they were.
+DIGESTS = ("scenario_digest", "estimator_digest", "code_digest")
+
+PROVENANCE = (*DIGESTS, "fdbench_version", "commit", "python", "numpy", "numba", "machine", "utc")
+
+KEYS = {"scenario": "string", "estimator": "string", "seed": "int64"}
+
+SCORE_COLUMNS = {
+    **KEYS,
+    "metric": "string",
+    "value": "float64",
+    "unit": "string",
+    "status": "string",
+    "message": "string",
+    "seconds": "float64",
+    **dict.fromkeys(PROVENANCE, "string"),
+}
+
+PARAMETER_COLUMNS = {
+    **KEYS,
+    "parameter": "string",
+    "estimate": "float64",
+    "standard_error": "float64",
+    "truth": "float64",
+}
+
+
+class Key(NamedTuple):
+    """One run: an estimator on the record of one scenario and seed."""
+
+    scenario: str
+    estimator: str
+    seed: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """One metric of a run; ``value`` is None unless ``status`` is ok."""
+
+    metric: str
+    unit: str
+    value: float | None = None
+    status: str = OK
+    message: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterValue:
+    """One parameter of a run; None for what is not known."""
+
+    parameter: str
+    estimate: float | None
+    standard_error: float | None
+    truth: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """All that is kept of one run.
+
+    Attributes
+    ----------
+    scenario, estimator : str
+    seed : int
+    status : str
+        ok, failed, diverged or skipped; failed too if the estimate is sound but a metric failed on it.
+    message : str
+        Reason, in one line, unless ok.
+    seconds : float or None
+        Time of ``fit``.
+    provenance : mapping of str to str
+        The columns ``PROVENANCE``.
+    scores, parameters : tuples
+    """
+
+    scenario: str
+    estimator: str
+    seed: int
+    status: str
+    message: str
+    seconds: float | None
+    provenance: Mapping[str, str]
+    scores: tuple[Score, ...] = ()
+    parameters: tuple[ParameterValue, ...] = ()
+
+    @property
+    def key(self) -> Key:
+        """Scenario, estimator and seed."""
+        return Key(self.scenario, self.estimator, self.seed)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Kept:
+    """An estimate with what it was made for.
+
+    Attributes
+    ----------
+    time_s, target : (n_rows,) arrays
+        Rows of the regression.
+    target_name : str
+    estimate : Estimate
+    """
+
+    time_s: FloatArray
+    target: FloatArray
+    target_name: str
+    estimate: Estimate
+
+
+class Store:
+    """The results in one folder.
+
+    Parameters
+    ----------
+    folder : path
+        Made when something is written.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+
+    # ---- runs ----
+
+    def run_file(self, key: Key) -> Path:
+        """Return where a run lies."""
+        return self.folder / "runs" / key.scenario / key.estimator / f"{key.seed}.json"
+
+    def write_run(self, run: Run) -> None:
+        """Write a run; a reader, or a later start after an interruption, sees all of it or nothing."""
+        document = {**asdict(run), "provenance": dict(run.provenance)}
+        _write(self.run_file(run.key), json.dumps(document, indent=1, allow_nan=False) + "\n")
+
+    def read_run(self, key: Key) -> Run | None:
+        """Return a run, or None if there is none."""
+        path = self.run_file(key)
+        if not path.is_file():
+            return None
+        try:
+            document = json.loads(path.read_text("utf-8"))
+            scores = tuple(Score(**score) for score in document.pop("scores"))
+            parameters = tuple(ParameterValue(**value) for value in document.pop("parameters"))
+            return Run(**document, scores=scores, parameters=parameters)
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise FdbenchError(f"{path}: not a run that this version can read ({error}). Run it again.") from error
+
+    def is_finished(self, key: Key, digests: Mapping[str, str], keep: bool) -> bool:
+        """Return whether a run need not be repeated: it was good, nothing has changed, and what is to be kept is."""
+        try:
+            run = self.read_run(key)
+        except FdbenchError:
+            return False
+        if run is None or run.status != OK or any(run.provenance.get(name) != digests[name] for name in DIGESTS):
+            return False
+        return not keep or (self.estimate_file(key).is_file() and self.record_file(key.scenario, key.seed).is_file())
+
+    # ---- the selection and its tables ----
+
+    def write_selection(self, selection: Mapping[str, Any]) -> None:
+        """Write what a run is about to do to ``run.json``."""
+        _write(self.folder / "run.json", json.dumps(selection, indent=1) + "\n")
+
+    def merge(self, keys: Sequence[Key]) -> dict[str, int]:
+        """Write the two tables from the runs of ``keys``, in this order; return the number of runs by status."""
+        runs = []
+        for key in keys:
+            run = self.read_run(key)
+            if run is None:
+                raise FdbenchError(f"{self.run_file(key)}: this run is missing. Run it again.")
+            runs.append(run)
+        _write_table(self.folder / "scores.parquet", list(_score_rows(runs)), SCORE_COLUMNS)
+        _write_table(self.folder / "parameters.parquet", list(_parameter_rows(runs)), PARAMETER_COLUMNS)
+        return {status: sum(run.status == status for run in runs) for status in STATUSES}
+
+    def scores(self) -> "pd.DataFrame":
+        """Return ``scores.parquet``; its columns are ``SCORE_COLUMNS``."""
+        return self._table("scores.parquet", SCORE_COLUMNS)
+
+    def parameters(self) -> "pd.DataFrame":
+        """Return ``parameters.parquet``; its columns are ``PARAMETER_COLUMNS``."""
+        return self._table("parameters.parquet", PARAMETER_COLUMNS)
+
+    def _table(self, name: str, columns: Mapping[str, str]) -> "pd.DataFrame":
+        import pandas as pd
+
+        path = self.folder / name
+        if not path.is_file():
+            raise FdbenchError(f"{self.folder}: no {name} here. 'fdbench run --out {self.folder}' writes it.")
+        try:
+            table = pd.read_parquet(path)
+        except (OSError, ValueError) as error:
+            raise FdbenchError(f"{path}: cannot be read: {error}.") from error
+        for column in columns:
+            if column not in table:
+                raise FdbenchError(f"{path}: column {column} is missing.{did_you_mean(column, table.columns)}")
+        return table
+
+    # ---- records and estimates ----
+
+    def record_file(self, scenario: str, seed: int) -> Path:
+        """Return where the record of a scenario and seed lies, if it is kept."""
+        return self.folder / "records" / scenario / f"{seed}.parquet"
+
+    def estimate_file(self, key: Key) -> Path:
+        """Return where the estimate of a run lies, if it is kept."""
+        return self.folder / "estimates" / key.scenario / key.estimator / f"{key.seed}.parquet"
+
+    def write_record(self, scenario: str, seed: int, record: Record) -> None:
+        """Keep a record."""
+        with _replaced(self.record_file(scenario, seed)) as partial:
+            record.to_parquet(partial)
+
+    def read_record(self, scenario: str, seed: int = 0) -> Record:
+        """Return a kept record."""
+        return read_record(self.record_file(scenario, seed))
+
+    def write_estimate(self, key: Key, regression: Regression, estimate: Estimate) -> None:
+        """Keep an estimate: its series as columns, parameters and covariance as metadata ``fdbench``."""
+        import pyarrow
+        from pyarrow import parquet
+
+        columns = {"time_s": regression.time_s, "target": regression.target}
+        columns |= {name: getattr(estimate, name) for name in SERIES if getattr(estimate, name) is not None}
+        covariance = estimate.covariance
+        metadata = {
+            "target_name": regression.target_name,
+            "parameters": {name: float(value) for name, value in estimate.parameters.items()},
+            "covariance": None if covariance is None else np.asarray(covariance, dtype=np.float64).tolist(),
+        }
+        arrays = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
+        table = pyarrow.table(arrays).replace_schema_metadata({"fdbench": json.dumps(metadata)})
+        with _replaced(self.estimate_file(key)) as partial:
+            parquet.write_table(table, partial)
+
+    def read_estimate(self, key: Key) -> Kept | None:
+        """Return a kept estimate, or None if there is none, as after a failure."""
+        from pyarrow import parquet
+
+        path = self.estimate_file(key)
+        if not path.is_file():
+            return None
+        table = parquet.read_table(path)
+        metadata = json.loads(table.schema.metadata[b"fdbench"])
+        columns = {name: table[name].to_numpy() for name in table.column_names}
+        covariance = metadata["covariance"]
+        return Kept(
+            time_s=columns.pop("time_s"),
+            target=columns.pop("target"),
+            target_name=metadata["target_name"],
+            estimate=Estimate(
+                parameters=metadata["parameters"],
+                covariance=None if covariance is None else np.array(covariance),
+                **columns,
+            ),
+        )
+
+    def forget_estimate(self, key: Key) -> None:
+        """Remove the estimate of an earlier run, so that a failure does not show it."""
+        self.estimate_file(key).unlink(missing_ok=True)
+
+
+def _score_rows(runs: Sequence[Run]) -> Iterator[dict[str, Any]]:
+    for run in runs:
+        provenance = {name: run.provenance.get(name, "") for name in PROVENANCE}
+        for score in run.scores:
+            yield {**run.key._asdict(), **asdict(score), "seconds": run.seconds, **provenance}
+
+
+def _parameter_rows(runs: Sequence[Run]) -> Iterator[dict[str, Any]]:
+    for run in runs:
+        for value in run.parameters:
+            yield {**run.key._asdict(), **asdict(value)}
+
+
+def _write_table(path: Path, rows: list[dict[str, Any]], columns: Mapping[str, str]) -> None:
+    import pyarrow
+    from pyarrow import parquet
+
+    schema = pyarrow.schema([(name, pyarrow.type_for_alias(kind)) for name, kind in columns.items()])
+    with _replaced(path) as partial:
+        parquet.write_table(pyarrow.Table.from_pylist(rows, schema=schema), partial)
+
+
+def _write(path: Path, text: str) -> None:
+    with _replaced(path) as partial:
+        partial.write_text(text, "utf-8", newline="\n")
+
+
+@contextmanager
+def _replaced(path: Path) -> Iterator[Path]:
+    """Yield a file beside ``path`` that takes its place when all has gone well."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield partial
+        partial.replace(path)
+    except OSError as error:
+        raise FdbenchError(f"{path}: cannot be written: {error.strerror}.") from error
+    finally:
+        partial.unlink(missing_ok=True)

@@ -1,0 +1,74 @@
+"""Whether an estimate has the shape that it must have; who claims something must claim it whole."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fdbench.errors import PluginError
+from fdbench.estimator import Estimate
+from fdbench.regression import Regression
+
+SERIES = ("disturbance_N", "disturbance_variance_N2", "output", "output_variance")
+
+
+def check_estimate(estimate: Any, regression: Regression) -> None:
+    """Check types, shapes and values of what ``fit`` returned.
+
+    Raises
+    ------
+    PluginError
+        If it is no Estimate, a series has not one value for each row of the regression, the covariance does not fit
+        the parameters, or a value is not finite. Variances are at least 0 and may be infinite.
+    """
+    if not isinstance(estimate, Estimate):
+        raise PluginError(f"fit returned {_kind(estimate)}, expected an Estimate.")
+    if not isinstance(estimate.parameters, Mapping):
+        raise PluginError(f"parameters is {_kind(estimate.parameters)}, expected a mapping of name to number.")
+    for name, value in estimate.parameters.items():
+        _check_parameter(name, value)
+    n_rows, p = len(regression.target), len(estimate.parameters)
+    for field in SERIES:
+        values = getattr(estimate, field)
+        if values is not None:
+            _check_array(field, values, (n_rows,), "one value for each row of the regression")
+    if estimate.covariance is not None:
+        covariance = _check_array("covariance", estimate.covariance, (p, p), "in the order of parameters")
+        _check_variance("the diagonal of covariance", np.diag(covariance))
+
+
+def _check_parameter(name: Any, value: Any) -> None:
+    if not isinstance(name, str):
+        raise PluginError(f"parameters has the key {name!r}, expected a name.")
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise PluginError(f"parameters['{name}'] is {_kind(value)}, expected a number.")
+    if not np.isfinite(value):
+        raise PluginError(f"parameters['{name}'] is {float(value)}, expected a finite number.")
+
+
+def _check_array(field: str, values: Any, shape: tuple[int, ...], meaning: str) -> Any:
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiu":
+        raise PluginError(f"{field} is {_kind(values)} of type {array.dtype}, expected real numbers.")
+    if array.shape != shape:
+        raise PluginError(f"{field} has shape {array.shape}, expected {shape}, {meaning}.")
+    if "variance" in field and field != "covariance":
+        _check_variance(field, array)
+    else:
+        _refuse(field, array, ~np.isfinite(array), "not finite")
+    return array
+
+
+def _check_variance(field: str, array: Any) -> None:
+    _refuse(field, array, np.isnan(array) | (array < 0), "no variance; a variance is at least 0")
+
+
+def _refuse(field: str, array: Any, wrong: Any, what: str) -> None:
+    if wrong.any():
+        index = tuple(int(i) for i in np.argwhere(wrong)[0])
+        place = index[0] if len(index) == 1 else index
+        raise PluginError(f"{field} holds {array[index]} in row {place}: {what} ({int(wrong.sum())} of {array.size}).")
+
+
+def _kind(value: Any) -> str:
+    return "None" if value is None else f"a {type(value).__name__}"

@@ -1,0 +1,30 @@
+"""Run a list of checks and honour the failures that a plug-in announces with a reason."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from fdbench.errors import PluginError
+
+
+def run_checks(name: str, checks: Sequence[tuple[str, Callable[[], None]]], plugin: Any = None) -> list[str]:
+    """Return one line for each check; raise a PluginError that lists all failures."""
+    expected: Mapping[str, str] = getattr(plugin, "expected_failures", {})
+    unknown = set(expected) - {check for check, _ in checks}
+    lines, failures = [], [f"expected_failures names {item}, which is no check" for item in sorted(unknown)]
+    for check, function in checks:
+        try:
+            function()
+        except Exception as error:
+            if check in expected:
+                lines.append(f"{check}: fails as announced ({expected[check]})")
+            else:
+                text = str(error) if isinstance(error, PluginError) else repr(error)
+                failures.append(f"{check}: {text}")
+                lines.append(f"{check}: FAILED: {text}")
+        else:
+            if check in expected:
+                failures.append(f"{check}: passes, but expected_failures says: {expected[check]}")
+            lines.append(f"{check}: ok")
+    if failures:
+        raise PluginError(f"{name}: " + "; ".join(failures))
+    return lines

@@ -1,0 +1,215 @@
+"""Shared checks of estimators: what every plug-in must hold, whoever wrote it."""
+
+import dataclasses
+import pickle
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+
+from fdbench.checks._report import run_checks
+from fdbench.errors import FdbenchError, PluginError
+from fdbench.estimator import Context, Estimate, Estimator, OnlineEstimator, Sample, estimators, samples
+from fdbench.record import Record
+from fdbench.regression import Regression
+from fdbench.scenario import Scenario, load_scenario, scenario_ids
+
+SHORT_S = 2.0
+ARRAYS = ("disturbance_N", "disturbance_variance_N2", "output", "output_variance")
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One estimator on the first scenario to which it applies."""
+
+    cls: type[Estimator]
+    context: Context
+    record: Record
+    regression: Regression
+
+    def fit(self) -> Estimate:
+        """Run a new instance."""
+        return self.cls().fit(self.context, self.record)
+
+
+def cases(cls: type[Estimator]) -> Iterator[tuple[Scenario, Context]]:
+    """Yield simulated scenarios, shortened where the plant allows it, to which the estimator applies."""
+    ids = scenario_ids()
+    for name in sorted(ids, key=lambda item: (item != "ShakerConstant-v0", item)):
+        scenario = load_scenario(name)
+        if scenario.timing is None:
+            continue
+        context = scenario.context()
+        if cls().skip(context) is None:
+            yield scenario, context
+
+
+def shortened(scenario: Scenario) -> Scenario:
+    """Return the scenario with at most `SHORT_S` seconds, if that is a shorter one that runs."""
+    if scenario.timing is None or scenario.timing.duration_s <= SHORT_S:
+        return scenario
+    short = dataclasses.replace(scenario, timing=dataclasses.replace(scenario.timing, duration_s=SHORT_S))
+    try:
+        short.observe(0)
+    except FdbenchError:
+        return scenario
+    return short
+
+
+def prepare(cls: type[Estimator]) -> Case:
+    """Return the case that the checks run on.
+
+    Raises
+    ------
+    PluginError
+        If the estimator applies to no simulated scenario.
+    """
+    for scenario, context in cases(cls):
+        record, _truth = shortened(scenario).observe(0)
+        return Case(cls, context, record, context.regression(record))
+    raise PluginError(f"{cls.name}: skip() declines every simulated scenario; nothing can be checked.")
+
+
+def equal(a: Estimate, b: Estimate, tolerance: float = 0.0) -> bool:
+    """Return whether two estimates agree in every part, to a relative tolerance of each part's largest value."""
+    if dict(a.parameters).keys() != dict(b.parameters).keys():
+        return False
+    pairs: list[tuple[Any, Any]] = [(a.parameters[name], b.parameters[name]) for name in a.parameters]
+    pairs += [(getattr(a, name), getattr(b, name)) for name in (*ARRAYS, "covariance")]
+    for x, y in pairs:
+        if (x is None) != (y is None):
+            return False
+        if x is None:
+            continue
+        x, y = np.asarray(x), np.asarray(y)
+        if x.shape != y.shape or not np.all(np.abs(x - y) <= tolerance * (np.max(np.abs(y)) if y.size else 0.0)):
+            return False
+    return True
+
+
+def has_defaults(case: Case) -> None:
+    """Constructed without arguments."""
+    case.cls()
+
+
+def has_docstring(case: Case) -> None:
+    """Class with a docstring of its own."""
+    if not (case.cls.__doc__ or "").strip() or case.cls.__doc__ == case.cls.__base__.__doc__:
+        raise PluginError("the class has no docstring; say in it what is estimated, by which equation, and the source.")
+
+
+def returns_estimate(case: Case) -> None:
+    """``fit`` returns an Estimate with finite numbers and one value for each row."""
+    estimate = case.fit()
+    if not isinstance(estimate, Estimate):
+        raise PluginError(f"fit() returned {type(estimate).__name__}, an Estimate is expected.")
+    validate(estimate, case.regression)
+
+
+def validate(estimate: Estimate, regression: Regression) -> None:
+    """Raise a PluginError unless every part of an estimate is finite and has one value for each row."""
+    n = len(regression.target)
+    for name in ARRAYS:
+        values = getattr(estimate, name)
+        if values is None:
+            continue
+        if np.shape(values) != (n,):
+            raise PluginError(f"{name} has shape {np.shape(values)}, ({n},) is expected: one value for each row.")
+        if not np.isfinite(values).all():
+            raise PluginError(f"{name} is not finite at row {int(np.argmin(np.isfinite(values)))}.")
+        if "variance" in name and np.min(values) < 0.0:
+            raise PluginError(f"{name} is negative at row {int(np.argmin(values))}.")
+    for name, value in estimate.parameters.items():
+        if not np.isfinite(value):
+            raise PluginError(f"parameter {name} is {value}.")
+    p = len(estimate.parameters)
+    if estimate.covariance is not None and np.shape(estimate.covariance) != (p, p):
+        raise PluginError(f"covariance has shape {np.shape(estimate.covariance)}, ({p}, {p}) is expected.")
+
+
+def is_deterministic(case: Case) -> None:
+    """The same record gives the same bits."""
+    if not equal(case.fit(), case.fit()):
+        raise PluginError("two runs on the same record differ; draw random numbers from a generator with a fixed seed.")
+
+
+def fits_again(case: Case) -> None:
+    """One instance fitted twice gives the same bits: nothing of the first record is left."""
+    estimator = case.cls()
+    first = estimator.fit(case.context, case.record)
+    if not equal(first, estimator.fit(case.context, case.record)):
+        raise PluginError("the second fit of the same instance differs from the first: state is left over.")
+
+
+def leaves_global_random_state(case: Case) -> None:
+    """numpy's global random state is as before."""
+    before = pickle.dumps(np.random.get_state())  # noqa: NPY002
+    case.fit()
+    if pickle.dumps(np.random.get_state()) != before:  # noqa: NPY002
+        raise PluginError("numpy's global random state was used; use numpy.random.default_rng(seed).")
+
+
+def can_be_pickled(case: Case) -> None:
+    """Instances travel to other processes."""
+    try:
+        copy = pickle.loads(pickle.dumps(case.cls()))
+    except Exception as error:
+        raise PluginError(f"an instance cannot be pickled: {error!r}.") from error
+    if not equal(copy.fit(case.context, case.record), case.fit()):
+        raise PluginError("a pickled copy estimates something else than the original.")
+
+
+def streams_as_it_fits(case: Case) -> None:
+    """An online estimator gives the same by ``update`` as by ``fit``, given what ``fit`` found out first."""
+    if not issubclass(case.cls, OnlineEstimator):
+        return
+    estimator = case.cls()
+    estimator.start(case.context)
+    for sample in samples(case.regression):
+        estimator.update(sample)
+    if not equal(estimator.estimate(), case.fit(), 1e-9):
+        raise PluginError("start, update and estimate over a record give something else than fit.")
+
+
+def refuses_update_before_start(case: Case) -> None:
+    """An online estimator says so when ``update`` comes before ``start``."""
+    if not issubclass(case.cls, OnlineEstimator):
+        return
+    regression = case.regression
+    sample: Sample = samples(regression)[0]
+    try:
+        case.cls().update(sample)
+    except FdbenchError:
+        return
+    except Exception as error:
+        raise PluginError(f"update() before start() raised {error!r}; raise a PluginError that says so.") from error
+    raise PluginError("update() before start() was accepted.")
+
+
+CHECKS: tuple[Callable[[Case], None], ...] = (
+    has_defaults,
+    has_docstring,
+    returns_estimate,
+    is_deterministic,
+    fits_again,
+    leaves_global_random_state,
+    can_be_pickled,
+    streams_as_it_fits,
+    refuses_update_before_start,
+)
+
+
+def check_estimator(name: str) -> list[str]:
+    """Run all checks on a registered estimator and return a line for each.
+
+    Raises
+    ------
+    PluginError
+        If a check fails that the plug-in does not list in ``expected_failures``, or passes although it does.
+    """
+    cls = estimators.get(name)
+    case = prepare(cls)
+    return run_checks(
+        name, [(check.__name__, cast(Callable[[], None], lambda c=check: c(case))) for check in CHECKS], cls
+    )

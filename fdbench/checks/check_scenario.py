@@ -1,0 +1,99 @@
+"""Shared checks of scenarios: what every scenario file must hold before it is released."""
+
+import dataclasses
+import inspect
+import re
+from pathlib import Path
+
+import numpy as np
+
+from fdbench.checks._report import run_checks
+from fdbench.errors import PluginError, did_you_mean
+from fdbench.estimator import estimators
+from fdbench.scenario import Scenario, load_scenario
+
+CONVERGENCE = 0.02
+
+
+def has_version(scenario: Scenario) -> None:
+    """The id ends in -vN."""
+    if not re.fullmatch(r"[A-Z][A-Za-z0-9]*-v\d+", scenario.id):
+        raise PluginError(f"id '{scenario.id}': CamelCase and a version are expected, such as ShakerConstant-v0.")
+
+
+def names_its_source(scenario: Scenario) -> None:
+    """Title and source say something."""
+    if not scenario.title.strip() or not scenario.source.strip():
+        raise PluginError("title and source must say what the scenario is and where its values come from.")
+
+
+def hyperparameters_exist(scenario: Scenario) -> None:
+    """Hyperparameters are arguments of estimators that exist."""
+    for name, arguments in scenario.estimation.hyperparameters.items():
+        allowed = inspect.signature(estimators.get(name)).parameters
+        for argument in arguments:
+            if argument not in allowed:
+                raise PluginError(
+                    f"hyperparameters.{name}.{argument}: unknown argument.{did_you_mean(argument, allowed)}"
+                )
+
+
+def repeats_under_a_seed(scenario: Scenario) -> None:
+    """The same seed gives the same bits."""
+    first, second = scenario.observe(3)[0], scenario.observe(3)[0]
+    for column in first:
+        if not np.array_equal(first[column], second[column]):
+            raise PluginError(f"column {column} differs between two runs with the same seed.")
+
+
+def is_integrated_well(scenario: Scenario) -> None:
+    """Half the substep changes no column by more than 2 % of its spread, noise being the same."""
+    if scenario.timing is None:
+        return
+    finer = dataclasses.replace(scenario.timing, substeps=2 * scenario.timing.substeps)
+    coarse, fine = scenario.observe(0)[0], dataclasses.replace(scenario, timing=finer).observe(0)[0]
+    for column in coarse:
+        change = float(np.sqrt(np.mean((coarse[column] - fine[column]) ** 2)))
+        spread = float(np.std(fine[column]))
+        if spread > 0.0 and change > CONVERGENCE * spread:
+            raise PluginError(
+                f"{column} changes by {change / spread:.1%} of its spread when substeps are doubled; use more substeps."
+            )
+
+
+def excites_what_it_scores(scenario: Scenario) -> None:
+    """The parameters can be identified, and a disturbance is there if it is scored."""
+    record, truth = scenario.observe(0)
+    Z = scenario.context().regression(record).regressors
+    if "parameters" in scenario.estimation.tracks:
+        size = np.linalg.norm(Z, axis=0)
+        if np.min(size) == 0.0 or np.linalg.cond(Z / size) > 1e8:
+            raise PluginError("the motion does not excite all parameters of the model: their regressors are dependent.")
+    if "disturbance" in scenario.estimation.tracks and (truth.disturbance_N is None or not truth.disturbance_N.any()):
+        raise PluginError("the disturbance track is scored, but there is no disturbance.")
+
+
+CHECKS = (
+    has_version,
+    names_its_source,
+    hyperparameters_exist,
+    repeats_under_a_seed,
+    is_integrated_well,
+    excites_what_it_scores,
+)
+
+
+def check_scenario(name_or_path: str | Path) -> list[str]:
+    """Run all checks on a scenario and return a line for each.
+
+    Raises
+    ------
+    PluginError
+        If a check fails.
+    FdbenchError
+        If the file cannot be read, or measured data are absent.
+    """
+    scenario = load_scenario(name_or_path)
+    if scenario.measured is not None:
+        scenario.observe(0)
+    return run_checks(scenario.id, [(check.__name__, lambda c=check: c(scenario)) for check in CHECKS])

@@ -1,0 +1,43 @@
+"""What is left of the disturbance in the prediction error, at its harmonics."""
+
+from typing import final
+
+import numpy as np
+
+from fdbench.metrics._metric import Metric, Outcome
+from fdbench.metrics._spectrum import bins, decibels_above_floor, no_density, residual_density
+
+
+@final
+class PsdResidualAtHarmonics(Metric):
+    r"""Power density of the prediction error at harmonics 2 to 5 of the disturbance, above the noise floor.
+
+    .. math:: 10 \log_{10} \frac{\bar S}{2 \sigma^2 T_s}, \quad
+              k_h = \mathrm{round}(|h f_d - f_s\, \mathrm{round}(h f_d / f_s)| / \Delta f), \quad h = 2 \dots 5
+
+    :math:`\bar S` is the mean density of the bins :math:`k_h - 1, k_h, k_h + 1`; harmonics above Nyquist appear at
+    their alias. One that falls on the fundamental or on zero, to four bins, is left out. Density, window, sign and
+    ranking are those of ``psd_residual_at_disturbance``.
+
+    Example: of 50 Hz at 333.33 Hz harmonics 2 and 3 lie at 100 and 150 Hz, 4 and 5 at 133.3 and 83.3 Hz.
+
+    ``worst`` is a residual of 1e5 times the noise's amplitude.
+
+    Source: Welch (1967), IEEE Trans. Audio Electroacoustics 15; McPherson, thesis, 2024, chapter 4, for the harmonics.
+    """
+
+    unit = "dB"
+    worst = 100.0
+    track = "output"
+
+    def skip(self, outcome: Outcome) -> str | None:
+        if outcome.scenario.estimation.disturbance_period_s is None:
+            return "the scenario gives no disturbance period"
+        reason = no_density(outcome)
+        if reason is None and not bins(outcome).harmonics:
+            return "all harmonics fold onto the disturbance or onto zero"
+        return reason
+
+    def score(self, outcome: Outcome) -> float:
+        density = residual_density(outcome)
+        return decibels_above_floor(outcome, float(np.mean(density[bins(outcome).harmonics])))

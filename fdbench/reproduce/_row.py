@@ -1,0 +1,42 @@
+"""One published figure beside ours."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """A figure of a paper, what we get, and what a correct implementation must get.
+
+    Attributes
+    ----------
+    paper, item : str
+    paper_value : float or None
+        As printed; None where the paper gives none.
+    value : float
+        Ours.
+    target, tolerance : float
+        The corrected figure and the largest accepted absolute difference to it.
+    kind : str
+        ``must``: has to hold; ``ranking``: an order or sign, where value and target are 1 for true;
+        ``not reproducible``: shown with a reason.
+    reason : str
+        Why a figure cannot be reproduced, or what the target rests on.
+    """
+
+    paper: str
+    item: str
+    paper_value: float | None
+    value: float
+    target: float
+    tolerance: float
+    kind: Literal["must", "ranking", "not reproducible"]
+    reason: str = ""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the figure holds; figures that cannot be reproduced never count as failed."""
+        if self.kind == "not reproducible":
+            return True
+        return math.isfinite(self.value) and abs(self.value - self.target) <= self.tolerance

@@ -1,0 +1,48 @@
+"""The largest substep at which the integrator resolves the springs that effects bring with them."""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+from fdbench.effects import Effect, Port
+from fdbench.errors import SpecError
+
+PROBE_STEP_S, PROBE_VELOCITY_M_PER_S = 1e-7, 1e-6
+PROBE_SPACING_M, PROBE_COUNT = 1e-5, 400
+
+
+def stiffness(effect: Effect) -> float:
+    """Return the largest stiffness (N/m) with which a force effect answers a small displacement.
+
+    A hidden state is probed by one short step at a small velocity, a force that depends on position by differences
+    along 4 mm.
+    """
+    kernel, values = type(effect).kernel.py_func, effect.values()
+    states = [0.0] * len(effect.states)
+
+    def force(position: float, velocity: float, states: list[float]) -> tuple[float, list[float]]:
+        result = kernel(0.0, PROBE_STEP_S, position, velocity, 0.0, *values, *states)
+        return float(result[0]), list(result[2:])
+
+    at_rest, _ = force(0.0, 0.0, states)
+    _, moved = force(0.0, PROBE_VELOCITY_M_PER_S, states)
+    hidden = abs(force(0.0, 0.0, moved)[0] - at_rest) / (PROBE_STEP_S * PROBE_VELOCITY_M_PER_S) if states else 0.0
+    along = [force(index * PROBE_SPACING_M, 0.0, states)[0] for index in range(PROBE_COUNT)]
+    return hidden + max(abs(b - a) for a, b in pairwise(along)) / PROBE_SPACING_M
+
+
+def check_substep(effects: Sequence[Effect], mass_of: dict[Port, float], period_s: float, substeps: int) -> None:
+    """Raise a SpecError where a substep is longer than 1/omega of the stiffest effect spring against its mass.
+
+    The integrator stays bounded beyond that, but no longer follows the motion.
+    """
+    h = period_s / substeps
+    for port, mass in mass_of.items():
+        total = sum(stiffness(effect) for effect in effects if effect.port is port)
+        largest = math.sqrt(mass / total) if total > 0.0 else math.inf
+        if h > largest:
+            raise SpecError(
+                f"timing.substeps: {substeps} substeps of {h:.3g} s are too coarse for {total:.3g} N/m of effect "
+                f"stiffness against {mass:.3g} kg; the largest stable substep is {largest:.3g} s, so at least "
+                f"{math.ceil(period_s / largest)} substeps are needed."
+            )
