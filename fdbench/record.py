@@ -45,6 +45,7 @@ COLUMNS: dict[str, str] = {
     "spindle_speed_rad_per_s": "speed of the spindle",
     "feedrate_m_per_s": "commanded feedrate",
     "temperature_K": "temperature of the axis",
+    "training_sample": "1 where the force is measured, 0 where it is withheld and to be estimated",
     "held_sample": "1 where the sample repeats the last one, else 0",
 }
 

@@ -3,6 +3,7 @@
 A module is imported when its name is asked for, so a file dropped into a named package is a plug-in at once.
 """
 
+import ast
 import importlib
 import importlib.util
 import inspect
@@ -77,6 +78,13 @@ class Registry(Generic[T]):
         except Exception as error:
             raise PluginError(f"{self.kind} '{name}' ({modules[name]}) cannot be imported: {error!r}") from error
         return self._only_class(module, name)
+
+    def summary(self, name: str) -> str:
+        """Return the first line of the docstring of a plug-in's file, without importing it."""
+        specification = importlib.util.find_spec(self.modules()[name])
+        if specification is None or specification.origin is None:
+            return ""
+        return (ast.get_docstring(ast.parse(Path(specification.origin).read_bytes())) or "").split("\n")[0]
 
     def add_file(self, path: str | Path) -> str:
         """Register the plug-in in a Python file and return its name, the file's stem."""

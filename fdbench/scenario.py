@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import fdbench
+from fdbench.catalogue import scenario_folder, scenario_ids
 from fdbench.effects import Effect
 from fdbench.errors import SimulationDiverged, SpecError, UnknownName, did_you_mean
 from fdbench.estimator import Context
@@ -211,18 +212,6 @@ def simulate(scenario: Scenario, seed: int) -> tuple[Record, Truth]:
     record = Record(columns, provenance, f"{scenario.id} seed {seed}")
     parameters = scenario.plant.true_parameters(scenario.estimation.model, period)
     return record, Truth(parameters=parameters, disturbance_N=hidden.get("disturbance_N"))
-
-
-def scenario_folder() -> Path:
-    """Return the folder of scenario files: the packaged copy, else the repository's."""
-    package = Path(fdbench.__file__).parent
-    packaged = package / "_scenarios"
-    return packaged if packaged.is_dir() else package.parent / "scenarios"
-
-
-def scenario_ids() -> list[str]:
-    """Return the ids of all scenarios, sorted, without the namespace ``fdbench/``."""
-    return sorted(path.stem for path in scenario_folder().glob("*.toml"))
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:

@@ -106,7 +106,7 @@ class KRLST(OnlineEstimator):
 
     def update(self, sample: Sample) -> None:
         """Predict a sample, then take it in."""
-        time_s, regressors, target, gain = sample
+        time_s, regressors, target, gain = sample[:4]
         self._take(np.array([time_s]), regressors[np.newaxis], np.array([target]), gain)
 
     def estimate(self) -> Estimate:

@@ -4,6 +4,7 @@ import inspect
 import math
 import time
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -123,6 +124,7 @@ def do(job: Job) -> list[Run]:
     for choice, key in zip(job.choices, job.runs, strict=True):
         utc = datetime.now(UTC).isoformat(timespec="seconds")
         origin = {**job.provenance, "estimator_digest": choice.digest, "utc": utc}
+        store.forget_estimate(key)
         if trial is None:
             result = _without_scores(key, scenario, status, message, origin)
         else:
@@ -152,8 +154,6 @@ def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str],
         )
         parameters = tuple(_parameter_values(outcome))
     except (Exception, SystemExit) as error:  # noqa: BLE001
-        if store is not None:
-            store.forget_estimate(key)
         return _without_scores(key, trial.scenario, *describe(error), origin)
     if store is not None:
         store.write_estimate(key, trial.regression, estimate)
@@ -179,10 +179,11 @@ def _estimate(choice: Choice, trial: _Trial) -> tuple[Estimate, float]:
     if reason is not None:
         raise _Skip(reason)
     if choice.digest not in _compiled:
-        construct(choice.name, choice.arguments).fit(trial.context, trial.record)
+        construct(choice.name, choice.arguments).fit(trial.context, copy(trial.record))
         _compiled.add(choice.digest)
+    record = copy(trial.record)  # what an estimator does to its own copy spoils none of the others
     start = time.perf_counter()
-    estimate = estimator.fit(trial.context, trial.record)
+    estimate = estimator.fit(trial.context, record)
     return estimate, time.perf_counter() - start
 
 

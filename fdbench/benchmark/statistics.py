@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 RESAMPLES = 2000
 SEED = 20240
 LEVEL = 0.95
+ROUNDING = 1e-9
 RUN = ["scenario", "seed"]
 
 # Share of the null's loss by which the oracle must be better, or the metric says nothing in that scenario.
@@ -34,8 +35,8 @@ class Interval:
 
     @property
     def excludes_zero(self) -> bool:
-        """Whether 0 lies outside; without bounds nothing is excluded."""
-        return self.low > 0.0 or self.high < 0.0
+        """Whether 0 lies outside by more than rounding errors; without bounds nothing is excluded."""
+        return self.low > ROUNDING or self.high < -ROUNDING
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +62,17 @@ class Standing:
     scenarios: int
     of_scenarios: int
     failures: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trouble:
+    """Runs of a scenario that failed, diverged or were skipped for one reason; ``estimators`` may be ``all``."""
+
+    scenario: str
+    estimators: str
+    seeds: str
+    status: str
+    reason: str
 
 
 def interquartile_mean(values: FloatArray, weights: FloatArray) -> FloatArray:
@@ -212,6 +224,27 @@ def run_statuses(scores: "pd.DataFrame") -> "pd.DataFrame":
     rows = rows.groupby(["scenario", "estimator", "seed"], as_index=False).first()
     rows.loc[rows["status"] == OK, "message"] = ""
     return rows[["scenario", "estimator", "seed", "status", "message"]]
+
+
+def troubles(statuses: "pd.DataFrame") -> list[Trouble]:
+    """Return the runs that are not ok, those with the same reason in one line; see `run_statuses`."""
+    everyone = statuses.groupby("scenario")["estimator"].nunique()
+    found = []
+    for (scenario, status, reason), group in statuses[statuses["status"] != OK].groupby(
+        ["scenario", "status", "message"]
+    ):
+        names = sorted(group["estimator"].unique())
+        seeds = sorted(group["seed"].unique())
+        found.append(
+            Trouble(
+                scenario=str(scenario),
+                estimators="all" if len(names) == everyone[str(scenario)] else ", ".join(names),
+                seeds=", ".join(str(seed) for seed in seeds),
+                status=str(status),
+                reason=str(reason),
+            )
+        )
+    return found
 
 
 def seed_means(scores: "pd.DataFrame") -> "pd.DataFrame":

@@ -288,7 +288,7 @@ class Store:
         )
 
     def forget_estimate(self, key: Key) -> None:
-        """Remove the estimate of an earlier run, so that a failure does not show it."""
+        """Remove the estimate of an earlier run, so that a failure does not leave it."""
         self.estimate_file(key).unlink(missing_ok=True)
 
 
@@ -328,6 +328,6 @@ def _replaced(path: Path) -> Iterator[Path]:
         yield partial
         partial.replace(path)
     except OSError as error:
-        raise FdbenchError(f"{path}: cannot be written: {error.strerror}.") from error
+        raise FdbenchError(f"{path}: cannot be written: {error.strerror or error}.") from error
     finally:
         partial.unlink(missing_ok=True)

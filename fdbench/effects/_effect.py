@@ -9,7 +9,7 @@ import inspect
 from abc import ABC
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self
 
 from numba import njit
 
@@ -28,6 +28,7 @@ class Port(enum.Enum):
     COMMAND           force asked of the motor, N                 force delivered, N
     MOTOR_FORCE       force delivered by the motor, N             (force against motion of the motor side, slope)
     TABLE_FORCE       force that the screw passes on, N           (force against motion of the table, slope)
+    TABLE_INERTIA     acceleration of the table, m/s^2            (force against motion of the table, force/u in kg)
     TRANSMISSION      motor position minus table position, m      part of it that does not stretch the screw, m
     MOTOR_ENCODER     position read on the motor side, m          position read, m
     TABLE_SCALE       position read at the table, m               position read, m
@@ -35,12 +36,15 @@ class Port(enum.Enum):
     ================  ==========================================  =============================================
 
     The slope is d force/d velocity over the substep in N s/m, never negative (tangent or secant); the integrator uses
-    it to stay stable. Effects of one port act in the order of the scenario: forces add up, the others form a chain.
+    it to stay stable. Forces add up; the other effects of a port form a chain by `Effect.rank`, in which each receives
+    what the one before returns (TRANSMISSION: what is left of the stretch). On a rigid axis the table lags behind the
+    motor by what TRANSMISSION returns, and u is how far it would lag if it stood still.
     """
 
     COMMAND = "command"
     MOTOR_FORCE = "motor_force"
     TABLE_FORCE = "table_force"
+    TABLE_INERTIA = "table_inertia"
     TRANSMISSION = "transmission"
     MOTOR_ENCODER = "motor_encoder"
     TABLE_SCALE = "table_scale"
@@ -49,7 +53,7 @@ class Port(enum.Enum):
     @property
     def is_force(self) -> bool:
         """Whether kernels of this port return a force and its slope."""
-        return self in (Port.MOTOR_FORCE, Port.TABLE_FORCE)
+        return self in (Port.MOTOR_FORCE, Port.TABLE_FORCE, Port.TABLE_INERTIA)
 
 
 LEADING_ARGUMENTS = ("t", "h", "x", "v", "u")
@@ -59,22 +63,40 @@ def kernel(function: Callable[..., Any]) -> Any:
     """Compile a kernel: strict IEEE arithmetic, no allocation, no exceptions on division by zero.
 
     Signature ``(t, h, x, v, u, [r,] *parameters, *states)``: time at the middle of the substep (s), substep (s),
-    position (m) and velocity (m/s) of the port's side, what passes the port (see `Port`), a standard uniform number
-    if the effect is random, the parameters by symbol, the hidden states at the start of the substep. It returns
-    the port's value and the hidden states at the end of the substep, in that order.
+    position (m) and velocity (m/s) of the port's side there (COMMAND: at the start of the substep), what passes the
+    port (see `Port`), a standard uniform number if the effect is random, the parameters by symbol, the hidden states
+    at the start of the substep. It returns the port's value and the hidden states at the end of the substep, in that
+    order.
     """
     return njit(error_model="numpy", forceinline=True)(function)
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of an effect; its unit is the suffix of its name."""
+    """One parameter of an effect; its unit is the suffix of its name.
+
+    Attributes
+    ----------
+    name, symbol : str
+    low, high, typical : float
+        Closed bounds, and the size on a small axis.
+    grid : tuple of float
+        Values that the diagnosis tries; empty: the typical one alone.
+    phase : bool
+        Whether it is a phase in radians, so that two values a quarter turn apart span all.
+    locate : str
+        ``"frequency"`` or ``"wavelength"`` where the diagnosis finds the values to try in the residual's spectrum
+        over time (Hz) or over position (m).
+    """
 
     name: str
     symbol: str
     low: float
     high: float
     typical: float
+    grid: tuple[float, ...] = ()
+    phase: bool = False
+    locate: Literal["", "frequency", "wavelength"] = ""
 
     @property
     def unit(self) -> str:
@@ -82,9 +104,19 @@ class Parameter:
         return unit_of(self.name)
 
 
-def parameter(symbol: str, *, low: float, high: float, typical: float) -> Any:
-    """Declare a parameter: its symbol in the kernel, its closed bounds, and a typical size for a small axis."""
-    return dataclasses.field(metadata={"symbol": symbol, "low": low, "high": high, "typical": typical})
+def parameter(
+    symbol: str,
+    *,
+    low: float,
+    high: float,
+    typical: float,
+    grid: tuple[float, ...] = (),
+    phase: bool = False,
+    locate: Literal["", "frequency", "wavelength"] = "",
+) -> Any:
+    """Declare a parameter of an effect; see `Parameter`."""
+    metadata = {"symbol": symbol, "low": low, "high": high, "typical": typical}
+    return dataclasses.field(metadata={**metadata, "grid": grid, "phase": phase, "locate": locate})
 
 
 class Effect(ABC):
@@ -97,12 +129,23 @@ class Effect(ABC):
         Symbols of the hidden states, which start at zero.
     amplitude : str
         Name of the parameter that scales the effect: at zero there is none.
+    further_amplitudes : tuple of str
+        Names of the parameters that scale further parts; there is no effect where all amplitudes are zero.
     random : bool
         Whether the kernel takes a standard uniform number, drawn once for each sample.
     disturbance : bool
         Whether the effect is a process force to be estimated, and not a property of the drive.
     follows_command : bool
         Whether v is the commanded velocity instead of the actual one.
+    rank : int
+        Place in the chain of its port, low first; equal ranks act in the order of the scenario.
+    needs_screw : bool
+        Whether the effect is a property of an elastic screw, so that a rigid axis has none of it.
+    confusable_with : tuple of str
+        Effects that leave nearly the same signature in ordinary runs.
+    calibrates : str
+        Uncertain value on paper that the effect corrects: ``mass``, ``viscous_friction``, ``known_effects`` or
+        ``force_offset``; within that uncertainty a gap is parametric and the effect is not a cause.
     """
 
     name: ClassVar[str]
@@ -112,6 +155,11 @@ class Effect(ABC):
     random: ClassVar[bool] = False
     disturbance: ClassVar[bool] = False
     follows_command: ClassVar[bool] = False
+    further_amplitudes: ClassVar[tuple[str, ...]] = ()
+    rank: ClassVar[int] = 0
+    needs_screw: ClassVar[bool] = False
+    confusable_with: ClassVar[tuple[str, ...]] = ()
+    calibrates: ClassVar[str] = ""
     kernel: ClassVar[Any]
     expected_failures: ClassVar[Mapping[str, str]] = {}
 
@@ -145,6 +193,23 @@ class Effect(ABC):
     def typical(cls, **changes: float) -> Self:
         """Return the effect at its typical size, with ``changes``."""
         return cls(**{item.name: item.typical for item in cls.parameters()} | changes)
+
+    @classmethod
+    def in_place_of(cls, known: "Effect") -> Self | None:
+        """Return the effect of the same size that would replace a known, simpler one, or None if it replaces none."""
+        return None
+
+    def scaled(self, factor: float) -> Self:
+        """Return the effect with all its amplitudes multiplied; a factor of zero leaves none.
+
+        Raises
+        ------
+        SpecError
+            If an amplitude leaves its bounds.
+        """
+        amplitudes = (self.amplitude, *self.further_amplitudes)
+        values = {item.name: getattr(self, item.name) for item in self.parameters()}
+        return type(self)(**values | {name: factor * values[name] for name in amplitudes})
 
     def values(self) -> tuple[float, ...]:
         """Return the parameter values in the order of the kernel's arguments."""

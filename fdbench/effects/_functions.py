@@ -4,8 +4,6 @@ A loop over instances that calls the C library neither vectorises nor gives the 
 exp is within 1 unit in the last place, tanh within 10, sin and cos within 2.3e-16 for arguments below 1e6 rad.
 """
 
-
-
 import numpy as np
 from numba import njit
 

@@ -23,6 +23,8 @@ class ConstantForce(Effect):
 
     port = Port.TABLE_FORCE
     amplitude = "constant_force_N"
+    confusable_with = ("direction_dependent_friction",)
+    calibrates = "force_offset"
 
     constant_force_N: float = parameter("F_0", low=-5000.0, high=5000.0, typical=15.0)
 

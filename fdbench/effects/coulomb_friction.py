@@ -29,12 +29,13 @@ class CoulombFriction(Effect):
 
     port = Port.TABLE_FORCE
     amplitude = "coulomb_force_N"
+    calibrates = "known_effects"
 
-    coulomb_force_N: float = parameter("F_c", low=0.0, high=5000.0, typical=60.0)
+    coulomb_force_N: float = parameter("F_c", low=-1000.0, high=5000.0, typical=60.0)
     transition_velocity_m_per_s: float = parameter("v_0", low=1e-5, high=0.05, typical=1e-3)
 
     @kernel
     def kernel(t, h, x, v, u, F_c, v_0):
         force = F_c * tanh(v / v_0)
         slope = force / v if abs(v) > 1e-9 * v_0 else F_c / v_0
-        return force, slope
+        return force, max(slope, 0.0)

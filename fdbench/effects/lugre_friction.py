@@ -1,10 +1,11 @@
 """LuGre friction: bristles that bend before the axis slides (presliding), with a Stribeck curve."""
 
 from dataclasses import dataclass
-from typing import final
+from typing import Self, final
 
 from fdbench.effects._effect import Effect, Port, kernel, parameter
 from fdbench.effects._functions import exp
+from fdbench.effects.coulomb_friction import CoulombFriction
 
 
 @final
@@ -35,12 +36,21 @@ class LugreFriction(Effect):
     port = Port.TABLE_FORCE
     states = ("z",)
     amplitude = "coulomb_force_N"
+    further_amplitudes = ("static_force_N",)
+    confusable_with = ("stribeck_friction", "backlash")
 
     coulomb_force_N: float = parameter("F_c", low=0.0, high=5000.0, typical=120.0)
     static_force_N: float = parameter("F_s", low=0.0, high=8000.0, typical=150.0)
     stribeck_velocity_m_per_s: float = parameter("v_s", low=1e-4, high=0.1, typical=3e-3)
-    bristle_stiffness_N_per_m: float = parameter("sigma_0", low=1e4, high=1e9, typical=2e7)
+    bristle_stiffness_N_per_m: float = parameter("sigma_0", low=1e4, high=1e9, typical=2e7, grid=(5e6, 2e7, 6e7))
     bristle_damping_N_s_per_m: float = parameter("sigma_1", low=0.0, high=1e6, typical=1e4)
+
+    @classmethod
+    def in_place_of(cls, known: Effect) -> Self | None:
+        """Return bristles with the Coulomb level of a known Coulomb friction."""
+        if not isinstance(known, CoulombFriction) or known.coulomb_force_N <= 0.0:
+            return None
+        return cls.typical(coulomb_force_N=known.coulomb_force_N, static_force_N=known.coulomb_force_N)
 
     @kernel
     def kernel(t, h, x, v, u, F_c, F_s, v_s, sigma_0, sigma_1, z):

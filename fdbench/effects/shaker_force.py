@@ -33,6 +33,7 @@ class ShakerForce(Effect):
 
     port = Port.TABLE_FORCE
     amplitude = "force_amplitude_N"
+    confusable_with = ("periodic_force",)
     disturbance = True
 
     force_amplitude_N: float = parameter("A", low=0.0, high=5000.0, typical=20.0)

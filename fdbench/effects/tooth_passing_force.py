@@ -45,8 +45,8 @@ class ToothPassingForce(Effect):
                        + \sin\theta (F_t \sin\varphi_j - F_r \cos\varphi_j)
 
     where v is the commanded feed: what the axis swings about it returns with the next tooth and cancels in the chip.
-    The sum runs over the teeth with :math:`\varphi_{in} < \varphi_j < \varphi_{out}`. The direction :math:`\theta` is 0 along the
-    feed and :math:`\pi/2` across it. Source: Altintas, Manufacturing Automation (2012), eqs. (2.1)-(2.6).
+    The sum runs over the teeth with :math:`\varphi_{in} < \varphi_j < \varphi_{out}`. The direction :math:`\theta` is
+    0 along the feed and :math:`\pi/2` across it. Source: Altintas, Manufacturing Automation (2012), eqs. (2.1)-(2.6).
 
     Examples
     --------
@@ -60,6 +60,7 @@ class ToothPassingForce(Effect):
 
     port = Port.TABLE_FORCE
     amplitude = "axial_depth_m"
+    confusable_with = ("periodic_force", "runout_force")
     disturbance = True
     follows_command = True
 

@@ -1,7 +1,6 @@
-"""What scalar and vector environment share: the scenario, its spaces and the columns of its reward."""
+"""What scalar and vector environment share: the scenario, its spaces, and which columns are seen and rewarded."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,70 +15,57 @@ from fdbench.simulate.system import FloatArray, System
 OBSERVATION_MARGIN = 2.0
 
 
-@dataclass(frozen=True, kw_only=True)
 class Interface:
-    """One scenario seen through Gymnasium.
+    """One scenario and its system, seen through Gymnasium.
 
-    Attributes
+    Parameters
     ----------
-    commanded : (n_samples, n_commanded) array
-        First columns of each observation; those that are measured follow.
-    columns : tuple of str
-        Names of the columns of an observation.
-    reference_column, measured_column : int
-        Columns of ``commanded`` and of the system whose difference the reward squares.
-    action_scale : float
-        Deviation from the command at action 1.
-    """
-
-    observation_space: Box
-    action_space: Box
-    commanded: FloatArray
-    columns: tuple[str, ...]
-    reference_column: int
-    measured_column: int
-    action_scale: float
-
-
-def open_scenario(scenario: str | Path | Scenario) -> Scenario:
-    """Return a simulated scenario with a table ``[environment]``, given by id, path or itself.
+    scenario : str, path or Scenario
+        Id, TOML file, or the scenario itself.
+    n_lanes : int
 
     Raises
     ------
     SpecError
-        If the scenario is measured, or does not say what an action means.
+        If the scenario is measured, has no table ``[environment]``, or rewards a column without a reference.
     """
-    opened = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
-    if opened.measured is not None:
-        raise SpecError(f"{opened.id}: a measured scenario is no environment; there is nothing to act on.")
-    if opened.environment is None:
-        raise SpecError(f"{opened.id}: missing table [environment], which gives action_scale and reward.")
-    return opened
+
+    def __init__(self, scenario: str | Path | Scenario, n_lanes: int) -> None:
+        self.scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+        environment = self.scenario.environment
+        if self.scenario.measured is not None or environment is None:
+            reason = "it has no table [environment]" if environment is None else "it is measured"
+            raise SpecError(f"{self.scenario.id}: no environment can be made of this scenario; {reason}.")
+        system: System = self.scenario.system(n_lanes)
+        self.system = system
+        self.action_scale = environment.action_scale
+        self.period_s = self.scenario.setup.timing.sampling_time_s
+        # Commanded columns that the system does not log itself come first.
+        ahead = [name for name in system.commanded if name not in system.columns]
+        self.columns: tuple[str, ...] = (*ahead, *system.columns)
+        self.commanded = np.column_stack([system.commanded[name] for name in ahead]) if ahead else None
+        self.reward = environment.reward
+        rewardable = [name for name in system.columns if f"reference_{name}" in system.commanded]
+        if self.reward not in rewardable:
+            raise SpecError(
+                f"{self.scenario.id}: environment.reward: '{self.reward}' is not measured beside its reference."
+                f"{did_you_mean(self.reward, rewardable)}"
+            )
+        self.measured_column = system.columns.index(self.reward)
+        self.reference = system.commanded[f"reference_{self.reward}"]
+        high = OBSERVATION_MARGIN * np.array([system.limits[name] for name in self.columns])
+        self.observation_space = Box(-high, high, dtype=np.float64)
+        self.action_space = Box(-1.0, 1.0, (1,), dtype=np.float32)
+
+    def at_rest(self) -> FloatArray:
+        """Return a new observation of the drive before its first sample."""
+        ahead = [] if self.commanded is None else [self.commanded[0]]
+        return np.concatenate([*ahead, self.system.at_rest])
 
 
-def interface(scenario: Scenario, system: System) -> Interface:
-    """Return spaces and columns of the environment of ``scenario``."""
-    environment = scenario.environment
-    if environment is None:
-        raise SpecError(f"{scenario.id}: missing table [environment].")
-    measured, reference = environment.reward, f"reference_{environment.reward}"
-    if measured not in system.columns or reference not in system.commanded:
-        allowed = [name for name in system.columns if f"reference_{name}" in system.commanded]
-        raise SpecError(
-            f"{scenario.id}: environment.reward: '{measured}' is not measured beside a reference of its own."
-            f"{did_you_mean(measured, allowed)}"
-        )
-    columns = (*system.commanded, *system.columns)
-    high = OBSERVATION_MARGIN * np.array([system.limits[name] for name in columns])
-    return Interface(
-        observation_space=Box(-high, high, dtype=np.float64),
-        action_space=Box(-1.0, 1.0, (1,), dtype=np.float32),
-        commanded=np.column_stack(list(system.commanded.values())),
-        columns=columns,
-        reference_column=list(system.commanded).index(reference),
-        measured_column=system.columns.index(measured),
-        action_scale=environment.action_scale,
-    )
+def next_seed(generator: np.random.Generator) -> int:
+    """Return the seed of an episode that was reset without one."""
+    return int(generator.integers(2**31))
 
 
 def check_options(options: Mapping[str, Any] | None, allowed: tuple[str, ...] = ()) -> None:

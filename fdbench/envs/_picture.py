@@ -1,1 +1,120 @@
-class Picture: pass
+"""The picture of an environment, drawn into an array: drive on its rail, command at the motor, two strip charts."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.simulate.system import FloatArray
+from fdbench.units import UNITS, split_unit
+
+Image = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+WINDOW_S = 2.0
+HEIGHT, WIDTH, MARGIN = 360, 640, 16
+PAPER, LINE, INK = (250, 250, 252), (205, 209, 217), (52, 58, 70)
+BLUE, RED, GREEN, AMBER = (44, 97, 176), (196, 57, 50), (33, 130, 92), (199, 121, 18)
+
+# Three by five dots: one octal digit for each row of a character.
+CHARACTERS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZ.-+/_^"
+DOTS = (
+    "7555726227717477171755711747177475771222757577571725755656563444365556746477464434553557557222711152"
+    "5565544447577556555525552656442557365655342167222255557555525577555255552227124700002007000272011244"
+    "0000725000"
+)
+GLYPHS = {character: DOTS[5 * n : 5 * n + 5] for n, character in enumerate(CHARACTERS)}
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Values of one column over the last seconds, newest last."""
+
+    name: str
+    values: FloatArray
+    colour: Colour
+
+    @property
+    def largest(self) -> float:
+        """Largest magnitude, which is the scale of its chart."""
+        finite = self.values[np.isfinite(self.values)]
+        return float(np.abs(finite).max()) if finite.size else 0.0
+
+    def label(self, value: float) -> str:
+        """Return name, value and unit in capitals."""
+        stem, suffix = split_unit(self.name)
+        return f"{stem.replace('_', ' ')} {value:.3g} {UNITS.get(suffix, '')}".upper()
+
+
+def write(image: Image, text: str, x: int, y: int, colour: Colour = INK) -> None:
+    """Write capitals, digits and signs with their upper left corner at (x, y), in dots of two pixels."""
+    for index, character in enumerate(text):
+        rows = [[int(bit) for bit in f"{int(digit):03b}"] for digit in GLYPHS.get(character, "00000")]
+        dots = np.kron(np.array(rows, dtype=bool), np.ones((2, 2), dtype=bool))
+        left = x + 8 * index
+        target = image[y : y + 10, left : left + 6]
+        target[dots[: target.shape[0], : target.shape[1]]] = colour
+
+
+def plot(image: Image, trace: Trace, top: int, height: int, n_samples: int) -> None:
+    """Draw a strip chart, with zero in the middle, whose right end is now and whose width holds ``n_samples``."""
+    panel = image[top : top + height, MARGIN : WIDTH - MARGIN]
+    panel[:] = 255
+    panel[height // 2] = LINE
+    n, width = len(trace.values), panel.shape[1]
+    sample = n - n_samples + np.arange(width) * (n_samples - 1) // (width - 1)
+    scaled = np.nan_to_num(trace.values) / (trace.largest or 1.0)
+    y = np.rint((1.0 - scaled[np.maximum(sample, 0)]) * 0.5 * (height - 1)).astype(int)
+    before = np.concatenate((y[:1], y[:-1]))
+    rows = np.arange(height)[:, None]
+    drawn = (rows >= np.minimum(y, before)) & (rows <= np.maximum(y, before)) & (sample >= 0)
+    panel[drawn] = trace.colour
+    panel[[0, -1]] = LINE
+    panel[:, [0, -1]] = LINE
+    write(image, f"{trace.label(scaled[-1] * trace.largest)}   SCALE {trace.largest:.3g}".upper(), MARGIN, top - 14)
+
+
+def place_on_rail(image: Image, position: float, reference: float, span: tuple[float, float]) -> None:
+    """Draw rail and table, and a marker where the reference is; ``span`` is what the rail shows."""
+    low, high = span
+
+    def pixel(value: float) -> int:
+        share = (value - low) / (high - low) if np.isfinite(value) else 0.5
+        return round(MARGIN + 40 + min(max(share, 0.0), 1.0) * (WIDTH - 2 * MARGIN - 80))
+
+    image[86:92, MARGIN : WIDTH - MARGIN] = LINE
+    at, wanted = pixel(position), pixel(reference)
+    image[62:86, at - 32 : at + 32] = BLUE
+    image[54:62, at - 10 : at + 10] = BLUE
+    for row in range(10):
+        image[94 + row, wanted - row // 2 : wanted + row // 2 + 1] = RED
+
+
+def draw(title: str, place: tuple[float, float, tuple[float, float]], traces: Sequence[Trace], n_samples: int) -> Image:
+    """Return the picture as a (360, 640, 3) array.
+
+    Parameters
+    ----------
+    title : str
+    place : position, reference and the (low, high) of the rail
+    traces : sequence of Trace
+        The command at the motor, drawn as a bar, and two strip charts.
+    n_samples : int
+        Samples over the width of a chart.
+    """
+    image = np.empty((HEIGHT, WIDTH, 3), dtype=np.uint8)
+    image[:] = PAPER
+    write(image, title.upper(), MARGIN, 16)
+    place_on_rail(image, *place)
+    bar, *charts = traces
+    middle, half = WIDTH // 2, (WIDTH - 2 * MARGIN) // 2
+    now = float(np.nan_to_num(bar.values[-1]))
+    end = middle + round(now / (bar.largest or 1.0) * half)
+    image[128:140, MARGIN : WIDTH - MARGIN] = 255
+    image[128:140, min(middle, end) : max(middle, end) + 1] = bar.colour
+    image[124:144, middle] = INK
+    write(image, f"{bar.label(now)}   SCALE {bar.largest:.3g}".upper(), MARGIN, 112)
+    for index, trace in enumerate(charts):
+        plot(image, trace, 166 + 104 * index, 80, n_samples)
+    return image

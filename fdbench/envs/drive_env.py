@@ -9,55 +9,158 @@ import numpy as np
 from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
-from fdbench.envs._interface import check_options, interface, open_scenario
-from fdbench.envs._picture import Picture
+from fdbench.envs._interface import Interface, check_options, next_seed
+from fdbench.envs._picture import AMBER, GREEN, RED, WINDOW_S, Trace, draw
+from fdbench.errors import SpecError, did_you_mean
 from fdbench.scenario import Scenario
 from fdbench.simulate.system import FloatArray
+from fdbench.units import split_unit
 
 ActionArray = NDArray[np.float32]
 
 
 @final
 class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
+    r"""A simulated scenario, one sampling time a step.
+
+    ## Description
+    The drive follows the scenario's own command under its own controller, with all effects that the scenario names.
+    The action deviates from that command, so that zero actions give the published trial: step k returns row k of
+    ``scenario.observe(seed)``, bit for bit. As in a numeric control, the reading of a sample is taken before the
+    sample's action has moved anything; an action is seen in the readings one step later.
+
+    ## Action Space
+    `Box(-1, 1, (1,), float32)`
+
+    | number | action | min | max | 1 means |
+    | --- | --- | --- | --- | --- |
+    | 0 | deviation of the command ``system.action_name`` | -1 | 1 | ``environment.action_scale`` of the scenario |
+
+    ## Observation Space
+    `Box(-h, h, (n,), float64)` in SI units; the names are in ``columns``, h is twice the limit of the plant for each.
+    For a feed drive:
+
+    | observation | bound |
+    | --- | --- |
+    | ``reference_position_m``, ``motor_position_m``, ``table_position_m`` (elastic axis), ``position_m`` | travel |
+    | ``reference_velocity_m_per_s``, ``velocity_m_per_s`` | velocity limit |
+    | ``motor_force_N`` or ``motor_torque_Nm``: command at the motor | force limit |
+
+    ## Rewards
+    :math:`-(r_k - y_k)^2` for the column that ``environment.reward`` of the scenario names, in its unit squared.
+
+    ## Starting State
+    At rest at the start of the reference. The seed of ``reset`` is that of every random stream of the episode; without
+    one, seeds are drawn from ``np_random``. The first observation is the drive at rest, without noise.
+
+    ## Episode End
+    Terminated when the drive leaves its travel or velocity limit; truncated after the last sample of the scenario, so
+    that an episode has a fixed number of steps, ``system.n_samples``. A step beyond the end asks for a reset.
+
+    ## Information
+    ``info["truth"]`` holds what only the simulation knows, such as ``disturbance_N`` over the sample; it is there for
+    scoring only. ``info["time_s"]`` is the time of the reading. Parameters of the truth: ``scenario.observe(seed)[1]``.
+
+    ## Arguments
+    scenario : str, path or Scenario
+        Id, TOML file, or the scenario itself.
+    render_mode : {"rgb_array"}, optional
+        A picture of 640 x 360 pixels: drive, command at the motor, and the last two seconds.
+
+    ## Version History
+    The version of an id is that of its scenario. v0: initial release.
+
+    Examples
+    --------
+    >>> env = DriveEnv("ShakerControl-v0")
+    >>> observation, info = env.reset(seed=0)
+    >>> observation, reward, terminated, truncated, info = env.step(np.zeros(1, dtype=np.float32))
+    >>> env.columns[0], float(observation[0])
+    ('reference_position_m', 0.0)
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 30}  # type: ignore[misc]
+
     def __init__(self, scenario: str | Path | Scenario, render_mode: str | None = None) -> None:
-        self.scenario = open_scenario(scenario)
-        self.system = self.scenario.system()
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise SpecError(f"render_mode: unknown '{render_mode}'.{did_you_mean(render_mode, ['rgb_array'])}")
+        self.interface = Interface(scenario, 1)
+        self.scenario, self.system = self.interface.scenario, self.interface.system
+        self.columns = self.interface.columns
+        self.observation_space = self.interface.observation_space
+        self.action_space = self.interface.action_space
         self.render_mode = render_mode
-        face = interface(self.scenario, self.system)
-        self.observation_space, self.action_space = face.observation_space, face.action_space
-        self.columns = face.columns
-        self._action_scale = face.action_scale
-        self._action = np.zeros(1)
-        self._commanded = face.commanded.tolist()
-        self._reference, self._measured = face.reference_column, face.measured_column
-        self._n_measured = len(self.system.columns)
-        self._truths = self.system.truth_columns
-        self._diverged = self._n_measured + self._truths.index("diverged")
-        self._period = self.scenario.setup.timing.sampling_time_s
-        self._n_samples = self.system.n_samples
-        self._sample = self._n_samples  # needs a reset
+        n = self._n_measured = len(self.system.columns)
+        self._truths = [(name, n + index) for index, name in enumerate(self.system.truth_columns)]
+        self._diverged = n + self.system.truth_columns.index("diverged")
+        self._measured = self.interface.measured_column
+        self._reference: list[float] = self.interface.reference.tolist()
+        self._commanded = self.interface.commanded
+        self._action_scale = self.interface.action_scale
+        self._period_s = self.interface.period_s
+        self._n_samples = self._sample = self.system.n_samples
+        self._history: deque[list[float]] | None = None
+        if render_mode is not None:
+            self._history = deque(maxlen=max(2, round(WINDOW_S / self._period_s)))
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[FloatArray, dict[str, Any]]:
+        """Put the drive back to rest; see Starting State."""
         super().reset(seed=seed)
-        self.system.start([int(self.np_random.integers(2**31)) if seed is None else seed])
+        check_options(options)
+        self.system.start([next_seed(self.np_random) if seed is None else seed])
         self._sample = 0
-        observation = np.concatenate((self._commanded[0], self.system.at_rest))
-        return observation, {"truth": dict.fromkeys(self._truths, 0.0), "time_s": 0.0}
+        if self._history is not None:
+            self._history.clear()
+        return self.interface.at_rest(), {"truth": {name: 0.0 for name, _ in self._truths}, "time_s": 0.0}
 
-    def step(self, action: ActionArray):
+    def step(self, action: ActionArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
+        """Advance by one sampling time; see the data sheet of the class."""
         k = self._sample
         if k >= self._n_samples:
-            raise ResetNeeded("x")
-        value = float(action[0])
+            raise ResetNeeded(f"{self.scenario.id}: no episode is running; call reset() before step().")
+        value = action.item()
         if not -1.0 <= value <= 1.0:
-            raise InvalidAction(f"action {value:g} is outside [-1, 1].")
-        self._action[0] = value * self._action_scale
-        row = self.system.advance(1, self._action).ravel().tolist()
-        commanded = self._commanded[k]
-        error = commanded[self._reference] - row[self._measured]
-        terminated = row[self._diverged] > 0.5
+            raise InvalidAction(f"{self.scenario.id}: action {value:g} is outside [-1, 1].")
+        row = self.system.advance_one(value * self._action_scale)
+        values = row.tolist()
+        error = self._reference[k] - values[self._measured]
+        terminated = values[self._diverged] > 0.5
         self._sample = self._n_samples if terminated else k + 1
-        n = self._n_measured
-        observation = np.array(commanded + row[:n])
-        info = {"truth": dict(zip(self._truths, row[n:])), "time_s": k * self._period}
-        return observation, -error * error, terminated, k + 1 == self._n_samples, info
+        if self._history is not None:
+            self._history.append([k, *values])
+        observation = row[: self._n_measured]
+        if self._commanded is not None:
+            observation = np.concatenate((self._commanded[k], observation))
+        info = {"truth": {name: values[place] for name, place in self._truths}, "time_s": k * self._period_s}
+        return observation, -(error * error), terminated, k + 1 == self._n_samples, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return the picture as a (360, 640, 3) array."""
+        if self._history is None:
+            gymnasium.logger.warn("render() needs render_mode='rgb_array' at construction.")
+            return None
+        system, rewarded = self.system, self.interface.reward
+        rest = [0.0, *system.at_rest.tolist(), *(0.0 for _ in self._truths)]
+        rows = np.array(self._history or [rest])
+        columns = dict(zip((*system.columns, *system.truth_columns), rows.T[1:], strict=True))
+        k = rows[:, 0].astype(np.intp)
+        shown = "position_m" if "reference_position_m" in system.commanded else rewarded
+        reference = system.commanded[f"reference_{shown}"]
+        room = 0.05 * float(np.ptp(reference)) or system.limits[shown]
+        span = float(reference.min()) - room, float(reference.max()) + room
+        forces = [name for name in system.columns if split_unit(name)[1] in ("N", "Nm", "A")]
+        bar = [*forces, system.columns[-1]][0]
+        traces = [
+            Trace(bar, columns[bar], AMBER),
+            Trace(f"error_of_{rewarded}", np.array(self._reference)[k] - columns[rewarded], RED),
+        ]
+        if "disturbance_N" in columns:
+            traces.append(Trace("disturbance_N", columns["disturbance_N"], GREEN))
+        return draw(
+            f"{self.scenario.id}   T {k[-1] * self._period_s:.3f} S",
+            (float(columns[shown][-1]), float(reference[k[-1]]), span),
+            traces,
+            self._history.maxlen or len(k),
+        )

@@ -45,8 +45,10 @@ class Metric(ABC):
         Value of a perfect estimate, which also is where no gain is left.
     track : str
         Leaderboard that the metric belongs to: parameters, disturbance, output or speed.
-    practical_limit : float
-        Smallest relative change that matters to a user.
+    primary : bool
+        Whether the metric counts in the ranking of its track.
+    practical_limit, practical_change : float
+        Smallest relative and smallest absolute change that matter to a user; both must be exceeded.
     """
 
     name: ClassVar[str]
@@ -55,7 +57,9 @@ class Metric(ABC):
     worst: ClassVar[float]
     ideal: ClassVar[float] = 0.0
     track: ClassVar[str]
+    primary: ClassVar[bool] = False
     practical_limit: ClassVar[float] = 0.05
+    practical_change: ClassVar[float] = 0.0
 
     @abstractmethod
     def skip(self, outcome: Outcome) -> str | None:

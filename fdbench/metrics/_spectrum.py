@@ -47,7 +47,8 @@ def bins_of(n_rows: int, rate_Hz: float, frequency_Hz: float | None) -> Bins:
     """Return the bins for a disturbance at a frequency: three for each line, which hold its power to 0.1 dB.
 
     Harmonics 2 to 5 are folded at Nyquist; those that fall on the fundamental or on zero are neither harmonics nor
-    others. Without a frequency all bins are others.
+    others. Without a frequency all bins are others,
+    but for the first two, which lose power with the mean, and the one at Nyquist, which has half.
 
     >>> bins_of(128, 64.0, 10.0)[:2]  # bins of 1 Hz; 40 Hz folds to 24 Hz, 50 Hz to 14 Hz
     ([9, 10, 11], [19, 20, 21, 29, 30, 31, 23, 24, 25, 13, 14, 15])
@@ -55,13 +56,13 @@ def bins_of(n_rows: int, rate_Hz: float, frequency_Hz: float | None) -> Bins:
     length = segment_length(n_rows)
     everything = range(length // 2 + 1)
     if frequency_Hz is None:
-        return Bins([], [], list(everything))
+        return Bins([], [], list(everything[2:-1]))
     centres = [round(folded(order * frequency_Hz, rate_Hz) * length / rate_Hz) for order in (1, *ORDERS)]
     lines = [[index for index in (centre - 1, centre, centre + 1) if index in everything] for centre in centres]
     free = [min(centre, abs(centre - centres[0])) >= CLEARANCE for centre in centres]
     harmonics = dict.fromkeys(index for line, clear in zip(lines, free, strict=True) if clear for index in line)
     on_a_line = {index for line in lines for index in line}
-    return Bins(lines[0], list(harmonics), [index for index in everything if index not in on_a_line])
+    return Bins(lines[0], list(harmonics), [index for index in everything[2:-1] if index not in on_a_line])
 
 
 def welch(values: FloatArray, rate_Hz: float) -> FloatArray:

@@ -18,12 +18,14 @@ class DisturbanceDelay(Metric):
     r"""Time by which the claimed disturbance has to be shifted to correlate best with the true one.
 
     .. math:: |\tau|, \quad \tau = \arg\max_{|\tau| \le \tau_{max}}
-              \frac{1}{n - |\tau| / T_s} \sum_k \tilde{\hat d}(t_k + \tau)\, \tilde d(t_k)
+              \sum_k \tilde{\hat d}(t_k + \tau)\, \tilde d(t_k)
 
     Both forces without their mean over the scenario's window; the correlation is interpolated as that of a
-    band-limited signal (eight points for each sampling time), and by a parabola at its top. The limit
-    :math:`\tau_{max}` is half a period where the scenario gives one, as a shift of more cannot be told from one of
-    less, else 1 s, and a quarter of the window at most. An estimate that does not vary has no delay that could be
+    band-limited signal (eight points for each sampling time), and by a parabola at its top. It is not divided by the
+    overlap, so that of shifts a period apart the shortest wins.
+
+    The limit :math:`\tau_{max}` is half a period where the scenario gives one, as a shift of more cannot be told from
+    one of less; else 1 s; a quarter of the window at most. An estimate that does not vary has no delay that could be
     measured and gets the limit, the largest one that can be.
 
     Validity: constant delays. A phase error of a controller or filter is a delay at the disturbance's frequency only.
@@ -58,13 +60,12 @@ def delay(late: FloatArray, early: FloatArray, limit: float) -> float:
     >>> delay(np.sin(0.9 * (k - 1.3)), np.sin(0.9 * k), 3.5)
     1.30
     """
-    n = len(early)
-    size = 1 << (2 * n - 1).bit_length()
+    size = 1 << (2 * len(early) - 1).bit_length()
     cross = np.fft.rfft(late, size) * np.conj(np.fft.rfft(early, size))
     correlation = np.fft.irfft(cross, OVERSAMPLING * size)
     reach = int(limit * OVERSAMPLING)
     steps = np.arange(-reach, reach + 1)
-    values = correlation[steps] / (n - np.abs(steps) / OVERSAMPLING)
+    values = correlation[steps]
     top = int(np.argmax(values))
     offset = 0.0
     if 0 < top < 2 * reach:

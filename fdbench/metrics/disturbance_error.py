@@ -28,6 +28,7 @@ class DisturbanceError(Metric):
     unit = "%"
     worst = 1000.0
     track = "disturbance"
+    primary = True
 
     def skip(self, outcome: Outcome) -> str | None:
         return no_disturbance(outcome)

@@ -27,6 +27,7 @@ class OutputCoverageError(Metric):
     unit = "%"
     worst = 95.0
     track = "output"
+    practical_change = 1.0
 
     def skip(self, outcome: Outcome) -> str | None:
         return not_claimed(outcome, "output") or not_claimed(outcome, "output_variance")

@@ -2,35 +2,47 @@
 
 from typing import final
 
+import numpy as np
+
 from fdbench.metrics._metric import Metric, Outcome
-from fdbench.metrics._parameters import comparable, relative_error_percent
+from fdbench.metrics._parameters import comparable, value_of
 
 
 @final
 class ParameterError(Metric):
-    r"""Root mean square of the relative errors of the model's parameters.
+    r"""Error of the model's parameters, each weighed by the size of its regressor.
 
-    .. math:: 100 \sqrt{\frac{1}{p} \sum_{i=1}^{p} \left( \frac{\hat\beta_i - \beta_i}{\beta_i} \right)^2}
+    .. math:: 100 \sqrt{\frac{\sum_i \overline{z_i^2} (\hat\beta_i - \beta_i)^2}{\sum_i \overline{z_i^2} \beta_i^2}}
 
-    over the p parameters whose truth :math:`\beta_i` is finite and not zero. One that the estimate does not name, or
-    gives as NaN, counts as zero: an error of 100 %, the same as that of an estimator that has learnt nothing.
+    with the regressor :math:`z_i` of parameter i: what its error costs in the output, relative to what the parameter
+    contributes. A parameter that the estimate does not name, or gives as NaN, counts as zero, so that an estimator
+    that has learnt nothing has 100 %.
 
-    Validity: relative errors weigh a small friction as much as a large mass; look at each in ``parameters.parquet``.
-    For measured records the truth is a published value, so that the error does not fall below that value's own.
+    Validity: look at each parameter's own error in ``parameters.parquet``. For measured records the truth is a
+    published value, so that the error does not fall below that value's own.
 
     ``worst`` is ten times the error of learning nothing.
 
-    Source: definition.
+    Source: definition; the weights are those of the covariance of output errors, Ljung (1999), eq. (9.41).
     """
 
     unit = "%"
     worst = 1000.0
     track = "parameters"
+    primary = True
 
     def skip(self, outcome: Outcome) -> str | None:
         if not comparable(outcome.truth.parameters):
             return "no true parameter is known that is not zero"
+        if not set(outcome.regression.names) & set(outcome.truth.parameters):
+            return "the model has no regressors with known true parameters"
         return None if outcome.estimate.parameters else "the estimate claims no parameters"
 
     def score(self, outcome: Outcome) -> float:
-        return relative_error_percent(outcome.estimate.parameters, outcome.truth.parameters)
+        truth, estimate = outcome.truth.parameters, outcome.estimate.parameters
+        known = [index for index, name in enumerate(outcome.regression.names) if name in truth]
+        names = [outcome.regression.names[index] for index in known]
+        size = np.sqrt(np.mean(outcome.regression.regressors[:, known] ** 2, axis=0))
+        true = np.array([truth[name] for name in names])
+        error = np.array([value_of(estimate, name) for name in names]) - true
+        return float(100.0 * np.linalg.norm(size * error) / np.linalg.norm(size * true))

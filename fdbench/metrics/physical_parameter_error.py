@@ -17,7 +17,8 @@ class PhysicalParameterError(Metric):
     a physical parameter that the estimate itself names is taken as it is.
 
     Validity: viscous friction follows from a discrete pole near 1 and multiplies its error: for the shaker
-    (pole 0.9967) 1e-4 in the pole are 3 % in the friction.
+    (pole 0.9967) 1e-4 in the pole are 3 % in the friction. In cutting, the mean force grows with the feed and is taken
+    for viscous friction: errors of hundreds of per cent there say little about the estimator.
 
     ``worst`` is ten times the error of learning nothing.
 

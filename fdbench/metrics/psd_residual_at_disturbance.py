@@ -34,6 +34,8 @@ class PsdResidualAtDisturbance(Metric):
     unit = "dB"
     worst = 100.0
     track = "output"
+    primary = True
+    practical_change = 0.5
 
     def skip(self, outcome: Outcome) -> str | None:
         if outcome.scenario.estimation.disturbance_period_s is None:

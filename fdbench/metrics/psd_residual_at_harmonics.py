@@ -29,6 +29,7 @@ class PsdResidualAtHarmonics(Metric):
     unit = "dB"
     worst = 100.0
     track = "output"
+    practical_change = 0.5
 
     def skip(self, outcome: Outcome) -> str | None:
         if outcome.scenario.estimation.disturbance_period_s is None:

@@ -37,6 +37,7 @@ class PsdResidualBroadband(Metric):
     unit = "dB"
     worst = 100.0
     track = "output"
+    practical_change = 0.5
 
     def skip(self, outcome: Outcome) -> str | None:
         return no_density(outcome)

@@ -5,6 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, runtime_checkable
 
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.plants._spectra import Spectra
 from fdbench.record import FloatArray, Record
 from fdbench.registry import Registry
 from fdbench.regression import Regression
@@ -61,17 +65,31 @@ class StateSpacePlant(Protocol):
         ...
 
 
+@runtime_checkable
+class NetworkPlant(StateSpacePlant, Protocol):
+    """A plant whose outputs are read by nodes of their own, which tell their neighbours."""
+
+    def neighbours(self) -> NDArray[np.bool_]:
+        """Return which nodes hear each other, (n_outputs, n_outputs), symmetric and true on the diagonal."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StateSpace:
-    r"""Continuous model :math:`\dot x = A x + B u + E F, \; y = C x` with disturbance force F.
+    r"""Continuous model :math:`\dot x = A x + B u + E F, \; y = C x` with disturbance force F, as it is on paper.
 
     Attributes
     ----------
     A, B, E, C : (n, n), (n, n_inputs), (n,), (n_outputs, n) arrays
     inputs, outputs : tuple of str
-        Columns of the record that u and y are.
-    output_variances : (n_outputs,) array
-        Variance of each reading, per sample.
+        Columns of the record that u and y are; u is held over each sampling time. The first output is the target of
+        the plant's regression ``state_space``, whose readings are u and y.
+    input_variances, output_variances : (n_inputs,), (n_outputs,) arrays
+        Variance of each reading, per sample; readings of different columns are independent.
+    initial_variances : (n,) array
+        How far from zero each state may start.
+    process_variances : (n,) array
+        What a sampling time adds to the variance of each state beside the force and the inputs.
     """
 
     A: FloatArray
@@ -80,7 +98,54 @@ class StateSpace:
     C: FloatArray
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    input_variances: FloatArray
     output_variances: FloatArray
+    initial_variances: FloatArray
+    process_variances: FloatArray
+
+
+@runtime_checkable
+class TransferFunctionPlant(Protocol):
+    """A plant on paper as a rational transfer function of known orders; see `TransferFunction`."""
+
+    def transfer_function(self, record: Record) -> "TransferFunction":
+        """Return the orders and the measured signals."""
+        ...
+
+    def discretised(
+        self, model: str, numerator: FloatArray, denominator: FloatArray, sampling_time_s: float
+    ) -> Mapping[str, float]:
+        """Return the parameters of ``model`` for coefficients in ascending powers of s, the leading 1 left out."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TransferFunction:
+    r"""Structure :math:`G(s) = (q_0 + q_1 s + \dots + q_m s^m) / (p_0 + p_1 s + \dots + s^n)` and its signals.
+
+    Attributes
+    ----------
+    input, output : (n_rows,) arrays
+        Deviations from the operating point, over whole periods where the input is periodic.
+    sampling_time_s : float
+    n_zeros, n_poles : int
+        m and n.
+    """
+
+    input: FloatArray
+    output: FloatArray
+    sampling_time_s: float
+    n_zeros: int
+    n_poles: int
+
+
+@runtime_checkable
+class SpectralPlant(Protocol):
+    """A plant whose record is a series of segments, in which lines of vibration go with lines of a force."""
+
+    def spectra(self, record: Record) -> Spectra:
+        """Return the spectra of all segments; the force of those that are not for training is withheld."""
+        ...
 
 
 plants: Registry[Plant] = Registry("plant", Plant)  # type: ignore[type-abstract]

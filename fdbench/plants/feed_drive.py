@@ -9,11 +9,13 @@ import numpy as np
 from fdbench.effects import Effect, Port
 from fdbench.errors import SpecError, did_you_mean
 from fdbench.plants import _inverse_dynamics as inverse
+from fdbench.plants import _state_space
 from fdbench.plants import _velocity_loop as loop
 from fdbench.plants._controllers import Cascade, OpenLoop, VelocityLoop
+from fdbench.plants._drive_observer import Sensors, change_per_newton, state_space
 from fdbench.plants._friction_curve import friction_line
 from fdbench.plants._inverse_dynamics import InverseDynamics
-from fdbench.plants._plant import Plant
+from fdbench.plants._plant import Plant, StateSpace
 from fdbench.record import Record
 from fdbench.regression import Regression
 from fdbench.simulate import layout
@@ -50,11 +52,15 @@ class LinearMotor:
 @final
 @dataclass(frozen=True, kw_only=True)
 class RotaryMotor:
-    r"""Rotary motor with ball screw: :math:`m = J (2\pi/l)^2`, :math:`F = T\, 2\pi/l`, :math:`x = \varphi\, l/2\pi`."""
+    r"""Rotary motor with ball screw: :math:`m = J (2\pi/l)^2`, :math:`F = T\, 2\pi/l`, :math:`x = \varphi\, l/2\pi`.
+
+    With a torque constant, :math:`T = k_t i`, the drive logs its current in place of its torque.
+    """
 
     inertia_kg_m2: float = positive()
     lead_m: float = positive()
     viscous_friction_N_s_per_m: float = nonnegative()
+    torque_constant_Nm_per_A: float | None = positive(default=None)
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -62,17 +68,17 @@ class RotaryMotor:
     @property
     def mass_kg(self) -> float:
         """Inertia of motor and screw as a mass at the table."""
-        return self.inertia_kg_m2 * self.force_per_unit**2
+        return self.inertia_kg_m2 * (TWO_PI / self.lead_m) ** 2
 
     @property
     def force_per_unit(self) -> float:
-        """Newton of motor force in the table's coordinates for one newton metre."""
-        return TWO_PI / self.lead_m
+        """Newton of motor force in the table's coordinates for one newton metre or, if logged, one ampere."""
+        return TWO_PI / self.lead_m * (self.torque_constant_Nm_per_A or 1.0)
 
     @property
     def logged(self) -> str:
         """Column in which the drive logs the motor's command."""
-        return "motor_torque_Nm"
+        return "motor_torque_Nm" if self.torque_constant_Nm_per_A is None else "motor_current_A"
 
 
 @final
@@ -110,7 +116,8 @@ class FeedDrive(Plant):
 
     A rigid axis has x_m = x_t and the sums of masses and frictions. ``effects`` are those that the model on paper
     knows. Models for estimators: ``velocity_loop`` (McPherson 2024, eq. (2.6)), ``inverse_dynamics`` and
-    ``directional_inverse_dynamics`` (Janot, Gautier, Brunot 2019).
+    ``directional_inverse_dynamics`` (Janot, Gautier, Brunot 2019), and with ``sensors`` ``state_space``, without linear
+    parameters: the target is the velocity (Salehi 2013, chapter 4).
     """
 
     motor: LinearMotor | RotaryMotor
@@ -121,9 +128,12 @@ class FeedDrive(Plant):
     velocity_limit_m_per_s: float = positive()
     effects: tuple[Effect, ...] = ()
     inverse_dynamics: InverseDynamics | None = None
+    sensors: Sensors | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.sensors is not None and self.sensors.current_noise_A > 0.0 and self.motor.logged != "motor_current_A":
+            raise SpecError("sensors.current_noise_A: the motor logs no current; it has no torque_constant_Nm_per_A.")
         if self.screw is not None and self.table is None:
             raise SpecError("table: missing table; an axis with a screw has a table behind it.")
 
@@ -164,24 +174,27 @@ class FeedDrive(Plant):
 
     def system(self, setup: Setup, n_lanes: int = 1) -> Axis:
         """Return the axis with modelled and unmodelled effects; a substep that is too long for them is refused."""
+        noises = ["motor_position_m", "table_position_m", "velocity_m_per_s", "equation_velocity_m_per_s"]
+        noises += ["motor_current_A"] if self.motor.logged == "motor_current_A" else []
+        setup.noise.check_only(noises, "this feed drive")
         effects = (*self.effects, *setup.unmodelled)
         masses = {Port.MOTOR_FORCE: self.mass_kg, Port.TABLE_FORCE: self.mass_kg}
         if self.screw is not None and self.table is not None:
             masses = {Port.MOTOR_FORCE: self.motor.mass_kg, Port.TABLE_FORCE: self.table.mass_kg}
         check_substep(effects, masses, setup.timing.sampling_time_s, setup.timing.substeps)
-        columns = {"motor_position_m": (layout.OUT_MOTOR, 1.0)}
+        columns = {"motor_position_m": layout.OUT_MOTOR}
         if self.screw is not None:
-            columns["table_position_m"] = (layout.OUT_TABLE, 1.0)
-        feedback = layout.OUT_TABLE if self.controller.uses_table else layout.OUT_MOTOR
-        columns["position_m"] = (feedback, 1.0)
-        columns["velocity_m_per_s"] = (layout.OUT_VELOCITY, 1.0)
-        columns[self.motor.logged] = (layout.OUT_FORCE, 1.0 / self.motor.force_per_unit)
+            columns["table_position_m"] = layout.OUT_TABLE
+        columns["position_m"] = layout.OUT_TABLE if self.controller.uses_table else layout.OUT_MOTOR
+        columns["velocity_m_per_s"] = layout.OUT_VELOCITY
+        columns[self.motor.logged] = layout.OUT_FORCE
         return Axis(
             self.mechanics(),
             self.controller.rows(),
             effects,
             setup,
             columns,
+            1.0 / self.motor.force_per_unit,
             self.controller.action_row,
             self.controller.action_name,
             n_lanes,
@@ -189,8 +202,9 @@ class FeedDrive(Plant):
 
     def models(self) -> tuple[str, ...]:
         """Return the models that apply to the controller and specification at hand."""
-        names = ("velocity_loop",) if isinstance(self.controller, VelocityLoop) else ()
-        return names + (("inverse_dynamics", "directional_inverse_dynamics") if self.inverse_dynamics else ())
+        names: tuple[str, ...] = ("velocity_loop",) if isinstance(self.controller, VelocityLoop) else ()
+        names += ("inverse_dynamics", "directional_inverse_dynamics") if self.inverse_dynamics else ()
+        return names + ((_state_space.MODEL,) if self.sensors else ())
 
     def motor_force(self, record: Record) -> FloatArray:
         """Return the motor's force in table coordinates (n_samples,), from whichever command the record has."""
@@ -205,7 +219,17 @@ class FeedDrive(Plant):
             return loop.regression(record, self._loop(period))
         if model in inverse.NAMES_OF and self.inverse_dynamics is not None:
             return inverse.regression(record, self.motor_force(record), self.inverse_dynamics, model)
+        if model == _state_space.MODEL and self.sensors is not None:
+            space = self.state_space(period)
+            return _state_space.regression(record, space, change_per_newton(space, period))
         raise SpecError(f"model '{model}' is not offered by this feed drive.{did_you_mean(model, self.models())}")
+
+    def state_space(self, sampling_time_s: float) -> StateSpace:
+        """Return the linear part for observers; the friction effects on paper are not in it."""
+        if self.sensors is None:
+            raise SpecError("sensors: missing table; an observer needs the noise of the readings.")
+        motor, reads_table = self.motor, self.controller.uses_table
+        return state_space(self.mechanics(), self.sensors, motor.logged, motor.force_per_unit, reads_table)
 
     def _loop(self, sampling_time_s: float) -> loop.VelocityLoopModel:
         if not isinstance(self.controller, VelocityLoop):
@@ -222,6 +246,8 @@ class FeedDrive(Plant):
         """Return the parameters on paper; friction effects enter by the straight line of their curve at speed."""
         if model == "velocity_loop":
             return self._loop(sampling_time_s).parameters()
+        if model == _state_space.MODEL:
+            return {}
         line = friction_line(self.effects, self.velocity_limit_m_per_s, self.viscous_friction_N_s_per_m)
         return inverse.parameters(self.mass_kg, line, model)
 

@@ -1,10 +1,11 @@
 """One feed axis, or many side by side: the composed stepper with its blocks, random numbers and limits."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba import typeof
 from numpy.typing import NDArray
 
 from fdbench.effects import Effect
@@ -17,7 +18,18 @@ from fdbench.simulate.system import FloatArray, Setup, System
 CHUNK = 256  # samples of random numbers drawn at once
 SIDE_BY_SIDE = 64  # lanes in a block of many
 ROW = {name: index for index, name in enumerate(layout.ROWS)}
-NOISE_STREAMS = ("motor_position_noise", "table_position_noise", "velocity_noise", "equation_noise")
+MECHANICS_ROWS = np.arange(ROW["HALF_0"], ROW["VELOCITY_LIMIT"] + 1)
+REFERENCES = {
+    "reference_position_m": layout.OUT_REFERENCE_POSITION,
+    "reference_velocity_m_per_s": layout.OUT_REFERENCE_VELOCITY,
+}
+NOISE_STREAMS = (
+    "motor_position_noise",
+    "table_position_noise",
+    "velocity_noise",
+    "equation_noise",
+    "motor_current_noise",
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,6 +57,20 @@ class Mechanics:
         flow: FloatArray = expm(generator * h)[:4]
         return flow.ravel()
 
+    def rows(self, h: float) -> FloatArray:
+        """Return the part of a block that belongs to the mechanics, for substeps of h."""
+        limits = self.position_limit_m, self.velocity_limit_m_per_s
+        scalars = self.stiffness_N_per_m, self.damping_N_s_per_m, float(self.rigid), *limits
+        return np.concatenate((self.propagators(h / 2), self.propagators(h), scalars))
+
+
+def compiled(stepper: Any, arguments: tuple[Any, ...]) -> Callable[..., None]:
+    """Return the machine code for arguments of these types: a call looks up no types, which takes 0.2 us."""
+    signature = tuple(typeof(argument) for argument in arguments)  # type: ignore[no-untyped-call]
+    stepper.compile(signature)
+    code: Callable[..., None] = stepper.get_overload(signature)
+    return code
+
 
 class Axis(System):
     """Lanes of one axis with the same effects, controller and reference.
@@ -57,7 +83,10 @@ class Axis(System):
     effects : sequence of Effect
         Modelled and unmodelled, in the order in which effects of one port act.
     setup : Setup
-    columns, scales : what is logged, and the factor from the layout's SI rows to each column
+    columns : mapping of str to int
+        What is logged beside the reference, and its column in the layout's output.
+    logged_per_N : float
+        Newton metres or amperes that the drive logs for one newton of motor force; 1 where it logs newtons.
     n_lanes : int
     """
 
@@ -69,13 +98,15 @@ class Axis(System):
         controller: Mapping[str, float],
         effects: Sequence[Effect],
         setup: Setup,
-        columns: Mapping[str, tuple[int, float]],
+        columns: Mapping[str, int],
+        logged_per_N: float,
         action_row: str,
         action_name: str,
         n_lanes: int = 1,
     ) -> None:
         self.n_lanes = n_lanes
         self.n_samples = setup.timing.n_samples
+        columns = {**REFERENCES, **columns}
         self.columns = tuple(columns)
         self.action_name = action_name
         self.timing = setup.timing
@@ -92,54 +123,46 @@ class Axis(System):
         self._n_blocks = -(-n_lanes // self._side_by_side)
         self._action_row = ROW[action_row]
         truths = (layout.OUT_DISTURBANCE, layout.OUT_HELD, layout.OUT_DIVERGED)
-        self._pick = np.array([row for row, _ in columns.values()] + [*truths])
-        self._scale = np.array([scale for _, scale in columns.values()] + [1.0] * len(truths))[:, None]
-        self._has_scale = bool((self._scale != 1.0).any())
+        self._pick = np.array([*columns.values(), *truths])
         self._active = np.ones(max(len(self.effects), 1), dtype=np.bool_)
         self._noise = setup.noise
-        self._initial = self._initial_block(mechanics, controller, setup)
+        self._rigid = mechanics.rigid
+        initial = self._initial_block(mechanics, {**controller, "LOGGED_PER_N": logged_per_N}, setup)
+        self._initial = np.repeat(initial[None, :, :], self._n_blocks, axis=0)
         self._sources = self._random_sources()
         self._generators: list[list[np.random.Generator]] = [[] for _ in range(n_lanes)]
-        self._blocks = np.repeat(self._initial[None, :, :], self._n_blocks, axis=0)
+        self._blocks = self._initial.copy()
         width = self._side_by_side
         n_uniform = max(1, sum(kind.random for kind in self._kinds))
         self._normal = np.zeros((self._n_blocks, CHUNK, layout.NORMAL_COLUMNS, width))
         self._uniform = np.zeros((self._n_blocks, CHUNK, n_uniform, width))
         self._position = CHUNK
         self._out = np.zeros((self._n_blocks, 1, layout.OUT_COLUMNS, width))
-        self.limits, self.at_rest = self._ranges(mechanics, controller["FORCE_LIMIT"])
+        self.limits, self.at_rest = self._ranges(mechanics, controller["FORCE_LIMIT"] * logged_per_N)
         self._bind()
 
     def _bind(self) -> None:
-        """Compose the stepper, and find where each lane has its action, its flag and its logged row."""
+        """Compose the stepper, and find where each lane has its action and its flag."""
         width, lane = self._side_by_side, np.arange(self.n_lanes)
-        self._advance = compose(self._kinds, width)
         self._flat_blocks = self._blocks.reshape(self._n_blocks, -1)
-        self._flat_out = self._out.reshape(-1)
+        clock = self.timing.substeps, self.timing.sampling_time_s
+        self._settings = (*clock, self._active, self.reference, self._normal, self._uniform)
+        self._advance = compiled(compose(self._kinds, width), (self._flat_blocks, 0, 1, *self._settings, self._out))
+        first = lane // width * self._blocks[0].size + lane % width
+        self._actions = self._blocks.reshape(-1), first + self._action_row * width
+        self._flags = self._blocks.reshape(-1), first + ROW["DIVERGED"] * width
+        self._only_lane = self._blocks[0, self._action_row], self._out.reshape(-1)
 
-        def places(n_rows: int, row: Any) -> Any:
-            return (lane // width * n_rows + row) * width + lane % width
-
-        n_rows = self._blocks.shape[1]
-        self._actions = self._blocks.reshape(-1), places(n_rows, self._action_row)
-        self._flags = self._blocks.reshape(-1), places(n_rows, ROW["DIVERGED"])
-        self._logged = places(layout.OUT_COLUMNS, self._pick[:, None])[None]
-
-    def _ranges(self, mechanics: Mechanics, force_limit: float) -> tuple[dict[str, float], FloatArray]:
+    def _ranges(self, mechanics: Mechanics, command_limit: float) -> tuple[dict[str, float], FloatArray]:
         """Return the largest magnitude of each column, and what is logged at the start of the reference."""
         limit, rest = np.zeros(layout.OUT_COLUMNS), np.zeros(layout.OUT_COLUMNS)
-        limit[[layout.OUT_MOTOR, layout.OUT_TABLE]] = mechanics.position_limit_m
-        rest[[layout.OUT_MOTOR, layout.OUT_TABLE]] = self.reference[0, 0]
-        limit[layout.OUT_VELOCITY] = mechanics.velocity_limit_m_per_s
-        limit[layout.OUT_FORCE] = force_limit
-        n = len(self.columns)
-        picked, scale = self._pick[:n], self._scale[:n, 0]
-        commanded = {
-            "reference_position_m": mechanics.position_limit_m,
-            "reference_velocity_m_per_s": mechanics.velocity_limit_m_per_s,
-        }
-        logged = dict(zip(self.columns, (limit[picked] * scale).tolist(), strict=True))
-        return commanded | logged, rest[picked] * scale
+        positions = [layout.OUT_REFERENCE_POSITION, layout.OUT_MOTOR, layout.OUT_TABLE]
+        limit[positions], rest[positions] = mechanics.position_limit_m, self.reference[0, 0]
+        limit[[layout.OUT_REFERENCE_VELOCITY, layout.OUT_VELOCITY]] = mechanics.velocity_limit_m_per_s
+        limit[layout.OUT_FORCE] = command_limit
+        rest[layout.OUT_REFERENCE_VELOCITY] = self.reference[0, 1]
+        logged = self._pick[: len(self.columns)]
+        return dict(zip(self.columns, limit[logged].tolist(), strict=True)), rest[logged]
 
     def _random_sources(self) -> list[tuple[str, bool, int]]:
         """Return name, whether normal, and column of each random stream that the setup uses."""
@@ -149,6 +172,7 @@ class Axis(System):
             noise.table_position_m,
             noise.velocity_m_per_s,
             noise.equation_velocity_m_per_s,
+            noise.motor_current_A,
         )
         random_effects = [effect.name for effect in self.effects if effect.random]
         noises = [(NOISE_STREAMS[n], True, n) for n in range(layout.NORMAL_COLUMNS) if deviations[n] > 0.0]
@@ -156,19 +180,13 @@ class Axis(System):
 
     def _initial_block(self, mechanics: Mechanics, controller: Mapping[str, float], setup: Setup) -> FloatArray:
         block = np.zeros((block_rows(self._kinds), self._side_by_side))
-        h = setup.timing.sampling_time_s / setup.timing.substeps
-        block[ROW["HALF_0"] : ROW["HALF_0"] + 24] = mechanics.propagators(h / 2)[:, None]
-        block[ROW["FULL_0"] : ROW["FULL_0"] + 24] = mechanics.propagators(h)[:, None]
+        block[MECHANICS_ROWS] = mechanics.rows(setup.timing.substep_s)[:, None]
         scalars = {
-            "STIFFNESS": mechanics.stiffness_N_per_m,
-            "DAMPING": mechanics.damping_N_s_per_m,
-            "RIGID": float(mechanics.rigid),
-            "POSITION_LIMIT": mechanics.position_limit_m,
-            "VELOCITY_LIMIT": mechanics.velocity_limit_m_per_s,
             "NOISE_MOTOR": setup.noise.motor_position_m,
             "NOISE_TABLE": setup.noise.table_position_m,
             "NOISE_VELOCITY": setup.noise.velocity_m_per_s,
             "NOISE_EQUATION": setup.noise.equation_velocity_m_per_s,
+            "NOISE_COMMAND": setup.noise.motor_current_A / controller["LOGGED_PER_N"],
             **controller,
         }
         for name in ("X_M", "X_T", "BACK_1", "BACK_2", "LAST_MOTOR", "LAST_TABLE"):
@@ -176,7 +194,7 @@ class Axis(System):
         for name, value in scalars.items():
             block[ROW[name]] = value
         for slot, effect in zip(self.slots(), self.effects, strict=True):
-            block[slot.flag] = 1.0
+            block[slot.flag] = float(self._applies(slot.effect))
             for index, value in enumerate(effect.values()):
                 block[slot.parameter(index)] = value
         return block
@@ -184,6 +202,69 @@ class Axis(System):
     def slots(self) -> list[Slot]:
         """Return where each effect lies in a block."""
         return slots(self._kinds)
+
+    def _applies(self, effect: type[Effect]) -> bool:
+        """Return whether the mechanics have what the effect is a property of."""
+        return not (self._rigid and effect.needs_screw)
+
+    def _write(self, rows: NDArray[np.intp], values: Any, lanes: NDArray[np.intp] | None) -> None:
+        """Write rows of ``lanes`` (default: all), now and for every later `start`."""
+        block, place = np.divmod(np.arange(self.n_lanes) if lanes is None else np.asarray(lanes), self._side_by_side)
+        for blocks in (self._initial, self._blocks):
+            blocks[block, rows[:, None], place] = values
+
+    def enable(self, effect: int, on: bool | NDArray[np.bool_] = True, lanes: NDArray[np.intp] | None = None) -> None:
+        """Switch an effect on or off in ``lanes`` (default: all), now and for every later `start`.
+
+        Parameters
+        ----------
+        effect : int
+            Index into ``effects``. One that is off in every lane costs nothing; one that the mechanics do not have
+            (`Effect.needs_screw`) stays off.
+        on : bool or (n_chosen,) array of bool
+        lanes : (n_chosen,) array of int, optional
+        """
+        slot = self.slots()[effect]
+        self._write(np.array([slot.flag]), np.asarray(on) & self._applies(slot.effect), lanes)
+        self._active[effect] = (self._initial[:, slot.flag].reshape(-1)[: self.n_lanes] > 0.5).any()
+
+    def set_parameters(self, effect: int, values: FloatArray, lanes: NDArray[np.intp] | None = None) -> None:
+        """Set all parameters of an effect in ``lanes`` (default: all), now and for every later `start`.
+
+        Parameters
+        ----------
+        effect : int
+            Index into ``effects``.
+        values : (n_parameters,) or (n_parameters, n_chosen) array
+            In the order of `Effect.parameters`.
+        lanes : (n_chosen,) array of int, optional
+
+        Raises
+        ------
+        SpecError
+            If a value is outside the parameter's bounds.
+        """
+        slot = self.slots()[effect]
+        table = np.atleast_2d(np.asarray(values, dtype=np.float64).T).T
+        for parameter, row in zip(slot.effect.parameters(), table, strict=True):
+            outside = row[~((row >= parameter.low) & (row <= parameter.high))]
+            if outside.size:
+                interval = f"[{parameter.low:g}, {parameter.high:g}] {parameter.unit}".rstrip()
+                raise SpecError(f"{slot.effect.name}.{parameter.name}: {outside[0]:g} is outside {interval}.")
+        self._write(slot.parameter(0) + np.arange(len(table)), table, lanes)
+
+    def set_mechanics(self, mechanics: Sequence[Mechanics], lanes: NDArray[np.intp] | None = None) -> None:
+        """Give each of ``lanes`` (default: all) masses, screw and limits of its own, now and for every later `start`.
+
+        Raises
+        ------
+        SpecError
+            If rigid and elastic mechanics are mixed: a rigid axis has other effects.
+        """
+        if any(item.rigid != self._rigid for item in mechanics):
+            raise SpecError(f"mechanics: {'a rigid' if self._rigid else 'an elastic'} axis is expected in every lane.")
+        h = self.timing.substep_s
+        self._write(MECHANICS_ROWS, np.column_stack([item.rows(h) for item in mechanics]), lanes)
 
     def start(self, seeds: Sequence[int], lanes: NDArray[np.intp] | None = None) -> None:
         """Put lanes back to their initial state and restart their random streams."""
@@ -194,7 +275,7 @@ class Axis(System):
             self._position = CHUNK
         for lane, seed in zip(chosen.tolist(), seeds, strict=True):
             block, place = divmod(lane, self._side_by_side)
-            self._blocks[block, :, place] = self._initial[:, place]
+            self._blocks[block, :, place] = self._initial[block, :, place]
             self._generators[lane] = [stream(seed, name) for name, _, _ in self._sources]
             if lanes is not None:
                 self._draw(lane, self._position)
@@ -220,16 +301,14 @@ class Axis(System):
                     else:
                         generators[source].random(out=row)
                 target[block, :, column, :] = drawn.T
+        self._position = 0
 
     def advance(self, n_samples: int, action: FloatArray | None = None) -> FloatArray:
         """Advance all lanes; see `System.advance`."""
         self._set_action(action)
         if n_samples == 1:
             self._run(1, self._out)
-            row: FloatArray = self._flat_out[self._logged]
-            if self._has_scale:
-                row *= self._scale
-            return row
+            return self._rows(self._out)
         raw = np.empty((self._n_blocks, n_samples, layout.OUT_COLUMNS, self._side_by_side))
         done = 0
         while done < n_samples:
@@ -238,28 +317,28 @@ class Axis(System):
             self._run(n, part)
             raw[:, done : done + n] = part
             done += n
-        rows = raw[:, :, self._pick] * self._scale
-        if self._n_blocks == 1:
-            return rows[0, :, :, : self.n_lanes]  # type: ignore[no-any-return]
-        lanes: FloatArray = np.moveaxis(rows, 0, 2).reshape(n_samples, len(self._pick), -1)[:, :, : self.n_lanes]
-        return lanes
+        return self._rows(raw)
+
+    def _rows(self, raw: FloatArray) -> FloatArray:
+        """Return a copy of the logged columns in the order (sample, column, lane)."""
+        rows = raw.transpose(1, 2, 0, 3)[:, self._pick]
+        return rows.reshape(len(rows), len(self._pick), -1)[:, :, : self.n_lanes]
+
+    def advance_one(self, action: float) -> FloatArray:
+        """Advance the only lane by one sample; see `System.advance_one`."""
+        if self._position == CHUNK:
+            self._draw_all()
+        place, out = self._only_lane
+        place[0] = action
+        self._advance(self._flat_blocks, self._position, 1, *self._settings, self._out)
+        self._position += 1
+        row: FloatArray = out[self._pick]
+        return row
 
     def _run(self, n_samples: int, out: FloatArray) -> None:
         if self._position == CHUNK:
             self._draw_all()
-            self._position = 0
-        self._advance(
-            self._flat_blocks,
-            self._position,
-            n_samples,
-            self.timing.substeps,
-            self.timing.sampling_time_s,
-            self._active,
-            self.reference,
-            self._normal,
-            self._uniform,
-            out,
-        )
+        self._advance(self._flat_blocks, self._position, n_samples, *self._settings, out)
         self._position += n_samples
 
     def _set_action(self, action: FloatArray | None) -> None:
@@ -274,7 +353,7 @@ class Axis(System):
         return flags
 
     def __getstate__(self) -> dict[str, Any]:
-        bound = ("_advance", "_flat_blocks", "_flat_out", "_actions", "_flags", "_logged")
+        bound = {"_advance", "_settings", "_flat_blocks", "_actions", "_flags", "_only_lane"}
         return {key: value for key, value in vars(self).items() if key not in bound}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,7 @@ _PORT_ARGUMENTS = {
     Port.TRANSMISSION: "u, total",
     Port.MOTOR_FORCE: "u, force, slope",
     Port.TABLE_FORCE: "u, force, slope",
+    Port.TABLE_INERTIA: "u, force, slope",
     Port.MOTOR_ENCODER: "u",
     Port.TABLE_SCALE: "u",
     Port.LOGGING: "u",
@@ -103,7 +105,8 @@ def _call(number: int, slot: Slot) -> str:
 
     states = [row(slot.first_state + j) for j in range(len(effect.states))]
     velocity = "w[COMMANDED_V + i]" if effect.follows_command else "w[v + i]"
-    arguments = ["w[T + i]", "h", "w[x + i]", velocity, "w[u + i]"]
+    entering = "w[u + i] - w[total + i]" if effect.port is Port.TRANSMISSION else "w[u + i]"
+    arguments = ["w[T + i]", "h", "w[x + i]", velocity, entering]
     arguments += [f"uniform[{slot.uniform}, i]"] if effect.random else []
     arguments += [row(slot.parameter(j)) for j in range(len(effect.parameters()))] + states
     targets = ["value", *(["steep"] if effect.port.is_force else []), *(f"z_{j}" for j in range(len(states)))]
@@ -135,7 +138,7 @@ def source(effects: Sequence[type[Effect]], lanes: int) -> str:
     constants = [f"{name} = {row * lanes}" for row, name in enumerate(layout.ROWS)]
     constants += [f"{name} = {value}" for name, value in vars(layout).items() if name.startswith("OUT_")]
     calls: dict[Port, list[str]] = {port: [] for port in Port}
-    for number, slot in enumerate(slots(effects)):
+    for number, slot in sorted(enumerate(slots(effects)), key=lambda item: item[1].effect.rank):
         slot.effect.check_signature()
         constants.append(f"kernel_{number} = KERNELS[{number}]  # {slot.effect.__module__}.{slot.effect.__name__}")
         calls[slot.effect.port].append(_call(number, slot))
@@ -150,10 +153,8 @@ def source(effects: Sequence[type[Effect]], lanes: int) -> str:
     return "\n\n".join(text)
 
 
-@lru_cache(maxsize=64)
-def compose(effects: tuple[type[Effect], ...], lanes: int) -> Callable[..., None]:
-    """Return the compiled ``advance`` of the integrator for these effects and this many lanes side by side."""
-    text = source(effects, lanes)
+def load(text: str, effects: Sequence[type[Effect]]) -> ModuleType:
+    """Return the generated module of this text, in which ``KERNELS`` are the kernels of ``effects``."""
     digest = hashlib.sha256(text.encode())
     for effect in effects:
         for part in kernel_sources(effect.kernel):
@@ -171,5 +172,11 @@ def compose(effects: tuple[type[Effect], ...], lanes: int) -> Callable[..., None
     vars(module)["KERNELS"] = [effect.kernel for effect in effects]
     sys.modules[specification.name] = module
     specification.loader.exec_module(module)
-    advance: Callable[..., None] = module.advance
+    return module
+
+
+@lru_cache(maxsize=64)
+def compose(effects: tuple[type[Effect], ...], lanes: int) -> Callable[..., None]:
+    """Return the compiled ``advance`` of the integrator for these effects and this many lanes side by side."""
+    advance: Callable[..., None] = load(source(effects, lanes), effects).advance
     return advance

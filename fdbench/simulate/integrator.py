@@ -1,7 +1,7 @@
 """The only integrator: exact linear propagation, effects at the predicted midpoint, linearly implicit in velocity.
 
 This file is a template. `compose` writes its functions into a generated module that defines the rows of `layout` and
-LANES, and in which the seven port functions call the kernels of one plant's effects.
+LANES, and in which the eight port functions call the kernels of one plant's effects.
 """
 
 # mypy: ignore-errors
@@ -57,11 +57,14 @@ def measure_and_control(w, active, k, period, reference, normal, uniform, out):
         w[LAST_MOTOR + i] = motor if fresh else w[LAST_MOTOR + i]
         w[LAST_TABLE + i] = table if fresh else w[LAST_TABLE + i]
         w[LAST_VELOCITY + i] = velocity if fresh else w[LAST_VELOCITY + i]
-        w[LAST_FORCE + i] = limited if fresh else w[LAST_FORCE + i]
+        logged = limited + w[NOISE_COMMAND + i] * normal[4, i]
+        w[LAST_FORCE + i] = logged if fresh else w[LAST_FORCE + i]
+        out[k, OUT_REFERENCE_POSITION, i] = reference[row, 0]
+        out[k, OUT_REFERENCE_VELOCITY, i] = reference[row, 1]
         out[k, OUT_MOTOR, i] = w[LAST_MOTOR + i]
         out[k, OUT_TABLE, i] = w[LAST_TABLE + i]
         out[k, OUT_VELOCITY, i] = w[LAST_VELOCITY + i]
-        out[k, OUT_FORCE, i] = w[LAST_FORCE + i]
+        out[k, OUT_FORCE, i] = w[LAST_FORCE + i] * w[LOGGED_PER_N + i]
         out[k, OUT_HELD, i] = w[HELD + i]
 
 
@@ -76,7 +79,9 @@ def integrate_substep(w, active, time_in_period, period, h, uniform):
         (I + S G) (f - f^*) = f(s_{1/2}) - f^*, \quad s^+ = A_h s + B_h f
 
     where f* is the force extrapolated from the last two substeps, S holds the slopes of the two force ports and
-    G = B_{h/2} restricted to the two velocities. The effects' hidden states advance at the predicted velocity.
+    G = B_{h/2} restricted to the two velocities. The effects' hidden states advance at the predicted velocity. The
+    table's acceleration in the middle, for added masses, is its mean over the first half, plus a quarter of the change
+    of what screw and linear friction contribute to it; hence a slope of 2/h times the added mass.
     Second order, with one evaluation of each kernel a substep.
     """
     for i in range(LANES):
@@ -91,23 +96,34 @@ def integrate_substep(w, active, time_in_period, period, h, uniform):
         w[MID_V_M + i] = propagate(w, HALF_6, i, x_m, v_m, x_t, v_t, a, b)
         w[MID_X_T + i] = propagate(w, HALF_12, i, x_m, v_m, x_t, v_t, a, b)
         w[MID_V_T + i] = propagate(w, HALF_18, i, x_m, v_m, x_t, v_t, a, b)
-        w[STRETCH + i] = w[MID_X_M + i] - w[MID_X_T + i]
+        # Without a spring the table stays behind until the free part of the stretch has followed the motor.
+        w[STRETCH + i] = w[MID_X_M + i] - w[MID_X_T + i] + w[RIGID + i] * (w[OFFSET + i] + w[MID_V_M + i] * h)
         w[STRETCH_FREE + i] = 0.0
+        free = (propagate(w, HALF_18, i, x_m, v_m, x_t, v_t, 0.0, 0.0) - v_t) * (2.0 / h)
+        trend = free - w[ACCELERATION + i]
+        w[ACCELERATION_AHEAD + i] = (w[MID_V_T + i] - v_t) * (2.0 / h) + 0.25 * trend
+        w[ACCELERATION + i] = free
     transmission(w, active, h, MID_X_M, MID_V_M, STRETCH, STRETCH_FREE, uniform)
     for i in range(LANES):
         free = w[STRETCH_FREE + i]
         # The force pair by which the free part of the stretch lowers the screw force.
-        w[U + i] = w[STIFFNESS + i] * free + w[DAMPING + i] * ((free - w[OFFSET + i]) / h)
+        rate = (free - w[OFFSET + i]) / h
+        w[U + i] = w[STIFFNESS + i] * free + w[DAMPING + i] * (rate + 0.5 * (rate - w[OFFSET_RATE + i]))
         w[OFFSET + i] = free
-        w[TRANSMITTED + i] = w[STIFFNESS + i] * w[STRETCH + i] - w[U + i] + w[RIGID + i] * w[DELIVERED + i]
+        w[OFFSET_RATE + i] = rate
+        spring = w[STIFFNESS + i] * w[STRETCH + i] + w[DAMPING + i] * (w[MID_V_M + i] - w[MID_V_T + i])
+        w[TRANSMITTED + i] = spring - w[U + i] + w[RIGID + i] * w[DELIVERED + i]
         w[F_M + i] = 0.0
         w[S_M + i] = 0.0
         w[F_T + i] = 0.0
         w[S_T + i] = 0.0
+        w[ADDED_MASS + i] = 0.0
         w[PROCESS + i] = 0.0
     motor_force(w, active, h, MID_X_M, MID_V_M, DELIVERED, F_M, S_M, uniform)
     table_force(w, active, h, MID_X_T, MID_V_T, TRANSMITTED, F_T, S_T, uniform)
+    table_inertia(w, active, h, MID_X_T, MID_V_T, ACCELERATION_AHEAD, F_T, ADDED_MASS, uniform)
     for i in range(LANES):
+        w[S_T + i] += w[ADDED_MASS + i] * (2.0 / h)
         d_m = w[F_M + i] - w[U + i] - w[AHEAD_MOTOR + i]
         d_t = w[F_T + i] + w[U + i] - w[AHEAD_TABLE + i]
         a_11 = 1.0 + w[S_M + i] * w[HALF_10 + i]

@@ -6,8 +6,10 @@ defines each name below as the row's first element. Rows of parameters and hidde
 
 ROWS: tuple[str, ...] = (
     # State of the drive: position and velocity of motor side and table, effect forces of the last substep, the same
-    # extrapolated to the middle of the first half of the next one, free part of the stretch.
+    # extrapolated to the middle of the first half of the next one, free part of the stretch, its rate, acceleration of
+    # the table.
     *("X_M", "V_M", "X_T", "V_T", "F_MOTOR", "F_TABLE", "AHEAD_MOTOR", "AHEAD_TABLE", "OFFSET"),
+    *("OFFSET_RATE", "ACCELERATION"),
     # State of controller and logger: integral of the velocity error, last two readings, sample number, flags, last row.
     *("INTEGRAL", "BACK_1", "BACK_2", "INDEX", "HELD", "DIVERGED"),
     *("LAST_MOTOR", "LAST_TABLE", "LAST_VELOCITY", "LAST_FORCE"),
@@ -15,8 +17,8 @@ ROWS: tuple[str, ...] = (
     *(f"HALF_{i}" for i in range(24)),
     *(f"FULL_{i}" for i in range(24)),
     # Scalars of the plant, limits, standard deviations of the noises.
-    *("STIFFNESS", "DAMPING", "RIGID", "POSITION_LIMIT", "VELOCITY_LIMIT"),
-    *("NOISE_MOTOR", "NOISE_TABLE", "NOISE_VELOCITY", "NOISE_EQUATION"),
+    *("STIFFNESS", "DAMPING", "RIGID", "POSITION_LIMIT", "VELOCITY_LIMIT", "LOGGED_PER_N"),
+    *("NOISE_MOTOR", "NOISE_TABLE", "NOISE_VELOCITY", "NOISE_EQUATION", "NOISE_COMMAND"),
     # Controller.
     *("USE_TABLE", "DIFFERENCE_SPAN", "POSITION_GAIN", "VELOCITY_FEEDFORWARD"),
     *("VELOCITY_GAIN", "INTEGRAL_GAIN", "ACCELERATION_FEEDFORWARD", "FORCE_LIMIT"),
@@ -24,6 +26,7 @@ ROWS: tuple[str, ...] = (
     *("ACTION_POSITION", "ACTION_VELOCITY", "ACTION_FORCE"),
     # Scratch of one substep.
     *("T", "MID_X_M", "MID_V_M", "MID_X_T", "MID_V_T", "U", "F_M", "S_M", "F_T", "S_T", "STRETCH", "STRETCH_FREE"),
+    *("ACCELERATION_AHEAD", "ADDED_MASS"),
     *("DELIVERED", "TRANSMITTED", "PROCESS", "PROCESS_SUM", "REQUEST", "COMMANDED_V", "READ_MOTOR", "READ_TABLE", "READ_HELD"),
 )
 
@@ -31,6 +34,7 @@ FIRST_FREE_ROW = len(ROWS)
 STATE_ROWS = ROWS[: ROWS.index("HALF_0")]
 
 # Columns of the output, one row for each sample.
-OUT_MOTOR, OUT_TABLE, OUT_VELOCITY, OUT_FORCE, OUT_DISTURBANCE, OUT_HELD, OUT_DIVERGED = range(7)
-OUT_COLUMNS = 7
-NORMAL_COLUMNS = 4  # standard normal numbers of a sample: motor and table reading, velocity reading, equation
+OUT_REFERENCE_POSITION, OUT_REFERENCE_VELOCITY, OUT_MOTOR, OUT_TABLE, OUT_VELOCITY, OUT_FORCE = range(6)
+OUT_DISTURBANCE, OUT_HELD, OUT_DIVERGED = range(6, 9)
+OUT_COLUMNS = 9
+NORMAL_COLUMNS = 5  # standard normal numbers of a sample: motor, table and velocity reading, equation, command

@@ -1,8 +1,8 @@
 """What a system is: something that starts from seeds and advances lanes of instances by samples."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,11 @@ class Timing:
             )
 
     @property
+    def substep_s(self) -> float:
+        """Integration substep."""
+        return self.sampling_time_s / self.substeps
+
+    @property
     def n_samples(self) -> int:
         """Number of samples of one episode."""
         return round(self.duration_s / self.sampling_time_s)
@@ -47,16 +52,31 @@ class Timing:
 class Noise:
     """Standard deviations of white noises, each drawn once a sample.
 
-    The equation noise is added to the true velocity at the end of each sample; the others to readings only.
+    The equation noise is added to the true velocity at the end of each sample; the others to readings only. A stage of
+    two axes has the noises x and y in place of the table's.
     """
 
     motor_position_m: float = nonnegative(default=0.0)
     table_position_m: float = nonnegative(default=0.0)
+    x_position_m: float = nonnegative(default=0.0)
+    y_position_m: float = nonnegative(default=0.0)
     velocity_m_per_s: float = nonnegative(default=0.0)
+    motor_current_A: float = nonnegative(default=0.0)
+    displacement_m: float = nonnegative(default=0.0)
+    acceleration_m_per_s2: float = nonnegative(default=0.0)
+    force_N: float = nonnegative(default=0.0)
     equation_velocity_m_per_s: float = nonnegative(default=0.0)
 
     def __post_init__(self) -> None:
         check_bounds(self)
+
+    def check_only(self, names: Collection[str], plant: str) -> None:
+        """Raise a SpecError for a noise other than ``names``, those of the readings that ``plant`` has."""
+        for field_ in fields(self):
+            if field_.name not in names and getattr(self, field_.name) != 0.0:
+                raise SpecError(
+                    f"reality.noise.{field_.name}: {plant} has no such reading. Allowed: {', '.join(sorted(names))}."
+                )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,6 +127,10 @@ class System(ABC):
 
         ``action`` is an (n_lanes,) deviation from the scenario's own command, held over the call.
         """
+
+    def advance_one(self, action: float) -> FloatArray:
+        """Advance a system of one lane by one sample and return its new (n_columns + n_truth_columns,) row."""
+        return self.advance(1, np.array([action])).ravel()
 
     @property
     @abstractmethod

@@ -1,0 +1,143 @@
+"""Linear hybrid model: a physics model whose prediction errors are learnt by recursive least squares."""
+
+from array import array
+from typing import final
+
+import numpy as np
+
+from fdbench.errors import PluginError, SpecError
+from fdbench.estimator import Context, Estimate, FloatArray, OnlineEstimator, Sample
+from fdbench.plants import RespondingPlant
+from fdbench.record import Record
+from fdbench_baselines._recursive_least_squares import Hybrid, predict, untrained
+
+MM_PER_M = 1e3
+
+
+@final
+class HybridRLS(OnlineEstimator):
+    r"""Prediction of the position a batch ahead, from the command and the errors before the batch.
+
+    .. math::
+        \hat x_k = x_{pb,k} + w^T \varphi_k, \qquad
+        \varphi_k = (1, x_{pb,k} \ldots x_{pb,k-q}, e_{k-1} \ldots e_{k-p}), \qquad e = x - x_{pb}, \qquad
+        w = \arg\min \sum_{i < j N_p} (e_i - w^T \varphi_i)^2 + \lambda |w|^2
+
+    :math:`x_{pb}` is the response of the plant on paper to the command, w the weights of batch j, learnt from all
+    batches before it. Within a batch, errors that are not measured yet are replaced by predicted ones. Before the first
+    sample all signals are zero. ``output`` is :math:`\hat x`. Rows of a second axis, which start at an earlier time,
+    are learnt anew.
+
+    Until it has seen similar motion the model can be worse than the physics alone: a record that starts at rest needs
+    ``initialisation_samples`` beyond the first move.
+
+    Parameters
+    ----------
+    response_lags, error_lags : int
+        q and p, at least 0. Paper: 3, for the command up to its jerk, and half the batch.
+    batch_samples : int
+        :math:`N_p`, samples that the controller looks ahead; at least 1.
+    regularisation_m2 : float
+        :math:`\lambda`, above 0. The 1 in the features stands for 1 mm, so that 1e-6 is 1 in the paper's units.
+    initialisation_samples : int
+        Samples at the start that are predicted by the physics alone; at least 0.
+
+    Raises
+    ------
+    SpecError
+        If an argument is out of bounds, or the regularisation too small for the features.
+    PluginError
+        If a sample comes before ``start``.
+
+    References
+    ----------
+    Chou, Duan, Okwudire, A linear hybrid model for enhanced servo error pre-compensation of feed drives with unmodeled
+    nonlinear dynamics, CIRP Annals, eqs. (3) to (6). The regularisation is ours: the paper gives none.
+    """
+
+    def __init__(
+        self,
+        response_lags: int = 3,
+        error_lags: int = 50,
+        batch_samples: int = 100,
+        regularisation_m2: float = 1e-6,
+        initialisation_samples: int = 0,
+    ) -> None:
+        bounds = {
+            "response_lags": (response_lags, 0),
+            "error_lags": (error_lags, 0),
+            "batch_samples": (batch_samples, 1),
+            "initialisation_samples": (initialisation_samples, 0),
+        }
+        for name, (value, least) in bounds.items():
+            if not isinstance(value, int) or value < least:
+                raise SpecError(f"hybrid_rls: {name} = {value!r} must be an integer of at least {least}.")
+        if not 0.0 < regularisation_m2 < np.inf:
+            raise SpecError(f"hybrid_rls: regularisation_m2 = {regularisation_m2!r} must be above 0 and finite.")
+        self.response_lags, self.error_lags, self.batch_samples = response_lags, error_lags, batch_samples
+        self.regularisation_m2, self.initialisation_samples = regularisation_m2, initialisation_samples
+        self._state: Hybrid | None = None
+        self._seen, self._last_time_s = 0, -np.inf
+
+    def skip(self, context: Context) -> str | None:
+        """Skip where the plant on paper predicts nothing from the command alone."""
+        if not isinstance(context.plant, RespondingPlant):
+            return "the plant on paper predicts no output from the command alone"
+        return None
+
+    def start(self, context: Context) -> None:
+        """Forget everything."""
+        self._nominal = np.array(list(context.plant.true_parameters(context.model, context.sampling_time_s).values()))
+        self._output = array("d")
+        self._begin_axis()
+
+    def update(self, sample: Sample) -> None:
+        """Predict a sample, then take it in."""
+        self._take(np.array([sample.time_s]), sample.regressors[np.newaxis], np.array([sample.target]))
+
+    def estimate(self) -> Estimate:
+        """Return the predictions made so far."""
+        self._started()
+        return Estimate(output=np.array(self._output))
+
+    def fit(self, context: Context, record: Record) -> Estimate:
+        """Run over a whole record."""
+        regression = context.regression(record)
+        self.start(context)
+        breaks = np.flatnonzero(np.diff(regression.time_s) < 0.0) + 1
+        for first, last in zip([0, *breaks], [*breaks, len(regression.time_s)], strict=True):
+            rows = slice(first, last)
+            self._take(regression.time_s[rows], regression.regressors[rows], regression.target[rows])
+        return self.estimate()
+
+    def _take(self, time_s: FloatArray, regressors: FloatArray, target: FloatArray) -> None:
+        """Predict samples of one axis, then take them in."""
+        self._started()
+        if time_s[0] < self._last_time_s:
+            self._begin_axis()
+        self._last_time_s = float(time_s[-1])
+        response = regressors @ self._nominal
+        error = predict(
+            self._started(),
+            MM_PER_M * response,
+            MM_PER_M * (target - response),
+            self.response_lags,
+            self.batch_samples,
+        )
+        if not np.isfinite(error).all():
+            raise SpecError(
+                f"hybrid_rls: the weights cannot be solved for with regularisation_m2 = {self.regularisation_m2:g}; "
+                "the features are too alike for so small a value. Use a larger one."
+            )
+        error[: max(self.initialisation_samples - self._seen, 0)] = 0.0
+        self._seen += len(time_s)
+        self._output.frombytes((response + error / MM_PER_M).tobytes())
+
+    def _begin_axis(self) -> None:
+        self._state = untrained(self.response_lags, self.error_lags, MM_PER_M**2 * self.regularisation_m2)
+        self._seen, self._last_time_s = 0, -np.inf
+
+    def _started(self) -> Hybrid:
+        if self._state is None:
+            raise PluginError("hybrid_rls: start(context) must come before update and estimate.")
+        return self._state

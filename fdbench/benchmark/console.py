@@ -1,0 +1,63 @@
+"""The rankings as a table for the terminal."""
+
+from typing import TYPE_CHECKING
+
+from fdbench.benchmark.leaderboard import check_mergeable, interval_text
+from fdbench.benchmark.statistics import LEVEL, run_statuses, standings, troubles
+from fdbench.benchmark.store import Store
+from fdbench.scenario import TRACKS
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def ranking_table(store: Store) -> "Table":
+    """Return the rankings of all tracks, with the median time of a run."""
+    from rich.table import Table
+
+    scores = store.scores()
+    check_mergeable(scores)
+    runs = scores.drop_duplicates(["scenario", "estimator", "seed"])
+    milliseconds = 1e3 * runs.groupby("estimator")["seconds"].median()
+    table = Table(title="Score: 1 knows the truth, 0 has learnt nothing (null)")
+    for column in (
+        "track",
+        "rank",
+        "estimator",
+        "score",
+        f"{LEVEL:.0%} interval",
+        "scenarios",
+        "failures",
+        "time of a run",
+    ):
+        table.add_column(column, justify="left" if column in ("track", "estimator") else "right")
+    for track in TRACKS:
+        for number, line in enumerate(standings(scores, track)):
+            table.add_row(
+                track if number == 0 else "",
+                "" if line.rank is None else str(line.rank),
+                line.estimator,
+                f"{line.score.value:.3f}",
+                interval_text(line.score),
+                f"{line.scenarios} of {line.of_scenarios}",
+                f"[red]{line.failures}[/]" if line.failures else "0",
+                "" if milliseconds.isna()[line.estimator] else f"{milliseconds[line.estimator]:.3g} ms",
+            )
+        table.add_section()
+    return table
+
+
+def trouble_table(store: Store) -> "Table | None":
+    """Return the runs that failed or were skipped, with the reason, or None if there are none."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    found = troubles(run_statuses(store.scores()))
+    if not found:
+        return None
+    table = Table(title="Failed and skipped runs")
+    for column in ("status", "scenario", "estimators", "seeds", "reason"):
+        table.add_column(column)
+    for line in found:
+        table.add_row(line.status, line.scenario, line.estimators, line.seeds, escape(line.reason))
+    return table

@@ -1,0 +1,254 @@
+"""The text of leaderboard.md: a function of the stored rows alone, without dates, times or paths."""
+
+import difflib
+import math
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fdbench.benchmark.oracle import NAME as ORACLE
+from fdbench.benchmark.run import NULL
+from fdbench.benchmark.statistics import (
+    LEVEL,
+    RESAMPLES,
+    Interval,
+    Standing,
+    parameter_bias,
+    run_statuses,
+    seed_means,
+    standings,
+    troubles,
+)
+from fdbench.benchmark.store import OK, Store
+from fdbench.errors import FdbenchError
+from fdbench.metrics import metrics
+from fdbench.scenario import TRACKS
+from fdbench.units import unit_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SCORE = f"""\
+Score of a run: mean over the metrics of its track of (null - loss) / (null - oracle), clipped to [-1, 1], where the
+loss is the distance of a metric to its ideal value and null and oracle are the mean losses of these two over the seeds.
+1 is as good as knowing the truth, 0 as good as having learnt nothing. A failed or diverged run has each metric's worst
+value, a skipped one scores 0. Score of an estimator: interquartile mean over its runs, each scenario with the same
+weight; {LEVEL:.0%} interval by {RESAMPLES} bootstrap resamples of the seeds within scenarios. Estimators share a rank
+where the interval of the paired difference to the first of that rank holds 0."""
+
+NOTES = f"""\
+Means over the seeds that went well. `↓`: smaller is better, `↑`: bigger is better. Bias: mean error over the seeds ±
+half of its {LEVEL:.0%} t interval, in per cent of the true value or, where that is 0, in the parameter's unit."""
+
+# Corrections of released scenarios and scores: suite version and what was wrong, newest first.
+ERRATA: tuple[tuple[str, str], ...] = ()
+
+DIGITS = 3
+# Share of the null's value below which a number is rounding error and printed as 0.
+NEGLIGIBLE = 1e-10
+
+_ABSOLUTE_FOLDER = re.compile(r"(?<![\w:/.>~])(?:[A-Za-z]:)?[/\\](?:[^\s/\\:']+[/\\])+")
+_ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
+
+
+def leaderboard(store: Store) -> str:
+    """Return the text of leaderboard.md for the results of a folder.
+
+    Raises
+    ------
+    FdbenchError
+        If there are none, or if they are of several versions of one thing; see `check_mergeable`.
+    """
+    scores = store.scores()
+    check_mergeable(scores)
+    return "\n".join(_lines(scores, store.parameters())) + "\n"
+
+
+def difference(text: str, path: str | Path) -> str:
+    """Return how a file differs from the text it should have, as a unified diff; empty if it does not."""
+    file = Path(path)
+    present = file.read_text("utf-8") if file.is_file() else ""
+    lines = difflib.unified_diff(present.splitlines(), text.splitlines(), str(path), "as generated", lineterm="", n=1)
+    return "\n".join(lines)
+
+
+def check_mergeable(scores: "pd.DataFrame") -> None:
+    """Check that rows which are put into one table belong together.
+
+    Raises
+    ------
+    FdbenchError
+        If a scenario, or an estimator in a scenario, has rows of different digests, if rows are of different suite
+        versions, or if a run is there twice.
+    """
+    for version in ("fdbench_version", "code_digest"):
+        found = sorted(scores[version].unique())
+        if len(found) > 1:
+            raise FdbenchError(f"scores: rows of different {version}: {', '.join(found)}. Run them all again.")
+    for keys, column in ((["scenario"], "scenario_digest"), (["scenario", "estimator"], "estimator_digest")):
+        for name, group in scores.groupby(keys):
+            found = sorted(group[column].unique())
+            if len(found) > 1:
+                whose = ", estimator ".join(str(part) for part in name)
+                short = ", ".join(text[:12] for text in found)
+                raise FdbenchError(
+                    f"scores: scenario {whose} has rows of different {column} ({short}), which are different things "
+                    "under one name and must not be compared. Run them all again, or use a new folder."
+                )
+    twice = scores[scores.duplicated(["scenario", "estimator", "seed", "metric"])]
+    if len(twice):
+        row = twice.iloc[0]
+        raise FdbenchError(f"scores: {row.scenario}, {row.estimator}, seed {row.seed}, {row.metric} is there twice.")
+
+
+def _lines(scores: "pd.DataFrame", parameters: "pd.DataFrame") -> Iterator[str]:
+    yield "# Leaderboard"
+    yield ""
+    yield f"Suite version {scores['fdbench_version'].iloc[0]}. Written by `fdbench leaderboard`, not to be edited."
+    yield ""
+    yield SCORE
+    for track in TRACKS:
+        ranking = standings(scores, track)
+        if ranking:
+            yield ""
+            yield f"## Track: {track}"
+            yield ""
+            yield from _ranking(ranking)
+    yield ""
+    yield "## Scenarios"
+    yield ""
+    yield NOTES
+    means, biases, statuses = seed_means(scores), parameter_bias(parameters), run_statuses(scores)
+    for scenario, own in scores.groupby("scenario"):
+        seeds = own["seed"].nunique()
+        yield ""
+        yield f"### {scenario}"
+        yield ""
+        yield f"{seeds} {'seed' if seeds == 1 else 'seeds'}, digest `{own['scenario_digest'].iloc[0][:12]}`."
+        if not (own["status"] == OK).any():
+            yield "No run went well; see below."
+        yield from _metric_table(means[means.index.get_level_values("scenario") == scenario].droplevel("scenario"))
+        yield from _bias_table(biases[biases["scenario"] == scenario])
+    yield ""
+    yield "## Failed and skipped runs"
+    yield ""
+    yield from _troubles(statuses)
+    yield ""
+    yield "## Errata"
+    yield ""
+    yield from [f"- {version}: {text}" for version, text in ERRATA] or ["None."]
+
+
+def _ranking(ranking: Sequence[Standing]) -> Iterator[str]:
+    rows = [
+        [
+            "" if line.rank is None else str(line.rank),
+            f"`{line.estimator}`",
+            _fixed(line.score.value),
+            interval_text(line.score),
+            f"{line.scenarios} of {line.of_scenarios}",
+            str(line.failures),
+        ]
+        for line in ranking
+    ]
+    yield from _table(["rank", "estimator", "score", f"{LEVEL:.0%} interval", "scenarios", "failures"], rows, "rlrlrr")
+
+
+def _metric_table(means: "pd.DataFrame") -> Iterator[str]:
+    present = means.dropna(axis="columns", how="all")
+    estimators = _references_last([str(name) for name in present])
+    for track in TRACKS:
+        rows = []
+        for name in present.index:
+            metric = metrics.get(str(name))
+            if metric.track == track:
+                values = [float(present.loc[name, estimator]) for estimator in estimators]
+                scale = float(present.loc[name, NULL]) if NULL in present else math.nan
+                title = f"{name} {'↑' if metric.bigger_is_better else '↓'}"
+                rows.append([title, metric.unit, *(number_text(value, scale) for value in values)])
+        if rows:
+            yield ""
+            yield from _table([track, "unit", *estimators], rows, "ll" + "r" * len(estimators))
+
+
+def _bias_table(biases: "pd.DataFrame") -> Iterator[str]:
+    own = biases[~biases["estimator"].isin([NULL, ORACLE])]
+    estimators = sorted(own["estimator"].unique())
+    rows = []
+    for name, group in own.groupby("parameter", sort=False):
+        truth = float(group["truth"].iloc[0])
+        scale = 100.0 / abs(truth) if truth else 1.0
+        widths = group["high"] - group["low"]
+        cells = {
+            str(estimator): _bias(float(bias), float(width), scale)
+            for estimator, bias, width in zip(group["estimator"], group["bias"], widths, strict=True)
+        }
+        unit = unit_of(str(name))
+        rows.append(
+            [str(name), number_text(truth, truth), "%" if truth else unit, *(cells.get(e, "–") for e in estimators)]
+        )
+    if rows:
+        yield ""
+        yield from _table(["bias", "truth", "in", *estimators], rows, "lrl" + "r" * len(estimators))
+
+
+def _bias(bias: float, width: float, scale: float) -> str:
+    half = "" if math.isnan(width) else f" ± {_percent(0.5 * width * scale)}"
+    return _percent(bias * scale) + half
+
+
+def _percent(value: float) -> str:
+    return _fixed(value, 2) if abs(value) < 1e4 else f"{value:.{DIGITS}g}"
+
+
+def _troubles(statuses: "pd.DataFrame") -> Iterator[str]:
+    rows = [
+        [trouble.scenario, trouble.estimators, trouble.seeds, trouble.status, public_text(trouble.reason)]
+        for trouble in troubles(statuses)
+    ]
+    if rows:
+        yield from _table(["scenario", "estimators", "seeds", "status", "reason"], rows, "lllll")
+    else:
+        yield "None."
+
+
+def _references_last(names: Sequence[str]) -> list[str]:
+    return sorted(names, key=lambda name: (name in (NULL, ORACLE), name))
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]], alignment: str) -> Iterator[str]:
+    yield f"| {' | '.join(header)} |"
+    yield f"| {' | '.join('---:' if side == 'r' else '---' for side in alignment)} |"
+    for row in rows:
+        yield f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |"
+
+
+def _fixed(value: float, digits: int = DIGITS) -> str:
+    text = f"{value:.{digits}f}"
+    return text.removeprefix("-") if float(text) == 0.0 else text
+
+
+def interval_text(interval: Interval) -> str:
+    """Return ``low to high``, or a dash where no interval is known."""
+    return "–" if math.isnan(interval.low) else f"{_fixed(interval.low)} to {_fixed(interval.high)}"
+
+
+def number_text(value: float, scale: float) -> str:
+    """Return a number with three significant digits; 0 where it is rounding error beside ``scale``.
+
+    >>> number_text(0.123456, 1.0), number_text(3e-17, 1.0), number_text(1234.5, 1.0), number_text(math.nan, 1.0)
+    ('0.123', '0', '1230', '–')
+    """
+    if math.isnan(value):
+        return "–"
+    return "0" if abs(value) <= NEGLIGIBLE * abs(scale) else f"{float(f'{value:.{DIGITS}g}'):g}"
+
+
+def public_text(message: str) -> str:
+    """Return a reason without the folders and addresses of one machine.
+
+    >>> public_text("/data/emps/DATA_EMPS.mat: not on this machine. See https://example.org/a/b.html")
+    'DATA_EMPS.mat: not on this machine. See https://example.org/a/b.html'
+    """
+    return _ADDRESS.sub("0x…", _ABSOLUTE_FOLDER.sub("", message))

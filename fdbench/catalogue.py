@@ -1,0 +1,31 @@
+"""Where the scenario files are, and which of them a suite holds; reads no more than it must."""
+
+import tomllib
+from pathlib import Path
+
+PACKAGE = Path(__file__).parent
+
+
+def scenario_folder() -> Path:
+    """Return the folder of scenario files: the packaged copy, else the repository's."""
+    packaged = PACKAGE / "_scenarios"
+    return packaged if packaged.is_dir() else PACKAGE.parent / "scenarios"
+
+
+def scenario_files() -> list[Path]:
+    """Return the files of all scenarios, sorted by id."""
+    return sorted(scenario_folder().glob("*.toml"))
+
+
+def scenario_ids() -> list[str]:
+    """Return the ids of all scenarios, without the namespace ``fdbench/``."""
+    return [path.stem for path in scenario_files()]
+
+
+def suite_members(suite: str) -> list[str]:
+    """Return the ids of the scenarios that count for a suite."""
+    return [
+        path.stem
+        for path in scenario_files()
+        if suite in tomllib.loads(path.read_text(encoding="utf-8")).get("suites", ())
+    ]

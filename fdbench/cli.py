@@ -1,0 +1,219 @@
+"""The command line; every command imports what it needs when it runs, so that ``fdbench list`` is quick."""
+
+import json
+import os
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fdbench.errors import FdbenchError, SpecError
+
+if TYPE_CHECKING:
+    from fdbench.registry import Registry
+
+app = typer.Typer(
+    help="Benchmark of machine-tool feed drives: simulate, estimate, score, diagnose.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+class Kind(StrEnum):
+    """What can be listed."""
+
+    SCENARIOS = "scenarios"
+    ESTIMATORS = "estimators"
+    EFFECTS = "effects"
+    METRICS = "metrics"
+
+
+class Suite(StrEnum):
+    """Selections of scenarios."""
+
+    QUICK = "quick"
+    FULL = "full"
+
+
+SEEDS = {Suite.QUICK: 3, Suite.FULL: 10}
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+
+
+def echo_json(value: object) -> None:
+    """Print a value as JSON on standard output."""
+    typer.echo(json.dumps(value, indent=2, ensure_ascii=False))
+
+
+@app.command("list")
+def list_(kind: Kind, json_: Json = False) -> None:
+    """List scenarios, estimators, effects or metrics, with one line on each."""
+    rows = _scenario_rows() if kind is Kind.SCENARIOS else _plugin_rows(kind)
+    if json_:
+        echo_json(rows)
+        return
+    width = max((len(row["name"]) for row in rows), default=0)
+    for row in rows:
+        typer.echo(f"{row['name']:{width}}  {row['summary']}")
+
+
+def _scenario_rows() -> list[dict[str, str]]:
+    import tomllib
+
+    from fdbench.catalogue import scenario_files
+
+    titles = {path.stem: tomllib.loads(path.read_text(encoding="utf-8")).get("title", "") for path in scenario_files()}
+    return [{"name": f"fdbench/{name}", "summary": title} for name, title in sorted(titles.items())]
+
+
+def _plugin_rows(kind: Kind) -> list[dict[str, str]]:
+    from fdbench.registry import Registry
+
+    registry: Registry[object] = Registry(kind.value.removesuffix("s"), object)
+    rows = [{"name": name, "summary": registry.summary(name)} for name in registry.names()]
+    if kind is Kind.ESTIMATORS:
+        rows.append({"name": "oracle", "summary": "Reference row that knows the truth: the ceiling of every score."})
+    return sorted(rows, key=lambda row: row["name"])
+
+
+@app.command()
+def run(
+    suite: Annotated[Suite, typer.Option(help="Which scenarios, unless --scenario names some.")] = Suite.QUICK,
+    scenario: Annotated[list[str] | None, typer.Option(help="Id or TOML file; may be repeated.")] = None,
+    estimator: Annotated[list[str] | None, typer.Option(help="Name or Python file; may be repeated.")] = None,
+    seeds: Annotated[int | None, typer.Option(min=1, help="Seeds 0 to N-1; quick: 3, full: 10.")] = None,
+    jobs: Annotated[int | None, typer.Option(min=1, help="Processes; default: one for each core.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder of results; finished runs in it are kept.")] = Path("results"),
+    keep_estimates: Annotated[bool, typer.Option(help="Keep the raw estimates of all seeds.")] = False,
+) -> None:
+    """Run estimators on scenarios, score and rank them; what is finished is not run again."""
+    from fdbench.benchmark import console, leaderboard
+    from fdbench.benchmark.run import run as run_benchmark
+    from fdbench.benchmark.run import select
+    from fdbench.benchmark.store import Store
+    from fdbench.catalogue import scenario_files, suite_members
+    from fdbench.estimator import estimators
+    from fdbench.report import write_report
+
+    chosen = scenario or suite_members(suite.value)
+    names = [*select(estimator)] if estimator else estimators.names()
+    with console.progress() as shown:
+        summary = run_benchmark(
+            chosen,
+            names,
+            seeds or SEEDS[suite],
+            out,
+            jobs=jobs or os.cpu_count() or 1,
+            keep_estimates=keep_estimates,
+            progress=shown,
+        )
+    store = Store(out)
+    console.show(store, summary)
+    text = leaderboard.text(store.scores(), store.parameters())
+    (out / "leaderboard.md").write_text(text, encoding="utf-8")
+    is_main_job = not scenario and not estimator and seeds is None and out == Path("results")
+    if is_main_job and Path("leaderboard.md").is_file() and suite is Suite.QUICK and scenario_files():
+        Path("leaderboard.md").write_text(text, encoding="utf-8")
+    write_report(out, out / "report.html")
+    typer.echo(f"Results: {out}/scores.parquet, {out}/leaderboard.md, {out}/report.html")
+
+
+@app.command()
+def leaderboard(
+    folder: Annotated[Path, typer.Argument(help="Folder of results.")] = Path("results"),
+    check: Annotated[bool, typer.Option("--check", help="Exit with 1 if leaderboard.md would change.")] = False,
+    output: Annotated[Path, typer.Option("-o", "--output", help="File to write.")] = Path("leaderboard.md"),
+) -> None:
+    """Write leaderboard.md from stored results."""
+    from fdbench.benchmark import leaderboard as board
+    from fdbench.benchmark.store import Store
+
+    store = Store(existing(folder, "scores.parquet"))
+    text = board.text(store.scores(), store.parameters())
+    if not check:
+        output.write_text(text, encoding="utf-8")
+        return
+    if not output.is_file() or output.read_text(encoding="utf-8") != text:
+        typer.echo(f"{output} differs from the results in {folder}; write it anew with `fdbench leaderboard {folder}`.")
+        raise typer.Exit(1)
+
+
+def existing(folder: Path, file: str) -> Path:
+    """Return a folder of results, or say that there are none in it."""
+    if not (folder / file).is_file():
+        raise SpecError(f"{folder}: no {file} in this folder; `fdbench run --out {folder}` makes it.")
+    return folder
+
+
+@app.command()
+def report(
+    source: Annotated[Path, typer.Argument(help="Folder of results.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="HTML file to write.")] = Path("report.html"),
+) -> None:
+    """Write a self-contained HTML page of results."""
+    from fdbench.report import write_report
+
+    write_report(existing(source, "scores.parquet"), output)
+
+
+@app.command()
+def record(
+    scenario: str,
+    output: Annotated[Path, typer.Option("-o", "--output", help="File to write: .csv or .parquet.")],
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+) -> None:
+    """Simulate a scenario and write what a logger would have written."""
+    from fdbench.scenario import load_scenario
+
+    load_scenario(scenario).record(seed).save(output)
+
+
+@app.command()
+def check(plugin: Annotated[str, typer.Argument(help="Name of a plug-in, or its file.")]) -> None:
+    """Run the shared checks on an estimator, effect or scenario."""
+    from fdbench.checks import check as run_checks
+
+    try:
+        for line in run_checks(plugin):
+            typer.echo(line)
+    except FdbenchError as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(1) from error
+
+
+@app.command()
+def reproduce(
+    paper: Annotated[str | None, typer.Argument(help="Module of a paper, such as mcpherson.")] = None,
+    json_: Json = False,
+) -> None:
+    """Show each paper's figures beside ours; exit with 1 where a figure is outside its tolerance."""
+    from fdbench.reproduce import run as run_reproduction
+
+    rows = run_reproduction(paper)
+    if json_:
+        echo_json([row.as_dict() for row in rows])
+    else:
+        from fdbench.reproduce import show
+
+        show(rows)
+    if not all(row.ok for row in rows):
+        raise typer.Exit(1)
+
+
+def main() -> None:
+    """Run the command line: 0 good, 1 a check failed, 2 bad usage or bad input with one message."""
+    try:
+        app(standalone_mode=True)
+    except FdbenchError as error:
+        typer.echo(f"fdbench: {error}", err=True)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        typer.echo("fdbench: interrupted; what is finished is kept.", err=True)
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,38 @@
+"""Axial compliance: the screw is softer than on paper."""
+
+from dataclasses import dataclass
+from typing import final
+
+from fdbench.effects._effect import Effect, Port, kernel, parameter
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class AxialCompliance(Effect):
+    r"""Loss of stiffness of screw, nut and bearings; a negative value means that they are stiffer.
+
+    .. math:: k' = (1 - s) k, \quad c' = (1 - s) c \qquad \Leftrightarrow \qquad g = s\, u, \quad u = x_m - x_t
+
+    where g is the part of the stretch that the nominal spring and damper do not see. On a rigid axis there is no
+    stiffness to lose.
+
+    Source: Altintas, Manufacturing Automation (2012), section 5.6, the axial mode of a ball screw drive.
+
+    Examples
+    --------
+    >>> (free,) = AxialCompliance.kernel(0.0, 1e-4, 0.0, 0.0, 8e-6, *AxialCompliance.typical().values())
+    >>> round(free * 1e6, 9)  # 20 % of 8 um
+    1.6
+    """
+
+    port = Port.TRANSMISSION
+    rank = 2
+    needs_screw = True
+    amplitude = "stiffness_loss_percent"
+    confusable_with = ("backlash", "current_loop_lag", "structural_mode")
+
+    stiffness_loss_percent: float = parameter("s", low=-50.0, high=80.0, typical=20.0)
+
+    @kernel
+    def kernel(t, h, x, v, u, s):
+        return (0.01 * s * u,)

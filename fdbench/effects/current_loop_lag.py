@@ -1,0 +1,45 @@
+"""Current-loop lag: the motor's force follows the command after a time constant."""
+
+from dataclasses import dataclass
+from typing import final
+
+from fdbench.effects._effect import Effect, Port, kernel, parameter
+from fdbench.effects._functions import exp
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class CurrentLoopLag(Effect):
+    r"""First-order lag of the force.
+
+    .. math:: \tau \dot F = F_{asked} - F
+
+    The command is constant over a substep, so that the force relaxes exactly; its mean is delivered.
+
+    Source: Altintas, Manufacturing Automation (2012), section 5.4, the current loop as a first-order lag.
+
+    Examples
+    --------
+    One time constant after a step of 100 N: 100 (1 - 1/e).
+
+    >>> effect = CurrentLoopLag(time_constant_s=1e-3)
+    >>> mean, F = CurrentLoopLag.kernel(0.0005, 1e-3, 0.0, 0.0, 100.0, *effect.values(), 0.0)
+    >>> round(F, 4), round(mean, 4)  # mean: 100 / e
+    (63.2121, 36.7879)
+    """
+
+    port = Port.COMMAND
+    rank = 1
+    states = ("F",)
+    amplitude = "time_constant_s"
+    confusable_with = ("axial_compliance", "dead_time")
+
+    time_constant_s: float = parameter("tau", low=0.0, high=0.02, typical=5e-4)
+
+    @kernel
+    def kernel(t, h, x, v, u, tau, F):
+        y = h / tau if tau > 0.0 else 1.0
+        decay = exp(-y)
+        mean = (1.0 - decay) / y if y > 1e-2 else 1.0 - y * (0.5 - y * (1.0 / 6.0 - y * (1.0 / 24.0 - y / 120.0)))
+        behind = F - u
+        return (u + behind * mean if tau > 0.0 else u), (u + behind * decay if tau > 0.0 else u)

@@ -1,0 +1,43 @@
+"""Friction drift: a cold axis runs harder until it has warmed up."""
+
+from dataclasses import dataclass
+from typing import final
+
+from fdbench.effects._effect import Effect, Port, kernel, parameter
+from fdbench.effects._functions import exp, tanh
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class FrictionDrift(Effect):
+    r"""Extra Coulomb friction at the start of the record that dies away while the grease warms up.
+
+    .. math:: F(t, v) = F_w\, e^{-t/\tau} \tanh(v / v_0)
+
+    A negative force is friction that grows. Re-calibration absorbs the mean, so only the change counts.
+
+    Source: Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30, section 2.1 (drift with temperature);
+    Erkorkmaz, Altintas (2001), Int. J. Machine Tools and Manufacture 41, part II, on the warm-up of a screw.
+
+    Examples
+    --------
+    >>> effect = FrictionDrift.typical(cold_force_N=20.0, warm_up_time_s=10.0)
+    >>> force, slope = FrictionDrift.kernel(10.0, 1e-4, 0.0, 0.1, 0.0, *effect.values())
+    >>> round(force, 4)  # 20 / e
+    7.3576
+    """
+
+    port = Port.TABLE_FORCE
+    amplitude = "cold_force_N"
+    confusable_with = ("position_dependent_friction", "stribeck_friction", "quadratic_drag")
+
+    cold_force_N: float = parameter("F_w", low=-500.0, high=500.0, typical=24.0)
+    warm_up_time_s: float = parameter("tau", low=0.1, high=1e5, typical=10.0, grid=(3.0, 10.0, 60.0))
+    transition_velocity_m_per_s: float = parameter("v_0", low=1e-4, high=0.05, typical=1e-3)
+
+    @kernel
+    def kernel(t, h, x, v, u, F_w, tau, v_0):
+        level = F_w * exp(-(1.0 / tau) * t)
+        force = level * tanh(v / v_0)
+        slope = force / v if abs(v) > 1e-9 * v_0 else level / v_0
+        return force, max(slope, 0.0)

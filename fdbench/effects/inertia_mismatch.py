@@ -1,0 +1,36 @@
+"""Inertia mismatch: the table is heavier or lighter than on paper, as with a workpiece."""
+
+from dataclasses import dataclass
+from typing import final
+
+from fdbench.effects._effect import Effect, Port, kernel, parameter
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class InertiaMismatch(Effect):
+    r"""Extra mass of the table.
+
+    .. math:: F = \Delta m\, a
+
+    Validity: lighter by less than the table's mass.
+
+    Source: Newton's second law; workpiece masses in Altintas, Verl, Brecher, Uriarte, Pritschow (2011), CIRP Annals
+    60(2), section 3.
+
+    Examples
+    --------
+    >>> effect = InertiaMismatch(extra_mass_kg=6.0)
+    >>> InertiaMismatch.kernel(0.0, 1e-4, 0.0, 0.0, 2.5, *effect.values())
+    (15.0, 6.0)
+    """
+
+    port = Port.TABLE_INERTIA
+    amplitude = "extra_mass_kg"
+    confusable_with = ("structural_mode",)
+
+    extra_mass_kg: float = parameter("dm", low=-20.0, high=500.0, typical=6.0)
+
+    @kernel
+    def kernel(t, h, x, v, u, dm):
+        return dm * u, dm

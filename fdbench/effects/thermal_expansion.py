@@ -1,0 +1,41 @@
+"""Thermal expansion: the screw grows while it warms up, and carries the table along."""
+
+from dataclasses import dataclass
+from typing import final
+
+from fdbench.effects._effect import Effect, Port, kernel, parameter
+from fdbench.effects._functions import exp
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class ThermalExpansion(Effect):
+    r"""Growth of the screw away from its fixed bearing at x_b.
+
+    .. math:: x_t - x_m = \alpha\, \Delta T\, (1 - e^{-t/\tau})\, (x_m - x_b)
+
+    Source: Altintas, Verl, Brecher, Uriarte, Pritschow (2011), CIRP Annals 60(2), section 3.4; 11.5 um/(m K) for
+    steel.
+
+    Examples
+    --------
+    Fully warmed by 2 K, half a metre from the bearing: 11.5 um.
+
+    >>> effect = ThermalExpansion.typical(temperature_rise_K=2.0, warm_up_time_s=1.0, fixed_bearing_m=-0.1)
+    >>> (behind,) = ThermalExpansion.kernel(100.0, 1e-4, 0.4, 0.0, 0.0, *effect.values())
+    >>> round(-behind * 1e6, 9)
+    11.5
+    """
+
+    port = Port.TRANSMISSION
+    amplitude = "temperature_rise_K"
+    confusable_with = ("cable_stiffness", "lead_error")
+
+    temperature_rise_K: float = parameter("dT", low=-50.0, high=50.0, typical=4.0)
+    warm_up_time_s: float = parameter("tau", low=0.1, high=1e5, typical=10.0, grid=(3.0, 10.0, 60.0))
+    fixed_bearing_m: float = parameter("x_b", low=-5.0, high=5.0, typical=-0.2)
+    expansion_per_K: float = parameter("alpha", low=1e-6, high=3e-5, typical=1.15e-5)
+
+    @kernel
+    def kernel(t, h, x, v, u, dT, tau, x_b, alpha):
+        return (-(alpha * dT * (1.0 - exp(-(1.0 / tau) * t)) * (x - x_b)),)

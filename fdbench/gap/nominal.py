@@ -1,0 +1,73 @@
+"""The nominal model that a gap is measured against: the plant on paper, and how well its values are known."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from fdbench.effects import Effect, effects
+from fdbench.errors import SpecError
+from fdbench.plants import Plant
+from fdbench.plants.feed_drive import FeedDrive
+from fdbench.specification import bounded, check_bounds, load_toml, nonnegative, positive, read
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulation:
+    """How the model is integrated between two samples of a record."""
+
+    substeps: int = bounded(1, 10000)
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Uncertainty:
+    """Standard deviations of the values on paper; re-calibration moves within them.
+
+    Masses, viscous frictions and the effects that the model knows are relative, the force offset is in newtons.
+    """
+
+    mass: float = positive(default=0.04)
+    viscous_friction: float = positive(default=0.15)
+    known_effects: float = positive(default=0.1)
+    force_offset_N: float = nonnegative(default=2.0)
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nominal:
+    """A model file: [plant] with its controller, [simulation], and optionally [uncertainty]."""
+
+    plant: Plant
+    simulation: Simulation
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+
+    @cached_property
+    def library(self) -> tuple[type[Effect], ...]:
+        """Every registered effect that a drive of itself can have: no process force, nothing random."""
+        known = (effects.get(name) for name in effects.names())
+        return tuple(kind for kind in known if not (kind.disturbance or kind.random))
+
+    @property
+    def drive(self) -> FeedDrive:
+        """The plant as a feed drive, the only one that is diagnosed."""
+        if not isinstance(self.plant, FeedDrive):
+            raise SpecError(f"plant.kind: only a feed_drive can be diagnosed, found {type(self.plant).name}.")
+        return self.plant
+
+
+def load_nominal(path: str | Path) -> Nominal:
+    """Read a model file, or take the model on paper out of a scenario file.
+
+    From a scenario only [plant] and the substeps of [timing] are read; what the machine really is stays unread.
+    """
+    file = Path(path)
+    table: dict[str, Any] = load_toml(file)
+    if "estimation" in table:
+        substeps = table.get("timing", {}).get("substeps", 10)
+        table = {"plant": table.get("plant", {}), "simulation": {"substeps": substeps}}
+    return read(Nominal, table, f"{file.name}: model")

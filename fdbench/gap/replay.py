@@ -1,0 +1,130 @@
+"""Replay: simulate the command of a run on many variants of the model at once, with one stepper of all effects."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from fdbench.effects import Effect, effects
+from fdbench.gap.runs import STRETCH, Run
+from fdbench.plants.feed_drive import FeedDrive
+from fdbench.record import FloatArray
+from fdbench.simulate import layout
+from fdbench.simulate.axis import ROW
+from fdbench.simulate.compose import block_rows, compose, slots
+
+WIDTH = 16  # few effects in a block beat many lanes in it
+PIECE = 4096  # samples simulated at once, which bounds the memory
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """One lane: a plant, perhaps re-calibrated, with effects that the model on paper lacks."""
+
+    plant: FeedDrive
+    extra: tuple[Effect, ...] = field(default=())
+
+    def kinds(self) -> frozenset[type[Effect]]:
+        """Return the classes of the extra effects."""
+        return frozenset(type(effect) for effect in self.extra)
+
+
+@lru_cache(maxsize=4096)
+def _mechanics_rows(plant: FeedDrive, h: float) -> tuple[FloatArray, FloatArray, Mapping[str, float]]:
+    mechanics = plant.mechanics()
+    scalars = {
+        "STIFFNESS": mechanics.stiffness_N_per_m,
+        "DAMPING": mechanics.damping_N_s_per_m,
+        "RIGID": float(mechanics.rigid),
+        "POSITION_LIMIT": np.inf,
+        "VELOCITY_LIMIT": np.inf,
+        "LOGGED_PER_N": 1.0,
+        **plant.controller.rows(),
+    }
+    return mechanics.propagators(h / 2), mechanics.propagators(h), scalars
+
+
+class Replay:
+    """Simulator of variants of one nominal drive.
+
+    Parameters
+    ----------
+    drive : FeedDrive
+        The nominal plant; variants differ from it in values only.
+    library : sequence of Effect classes
+        Effects that variants may have in addition, at most one of a class.
+    substeps : int
+    """
+
+    def __init__(self, drive: FeedDrive, library: Sequence[type[Effect]], substeps: int) -> None:
+        self.library = tuple(library)
+        self.substeps = substeps
+        self.drive = drive
+        self.kinds = (*(type(effect) for effect in drive.effects), *library)
+        self._slots = slots(self.kinds)
+        self._rows = block_rows(self.kinds)
+        self._uniform = max(1, sum(kind.random for kind in self.kinds))
+        self._advance = {width: compose(self.kinds, width) for width in (1, WIDTH)}
+
+    def simulate(self, run: Run, variants: Sequence[Variant]) -> dict[str, FloatArray]:
+        """Return each channel of the run as simulated, (n_variants, n_samples); not finite where a variant diverges.
+
+        Readings are free of noise; every variant starts from the measured position and velocity.
+        """
+        order = sorted(range(len(variants)), key=lambda index: sorted(kind.name for kind in variants[index].kinds()))
+        result = {name: np.empty((len(variants), run.n_samples)) for name in run.channels}
+        for first in range(0, len(order), WIDTH):
+            lanes = order[first : first + WIDTH]
+            width = 1 if len(lanes) == 1 else WIDTH
+            columns = self._block(run, [variants[index] for index in lanes], width)
+            for name in run.channels:
+                result[name][lanes] = columns[name][:, : len(lanes)].T
+        return result
+
+    def _block(self, run: Run, variants: Sequence[Variant], width: int) -> dict[str, FloatArray]:
+        block = np.zeros((1, self._rows, width))
+        n_known = len(self.drive.effects)
+        where = {kind: slot for kind, slot in zip(self.library, self._slots[n_known:], strict=True)}
+        active = np.zeros(max(len(self.kinds), 1), dtype=np.bool_)
+        active[:n_known] = True
+        position, velocity = run.start()
+        for lane in range(width):
+            variant = variants[min(lane, len(variants) - 1)]
+            half, full, scalars = _mechanics_rows(variant.plant, run.period_s / self.substeps)
+            block[0, ROW["HALF_0"] : ROW["HALF_0"] + 24, lane] = half
+            block[0, ROW["FULL_0"] : ROW["FULL_0"] + 24, lane] = full
+            for name, value in scalars.items():
+                block[0, ROW[name], lane] = value
+            for name, samples_ago in (("X_M", 0), ("X_T", 0), ("BACK_1", 1), ("BACK_2", 2)):
+                block[0, ROW[name], lane] = position - samples_ago * run.period_s * velocity
+            block[0, ROW["V_M"], lane] = block[0, ROW["V_T"], lane] = velocity
+            for slot, effect in zip(self._slots[:n_known], variant.plant.effects, strict=True):
+                self._set(block[0], slot.flag, effect, lane)
+            for effect in variant.extra:
+                slot = where[type(effect)]
+                active[n_known + self.library.index(type(effect))] = True
+                self._set(block[0], slot.flag, effect, lane)
+        out = np.empty((1, run.n_samples, layout.OUT_COLUMNS, width))
+        reference = np.ascontiguousarray(run.reference)
+        normal = np.zeros((1, PIECE, layout.NORMAL_COLUMNS, width))
+        uniform = np.ones((1, PIECE, self._uniform, width))
+        for start in range(0, run.n_samples, PIECE):
+            n = min(PIECE, run.n_samples - start)
+            part = np.empty((1, n, layout.OUT_COLUMNS, width))
+            flat = block.reshape(1, -1)
+            self._advance[width](
+                flat, 0, n, self.substeps, run.period_s, active, reference, normal, uniform, part
+            )
+            out[:, start : start + n] = part
+        feedback = layout.OUT_TABLE if self.drive.controller.uses_table else layout.OUT_MOTOR
+        return {
+            "motor_force_N": out[0, :, layout.OUT_FORCE],
+            "position_m": out[0, :, feedback],
+            STRETCH: out[0, :, layout.OUT_MOTOR] - out[0, :, layout.OUT_TABLE],
+        }
+
+    @staticmethod
+    def _set(block: FloatArray, flag: int, effect: Effect, lane: int) -> None:
+        block[flag, lane] = 1.0
+        block[flag + 1 : flag + 1 + len(effect.values()), lane] = effect.values()

@@ -1,0 +1,99 @@
+"""The spectrum of the prediction error against the noise floor, as the metrics of the output track have it."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from fdbench.benchmark.oracle import NAME as ORACLE
+from fdbench.metrics import Outcome
+from fdbench.metrics._series import no_white_floor
+from fdbench.metrics._spectrum import FEWEST_ROWS, ORDERS, folded, n_rows_in_window, residual_density, segment_length
+from fdbench.regression import FloatArray
+from fdbench.report._figures import FIRST_RANK, HIDDEN, INK, SOFT, Style, axis, layout, line, unit_text
+from fdbench.report._page import Block, Figure, Trace, note
+from fdbench.report._series import gaps
+from fdbench.scenario import Scenario
+
+
+def spectrum(
+    scenario: Scenario, outcomes: Mapping[str, Outcome], unit: str, styles: Mapping[str, Style]
+) -> Iterator[Block]:
+    """Yield the density of the prediction error within the scenario's window, or why there is none.
+
+    Parameters
+    ----------
+    outcomes : mapping
+        By estimator; those that claim an output.
+    unit : str
+        Of the output.
+    """
+    if not outcomes:
+        return
+    first = next(iter(outcomes.values()))
+    if n_rows_in_window(first) < FEWEST_ROWS:
+        yield note(f"Fewer than {FEWEST_ROWS} rows in the window: no spectrum.")
+    elif len(gaps(first.regression.time_s)):
+        yield note("There are gaps between the rows: no spectrum.")
+    else:
+        yield _figure(scenario, outcomes, unit, styles)
+
+
+def _figure(scenario: Scenario, outcomes: Mapping[str, Outcome], unit: str, styles: Mapping[str, Style]) -> Figure:
+    first = next(iter(outcomes.values()))
+    rate_Hz, length = 1.0 / first.regression.sampling_time_s, segment_length(n_rows_in_window(first))
+    frequency_Hz = rate_Hz / length * np.arange(length // 2 + 1, dtype=np.float64)
+    traces: list[Trace] = []
+    for name in sorted(outcomes, key=lambda name: (name != ORACLE, name)):
+        # Each segment is without its mean, so the bin at 0 Hz holds nothing.
+        own = line(name, frequency_Hz[1:], _decibels(residual_density(outcomes[name])[1:]), styles[name])
+        shown = {"visible": "legendonly"} if name in HIDDEN else {}
+        traces.append(own | {"legendrank": FIRST_RANK + list(styles).index(name)} | shown)
+    captions = [f"Welch's method: Hann's window, segments of {length} rows, {_span(scenario)}."]
+    reason = no_white_floor(first)
+    if reason is None:
+        floor = _decibels(np.full(2, 2.0 * scenario.reality.noise.equation_velocity_m_per_s**2 / rate_Hz))
+        traces.append(line("noise floor", frequency_Hz[[1, -1]], floor, Style(colour=INK, dash="dash")))
+        captions.append("Dashed: density of the noise alone; what is below has fitted the noise as well.")
+    else:
+        captions.append(f"No noise floor: {reason}.")
+    marks: dict[str, Any] = {}
+    period_s = scenario.estimation.disturbance_period_s
+    if period_s is not None:
+        marks = _marks(1.0 / period_s, rate_Hz)
+        captions.append(
+            f"Dotted: frequency of the disturbance, f = {1.0 / period_s:.5g} Hz, and its harmonics, folded at "
+            f"{0.5 * rate_Hz:.5g} Hz."
+        )
+    power = unit_text(f"({unit})^2" if "/" in unit or " " in unit else f"{unit}^2")
+    return Figure(
+        title="Spectrum of the prediction error",
+        traces=traces,
+        layout=layout(axis("frequency (Hz)"), axis(f"power density (dB re 1 {power}/Hz)")) | marks,
+        height_px=400,
+        caption=" ".join(captions),
+    )
+
+
+def _decibels(density: FloatArray) -> FloatArray:
+    """Return 10 lg of a density; none at all is a gap."""
+    return np.asarray(10.0 * np.log10(np.where(density > 0.0, density, np.nan)))
+
+
+def _span(scenario: Scenario) -> str:
+    window_s = scenario.estimation.window_s
+    return "all rows" if window_s is None else f"rows from {window_s[0]:g} s to {window_s[1]:g} s"
+
+
+def _marks(frequency_Hz: float, rate_Hz: float) -> dict[str, Any]:
+    """Return vertical lines at a frequency and its harmonics, as part of a layout."""
+    places_Hz = {order: folded(order * frequency_Hz, rate_Hz) for order in (1, *ORDERS)}
+    marker = {"color": SOFT, "width": 1, "dash": "dot"}
+    text = {"y": 1, "yref": "paper", "yanchor": "top", "xanchor": "left", "showarrow": False, "font": {"color": SOFT}}
+    return {
+        "shapes": [
+            {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper", "layer": "below", "line": marker}
+            for x in places_Hz.values()
+        ],
+        "annotations": [text | {"x": x, "text": "f" if order == 1 else f"{order}f"} for order, x in places_Hz.items()],
+    }

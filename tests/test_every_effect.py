@@ -1,0 +1,105 @@
+"""Every registered effect holds the shared checks; one stepper of the whole library serves them all."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+import pytest
+
+from fdbench.checks.check_effect import CHECKS, Bench, Case, check_effect
+from fdbench.effects import Effect, Port, effects, kernel, parameter
+from fdbench.errors import PluginError
+
+NAMES = effects.names()
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    return Bench([effects.get(name) for name in NAMES])
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("name", NAMES)
+def test_effect(name: str, check: Callable[[Case], None], bench: Bench) -> None:
+    case = Case(effects.get(name), bench)
+    if check.__name__ in case.cls.expected_failures:
+        with pytest.raises(PluginError):
+            check(case)
+    else:
+        check(case)
+
+
+def test_expected_failures_are_checks_and_have_reasons() -> None:
+    known = {check.__name__ for check in CHECKS}
+    for name in NAMES:
+        for check, reason in effects.get(name).expected_failures.items():
+            assert check in known, name
+            assert reason.strip(), name
+
+
+def test_effects_that_are_confused_with_each_other_name_each_other() -> None:
+    for name in NAMES:
+        for other in effects.get(name).confusable_with:
+            assert name in effects.get(other).confusable_with, f"{other} does not name {name}"
+
+
+def test_an_effect_can_be_checked_by_name() -> None:
+    lines = check_effect("constant_force")
+    assert [line.split(":")[0] for line in lines] == [check.__name__ for check in CHECKS]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Faulty(Effect):
+    """Says too little."""
+
+    name = "faulty"
+    port = Port.TABLE_FORCE
+    amplitude = "pull_N"
+
+    pull_N: float = parameter("P", low=0.0, high=1.0, typical=2.0)
+    reach_mm: float = parameter("R", low=1.0, high=2.0, typical=1.0)
+
+    @kernel
+    def kernel(t, h, x, v, u, P, R):
+        return 1.0 + P / (v - v), -R
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Misnamed(Effect):
+    r"""Nothing.
+
+    .. math:: F = 0
+
+    Source: none.
+
+    >>> 1 + 1
+    3
+    """
+
+    name = "misnamed"
+    port = Port.TABLE_FORCE
+    amplitude = "push_N"
+
+    pull_N: float = parameter("P", low=0.0, high=1.0, typical=1.0)
+
+    @kernel
+    def kernel(t, h, x, v, u, p):
+        return 0.0, 0.0
+
+
+@pytest.mark.parametrize(
+    ("cls", "check", "message"),
+    [
+        (Misnamed, "declares_what_the_kernel_takes", r"the kernel takes \(t, h, x, v, u, p\), but .* u, P\)"),
+        (Faulty, "has_bounds_around_its_typical_size", r"pull_N: 2 is outside its bounds \[0, 1\]"),
+        (Faulty, "carries_units", "reach_mm looks as if it had a unit"),
+        (Faulty, "is_documented", "the docstring lacks '.. math::'"),
+        (Misnamed, "is_documented", "the example in the docstring is wrong"),
+        (Faulty, "returns_finite_values", "the kernel returns"),
+    ],
+)
+def test_a_faulty_effect_is_told_what_is_wrong(cls: type[Effect], check: str, message: str, bench: Bench) -> None:
+    with pytest.raises(PluginError, match=message):
+        next(item for item in CHECKS if item.__name__ == check)(Case(cls, bench))
