@@ -14,6 +14,9 @@ from fdbench.errors import FdbenchError, SpecError
 if TYPE_CHECKING:
     from fdbench.registry import Registry
 
+# Threads of the linear algebra only get in the way of processes, and small matrices are faster without.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 app = typer.Typer(
     help="Benchmark of machine-tool feed drives: simulate, estimate, score, diagnose.",
     no_args_is_help=True,
@@ -38,6 +41,7 @@ class Suite(StrEnum):
     FULL = "full"
 
 
+DEFAULT_OUT = Path("results")
 SEEDS = {Suite.QUICK: 3, Suite.FULL: 10}
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
@@ -86,21 +90,24 @@ def run(
     estimator: Annotated[list[str] | None, typer.Option(help="Name or Python file; may be repeated.")] = None,
     seeds: Annotated[int | None, typer.Option(min=1, help="Seeds 0 to N-1; quick: 3, full: 10.")] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Processes; default: one for each core.")] = None,
-    out: Annotated[Path, typer.Option(help="Folder of results; finished runs in it are kept.")] = Path("results"),
+    out: Annotated[Path, typer.Option(help="Folder of results; finished runs in it are kept.")] = DEFAULT_OUT,
     keep_estimates: Annotated[bool, typer.Option(help="Keep the raw estimates of all seeds.")] = False,
 ) -> None:
     """Run estimators on scenarios, score and rank them; what is finished is not run again."""
+    from rich.console import Console
+
     from fdbench.benchmark import console, leaderboard
     from fdbench.benchmark.run import run as run_benchmark
     from fdbench.benchmark.run import select
     from fdbench.benchmark.store import Store
-    from fdbench.catalogue import scenario_files, suite_members
+    from fdbench.catalogue import suite_members
     from fdbench.estimator import estimators
     from fdbench.report import write_report
 
     chosen = scenario or suite_members(suite.value)
     names = [*select(estimator)] if estimator else estimators.names()
-    with console.progress() as shown:
+    screen = Console()
+    with console.progress(screen) as shown:
         summary = run_benchmark(
             chosen,
             names,
@@ -111,19 +118,24 @@ def run(
             progress=shown,
         )
     store = Store(out)
-    console.show(store, summary)
-    text = leaderboard.text(store.scores(), store.parameters())
+    text = leaderboard.leaderboard(store)
     (out / "leaderboard.md").write_text(text, encoding="utf-8")
-    is_main_job = not scenario and not estimator and seeds is None and out == Path("results")
-    if is_main_job and Path("leaderboard.md").is_file() and suite is Suite.QUICK and scenario_files():
+    is_main_job = not scenario and not estimator and seeds is None and out == DEFAULT_OUT and suite is Suite.QUICK
+    if is_main_job:
         Path("leaderboard.md").write_text(text, encoding="utf-8")
     write_report(out, out / "report.html")
-    typer.echo(f"Results: {out}/scores.parquet, {out}/leaderboard.md, {out}/report.html")
+    screen.print(console.ranking_table(store))
+    trouble = console.trouble_table(store)
+    if trouble is not None:
+        screen.print(trouble)
+    counts = ", ".join(f"{count} {status}" for status, count in summary.statuses.items())
+    screen.print(f"{summary.computed} runs done, {summary.reused} kept from before ({counts}).")
+    screen.print(f"Written: {out}/scores.parquet, {out}/leaderboard.md, {out}/report.html", soft_wrap=True)
 
 
 @app.command()
 def leaderboard(
-    folder: Annotated[Path, typer.Argument(help="Folder of results.")] = Path("results"),
+    folder: Annotated[Path, typer.Argument(help="Folder of results.")] = DEFAULT_OUT,
     check: Annotated[bool, typer.Option("--check", help="Exit with 1 if leaderboard.md would change.")] = False,
     output: Annotated[Path, typer.Option("-o", "--output", help="File to write.")] = Path("leaderboard.md"),
 ) -> None:
@@ -131,13 +143,13 @@ def leaderboard(
     from fdbench.benchmark import leaderboard as board
     from fdbench.benchmark.store import Store
 
-    store = Store(existing(folder, "scores.parquet"))
-    text = board.text(store.scores(), store.parameters())
+    text = board.leaderboard(Store(existing(folder, "scores.parquet")))
     if not check:
         output.write_text(text, encoding="utf-8")
         return
-    if not output.is_file() or output.read_text(encoding="utf-8") != text:
-        typer.echo(f"{output} differs from the results in {folder}; write it anew with `fdbench leaderboard {folder}`.")
+    difference = board.difference(text, output)
+    if difference:
+        typer.echo(difference)
         raise typer.Exit(1)
 
 
@@ -196,11 +208,56 @@ def reproduce(
     if json_:
         echo_json([row.as_dict() for row in rows])
     else:
-        from fdbench.reproduce import show
+        from fdbench.reproduce._table import show
 
         show(rows)
     if not all(row.ok for row in rows):
         raise typer.Exit(1)
+
+
+@app.command()
+def diagnose(
+    records: Annotated[list[Path], typer.Argument(help="CSV, Parquet, MAT or mapping TOML files.")],
+    model: Annotated[Path, typer.Option(help="Model TOML, or a scenario file whose [plant] is taken.")],
+    holdout: Annotated[list[Path] | None, typer.Option(help="Record to judge on; may be repeated.")] = None,
+    data: Annotated[Path | None, typer.Option(help="Folder of the files that mapping TOMLs name.")] = None,
+    json_: Annotated[Path | None, typer.Option("--json", help="File for the answer as JSON; - prints it.")] = None,
+    html: Annotated[Path | None, typer.Option("--html", help="File for the report with plots.")] = None,
+    write_model: Annotated[Path | None, typer.Option(help="File for the repaired model as TOML.")] = None,
+) -> None:
+    """Say where the gap between a model and records lies, which effect causes it, and how far it shrinks."""
+    from rich.console import Console
+
+    from fdbench.gap.diagnose import diagnose as find
+    from fdbench.gap.nominal import load_nominal
+    from fdbench.gap.summary import summary
+    from fdbench.reading import read_record
+
+    def read(path: Path) -> object:
+        return read_record(path, data if path.suffix == ".toml" else None)
+
+    note = Console(stderr=True)
+    with note.status("reading") as status:
+        found = find(
+            load_nominal(model),
+            [read(path) for path in records],  # type: ignore[misc]
+            [read(path) for path in holdout or ()],  # type: ignore[misc]
+            status.update,
+        )
+    if json_ is not None and str(json_) != "-":
+        json_.write_text(json.dumps(found.answer, indent=2), encoding="utf-8")
+    if html is not None:
+        from fdbench.report.diagnosis import write_diagnosis
+
+        write_diagnosis(found, html)
+    if write_model is not None:
+        from fdbench.gap.repaired import write_repaired
+
+        write_repaired(found, write_model)
+    if str(json_) == "-":
+        echo_json(found.answer)
+    else:
+        typer.echo(summary(found))
 
 
 def main() -> None:

@@ -6,8 +6,8 @@ from typing import final
 
 import pytest
 
-from fdbench.checks.check_effect import CHECKS, Bench, Case, check_effect
-from fdbench.effects import Effect, Port, effects, kernel, parameter
+from fdbench.checks.check_effect import CHECKS, Bench, Case, check_effect, is_documented
+from fdbench.effects._effect import Effect, Port, effects, kernel, parameter
 from fdbench.errors import PluginError
 
 NAMES = effects.names()
@@ -68,15 +68,7 @@ class Faulty(Effect):
 @final
 @dataclass(frozen=True, kw_only=True)
 class Misnamed(Effect):
-    r"""Nothing.
-
-    .. math:: F = 0
-
-    Source: none.
-
-    >>> 1 + 1
-    3
-    """
+    """Says nothing about p."""
 
     name = "misnamed"
     port = Port.TABLE_FORCE
@@ -96,10 +88,16 @@ class Misnamed(Effect):
         (Faulty, "has_bounds_around_its_typical_size", r"pull_N: 2 is outside its bounds \[0, 1\]"),
         (Faulty, "carries_units", "reach_mm looks as if it had a unit"),
         (Faulty, "is_documented", "the docstring lacks '.. math::'"),
-        (Misnamed, "is_documented", "the example in the docstring is wrong"),
         (Faulty, "returns_finite_values", "the kernel returns"),
     ],
 )
 def test_a_faulty_effect_is_told_what_is_wrong(cls: type[Effect], check: str, message: str, bench: Bench) -> None:
     with pytest.raises(PluginError, match=message):
         next(item for item in CHECKS if item.__name__ == check)(Case(cls, bench))
+
+
+def test_a_wrong_example_is_shown(monkeypatch: pytest.MonkeyPatch, bench: Bench) -> None:
+    text = "\n".join((".. math:: F = 0", "Source: none.", "", ">>> 1 + 1", "3"))
+    monkeypatch.setattr(Misnamed, "__doc__", text)
+    with pytest.raises(PluginError, match=r"the example in the docstring is wrong(.|\n)*Expected:\s+3\s+Got:\s+2"):
+        is_documented(Case(Misnamed, bench))

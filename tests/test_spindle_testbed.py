@@ -16,8 +16,9 @@ from fdbench.estimator import Estimate, estimators
 from fdbench.metrics import Outcome, metrics
 from fdbench.plants import SpectralPlant
 from fdbench.plants._spectra import Spectra, lines, signals
-from fdbench.plants._spindle_plan import ForceLevels, Plan, RandomSegments, SpindleSpeeds
-from fdbench.plants._spindle_testbed import Machine, Mode, SpindleTestbedSystem, harmonic_sums
+from fdbench.plants._spindle_testbed import SpindleTestbedSystem
+from fdbench.plants._spindle_testbed_machine import Machine, Mode, harmonic_sums
+from fdbench.plants._spindle_testbed_plan import ForceLevels, Plan, RandomSegments, SpindleSpeeds
 from fdbench.plants.spindle_testbed import SpindleTestbed
 from fdbench.record import Record
 from fdbench.scenario import Scenario, Truth, load_scenario

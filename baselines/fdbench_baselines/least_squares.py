@@ -67,6 +67,11 @@ class LeastSquares(BatchEstimator):
     C. F. Gauss, Theoria combinationis observationum, 1821; McPherson, thesis, 2024, eq. 2.8.
     """
 
+    def skip(self, context: Context) -> str | None:
+        """Return why the estimator does not apply, or None."""
+        parameters = context.plant.true_parameters(context.model, context.sampling_time_s)
+        return None if parameters else "the plant's model has no parameters"
+
     def fit(self, context: Context, record: Record) -> Estimate:
         """Solve for the parameters by a singular value decomposition of the scaled regressors."""
         regression = context.regression(record)

@@ -1,14 +1,43 @@
-"""The rankings as a table for the terminal."""
+"""What the terminal shows: progress while jobs run, then the rankings."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from fdbench.benchmark.leaderboard import check_mergeable, interval_text
 from fdbench.benchmark.statistics import LEVEL, run_statuses, standings, troubles
+from fdbench.benchmark.run import Progress
 from fdbench.benchmark.store import Store
 from fdbench.scenario import TRACKS
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
+
+
+@contextmanager
+def progress(screen: "Console") -> Iterator[Callable[[Progress], None]]:
+    """Yield a callback that draws a bar on a terminal, and prints a line for each finished job elsewhere."""
+    if not screen.is_terminal:
+        yield lambda told: screen.print(_line(told), soft_wrap=True) if told.runs else None
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    with Bar(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as bar:
+        job = bar.add_task("running", total=None)
+
+        def show(told: Progress) -> None:
+            text = f"{told.runs[0].scenario} seed {told.runs[0].seed}" if told.runs else "running"
+            bar.update(job, completed=told.done, total=told.total, description=text)
+
+        yield show
+
+
+def _line(told: Progress) -> str:
+    first = told.runs[0]
+    bad = sorted({run.status for run in told.runs} - {"ok"})
+    return f"{told.done}/{told.total} {first.scenario} seed {first.seed}{': ' + ', '.join(bad) if bad else ''}"
 
 
 def ranking_table(store: Store) -> "Table":

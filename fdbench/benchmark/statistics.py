@@ -128,7 +128,7 @@ def run_scores(scores: "pd.DataFrame", track: str) -> "pd.DataFrame":
         if not (scores["estimator"] == reference).any():
             raise FdbenchError(f"scores: no rows of '{reference}', which every score is measured against.")
     classes = {name: metrics.get(name) for name in scores["metric"].unique()}
-    rows = scores[[classes[name].track == track for name in scores["metric"]]].copy()
+    rows = scores[[classes[name].track == track and classes[name].primary for name in scores["metric"]]].copy()
     rows["loss"] = [
         np.nan if status == SKIPPED else loss(classes[name], value if status == OK else classes[name].worst)
         for name, value, status in zip(rows["metric"], rows["value"], rows["status"], strict=True)

@@ -144,7 +144,7 @@ class Effect(ABC):
     confusable_with : tuple of str
         Effects that leave nearly the same signature in ordinary runs.
     calibrates : str
-        Uncertain value on paper that the effect corrects: ``mass``, ``viscous_friction``, ``known_effects`` or
+        Uncertain value on paper that the effect corrects: ``mass``, ``viscous``, ``known_effects`` or
         ``force_offset``; within that uncertainty a gap is parametric and the effect is not a cause.
     """
 

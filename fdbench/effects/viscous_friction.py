@@ -24,7 +24,7 @@ class ViscousFriction(Effect):
 
     port = Port.TABLE_FORCE
     amplitude = "viscous_friction_N_s_per_m"
-    calibrates = "viscous_friction"
+    calibrates = "viscous"
 
     viscous_friction_N_s_per_m: float = parameter("B", low=-5000.0, high=50000.0, typical=150.0)
 

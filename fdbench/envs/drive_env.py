@@ -90,9 +90,8 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         self.observation_space = self.interface.observation_space
         self.action_space = self.interface.action_space
         self.render_mode = render_mode
-        n = self._n_measured = len(self.system.columns)
-        self._truths = [(name, n + index) for index, name in enumerate(self.system.truth_columns)]
-        self._diverged = n + self.system.truth_columns.index("diverged")
+        self._truths = list(enumerate(self.system.truth_columns))
+        self._diverged = self.system.truth_columns.index("diverged")
         self._measured = self.interface.measured_column
         self._reference: list[float] = self.interface.reference.tolist()
         self._commanded = self.interface.commanded
@@ -113,7 +112,7 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         self._sample = 0
         if self._history is not None:
             self._history.clear()
-        return self.interface.at_rest(), {"truth": {name: 0.0 for name, _ in self._truths}, "time_s": 0.0}
+        return self.interface.at_rest(), {"truth": dict.fromkeys(self.system.truth_columns, 0.0), "time_s": 0.0}
 
     def step(self, action: ActionArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """Advance by one sampling time; see the data sheet of the class."""
@@ -123,17 +122,15 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         value = action.item()
         if not -1.0 <= value <= 1.0:
             raise InvalidAction(f"{self.scenario.id}: action {value:g} is outside [-1, 1].")
-        row = self.system.advance_one(value * self._action_scale)
-        values = row.tolist()
-        error = self._reference[k] - values[self._measured]
-        terminated = values[self._diverged] > 0.5
+        observation, truths = self.system.advance_one(value * self._action_scale)
+        error = self._reference[k] - observation.item(self._measured)
+        terminated = truths[self._diverged] > 0.5
         self._sample = self._n_samples if terminated else k + 1
         if self._history is not None:
-            self._history.append([k, *values])
-        observation = row[: self._n_measured]
+            self._history.append([k, *observation.tolist(), *truths])
         if self._commanded is not None:
             observation = np.concatenate((self._commanded[k], observation))
-        info = {"truth": {name: values[place] for name, place in self._truths}, "time_s": k * self._period_s}
+        info = {"truth": {name: truths[place] for place, name in self._truths}, "time_s": k * self._period_s}
         return observation, -(error * error), terminated, k + 1 == self._n_samples, info
 
     def render(self) -> NDArray[np.uint8] | None:

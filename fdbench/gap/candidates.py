@@ -20,7 +20,8 @@ class Candidate:
     Attributes
     ----------
     members : tuple of Effect
-        One effect, or two a quarter of a turn apart where a phase is free; their responses are combined linearly.
+        One effect, two a quarter of a turn apart where a phase is free, or one for each of several amplitudes; their
+        responses are combined linearly.
     replaces : int or None
         Index of the known effect that it takes the place of; a coefficient of 1 is then the whole replacement.
     """
@@ -43,23 +44,36 @@ class Candidate:
         return [base.with_effect(member, self.replaces) for member in self.members]
 
     def scaled(self, coefficients: Sequence[float]) -> "Candidate | None":
-        """Return the candidate at the fitted amplitude and phase, as one effect; None where a bound is broken."""
+        """Return the candidate at the fitted amplitudes and phase, as one effect; None where a bound is broken."""
         effect, kind = self.members[0], self.kind
         if self.replaces is not None:
             return self if 0.1 < coefficients[0] < 3.0 else None
-        bounds = {item.name: item for item in kind.parameters()}
-        value = getattr(effect, kind.amplitude)
-        size = math.hypot(*coefficients) if len(coefficients) == 2 else coefficients[0]
-        size = math.copysign(min(abs(size), LARGEST_CHANGE), size)
-        item = bounds[kind.amplitude]
-        if size * value < item.low:
-            return None
-        changes = {kind.amplitude: min(size * value, item.high)}
-        if len(coefficients) == 2:
-            phase = next(item.name for item in kind.parameters() if item.phase)
+        changes: dict[str, float] = {}
+        phase = phase_of(kind)
+        members = list(self.members)
+        if phase is not None and len(members) > 1 + len(kind.further_amplitudes):
             turned = getattr(effect, phase) + math.atan2(coefficients[1], coefficients[0])
             changes[phase] = math.remainder(turned, 2.0 * math.pi)
+            coefficients = [math.hypot(*coefficients[:2]), *coefficients[2:]]
+            del members[1]
+        bounds = {item.name: item for item in kind.parameters()}
+        for name, member, coefficient in zip(amplitudes(kind), members, coefficients, strict=False):
+            size = math.copysign(min(abs(coefficient), LARGEST_CHANGE), coefficient)
+            value = size * getattr(member, name)
+            if value < bounds[name].low:
+                return None
+            changes[name] = min(value, bounds[name].high)
         return Candidate(members=(dataclasses.replace(effect, **changes),))
+
+
+def amplitudes(kind: type[Effect]) -> tuple[str, ...]:
+    """Return the parameters in which an effect is linear: its amplitude and further ones."""
+    return (kind.amplitude, *kind.further_amplitudes)
+
+
+def phase_of(kind: type[Effect]) -> str | None:
+    """Return the name of the phase of an effect, if it has one."""
+    return next((item.name for item in kind.parameters() if item.phase), None)
 
 
 def candidates(base: Hypothesis, located: Mapping[str, Sequence[float]]) -> list[Candidate]:
@@ -89,7 +103,7 @@ def _of_kind(base: Hypothesis, kind: type[Effect], located: Mapping[str, Sequenc
         inside = [value for value in values if item.low <= value <= item.high]
         if inside:
             axes.append([(item.name, value) for value in inside])
-    phase = next((item.name for item in kind.parameters() if item.phase), None)
+    phase, further = phase_of(kind), kind.further_amplitudes
     found = []
     for point in itertools.product(*axes):
         shape = dict(point)
@@ -99,10 +113,12 @@ def _of_kind(base: Hypothesis, kind: type[Effect], located: Mapping[str, Sequenc
                 found.append(Candidate(members=(dataclasses.replace(replacement, **shape),), replaces=index))
                 break
         else:
-            effect = kind.typical(**shape)
-            if phase is None:
-                found.append(Candidate(members=(effect,)))
-            else:
-                turned = [dataclasses.replace(effect, **{phase: angle}) for angle in (0.0, QUARTER_TURN)]
-                found.append(Candidate(members=tuple(turned)))
+            effect = kind.typical(**shape, **dict.fromkeys(further, 0.0))
+            members = [effect]
+            if phase is not None:
+                members = [dataclasses.replace(effect, **{phase: angle}) for angle in (0.0, QUARTER_TURN)]
+            silent = dataclasses.replace(effect, **{kind.amplitude: 0.0})
+            typical = kind.typical(**shape)
+            members += [dataclasses.replace(silent, **{name: getattr(typical, name)}) for name in further]
+            found.append(Candidate(members=tuple(members)))
     return found

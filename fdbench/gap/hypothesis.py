@@ -118,7 +118,7 @@ class Calibration:
     ----------
     name : str
     kind : str
-        ``mass``, ``viscous_friction``, ``known_effects`` or ``force_offset``.
+        ``mass``, ``viscous``, ``known_effects`` or ``force_offset``.
     side : str
         ``motor`` or ``table`` for masses and viscous friction.
     index : int
@@ -158,11 +158,11 @@ def calibrations(nominal: Nominal) -> tuple[Calibration, ...]:
     """Return what every hypothesis may re-calibrate: masses, viscous friction, known effects, a force offset."""
     drive, doubt = nominal.drive, nominal.uncertainty
     sides = ("motor", "table") if drive.screw is not None else ("motor",)
-    viscous = max(drive.viscous_friction_N_s_per_m, 1e-3 * drive.mass_kg) * doubt.viscous_friction
+    viscous = max(drive.viscous_friction_N_s_per_m, 1e-3 * drive.mass_kg) * doubt.viscous
     lever = 1.0 if drive.screw is not None else drive.mass_kg / drive.motor.mass_kg
     found = [Calibration(name=f"{side}_mass", kind="mass", side=side, deviation=doubt.mass * lever) for side in sides]
     found += [
-        Calibration(name=f"{side}_viscous_friction", kind="viscous_friction", side=side, deviation=viscous)
+        Calibration(name=f"{side}_viscous", kind="viscous", side=side, deviation=viscous)
         for side in sides
     ]
     found += [
@@ -187,7 +187,7 @@ def adjustables(effect: Effect) -> list[Adjustable]:
     """Return what a fit may move in an effect: its amplitude, phases, and the shape parameters that are searched."""
     found = []
     for item in type(effect).parameters():
-        is_amplitude = item.name == type(effect).amplitude
+        is_amplitude = item.name in (type(effect).amplitude, *type(effect).further_amplitudes)
         if not (is_amplitude or item.phase or item.grid or item.locate):
             continue
         value = getattr(effect, item.name)

@@ -30,7 +30,7 @@ class Uncertainty:
     """
 
     mass: float = positive(default=0.04)
-    viscous_friction: float = positive(default=0.15)
+    viscous: float = positive(default=0.15)
     known_effects: float = positive(default=0.1)
     force_offset_N: float = nonnegative(default=2.0)
 

@@ -18,7 +18,7 @@ from fdbench.record import FloatArray
 MOST_EFFECTS = 4
 RESCALED = 10  # classes that are simulated again at their fitted size
 REFINED = 3  # classes that are refined in closed loop before one is chosen
-SMALLEST_GAIN = 0.03  # share of the excess misfit that an effect must remove
+SMALLEST_GAIN = 0.04  # share of the excess misfit that an effect must remove
 NOISE_ALONE = 1.05  # misfit below which nothing is left to explain
 ITERATIONS = 8
 CONVERGED = 3e-4  # relative fall of the objective below which a refinement ends

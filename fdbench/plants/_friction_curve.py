@@ -8,6 +8,7 @@ import numpy as np
 from fdbench.effects import Effect, Port
 
 SETTLING_STEPS, SETTLING_STEP_S = 200, 1e-2
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,4 +40,6 @@ def friction_line(effects: Sequence[Effect], velocity_limit: float, viscous: flo
             forces += [steady_force(effect, velocity) for velocity in velocities]
     design = np.column_stack((velocities, np.sign(velocities), np.ones(4)))
     slope, coulomb, offset = np.linalg.lstsq(design, forces, rcond=None)[0]
+    largest = float(np.max(np.abs(forces), initial=0.0))
+    slope, coulomb, offset = (value if abs(value) > ROUNDING * largest else 0.0 for value in (slope, coulomb, offset))
     return FrictionLine(viscous_N_s_per_m=viscous + slope, coulomb_N=float(coulomb), offset_N=float(offset))

@@ -9,8 +9,9 @@ import numpy as np
 from fdbench.errors import RecordError, SpecError, did_you_mean
 from fdbench.plants._plant import Plant
 from fdbench.plants._spectra import Spectra, lines
-from fdbench.plants._spindle_plan import ForceLevels, Plan, RandomSegments, SpindleSpeeds
-from fdbench.plants._spindle_testbed import Machine, SpindleTestbedSystem
+from fdbench.plants._spindle_testbed import SpindleTestbedSystem
+from fdbench.plants._spindle_testbed_machine import Machine
+from fdbench.plants._spindle_testbed_plan import ForceLevels, Plan, RandomSegments, SpindleSpeeds
 from fdbench.record import Record
 from fdbench.regression import Regression
 from fdbench.simulate.system import Setup

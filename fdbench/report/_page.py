@@ -83,6 +83,15 @@ def tag(name: str, *parts: str, kind: str = "") -> Html:
     return Html(f"<{name}{attribute}>{''.join(escaped(part) for part in parts)}</{name}>")
 
 
+def breakable(name: str) -> Html:
+    """Return a name that may be broken after its underscores.
+
+    >>> breakable("parameter_error")
+    'parameter_<wbr>error'
+    """
+    return Html(escaped(name).replace("_", "_<wbr>"))
+
+
 def paragraph(*parts: str) -> Html:
     """Return a paragraph."""
     return tag("p", *parts)

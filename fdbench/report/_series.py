@@ -44,7 +44,7 @@ def gaps(time_s: FloatArray) -> NDArray[np.intp]:
     array([3])
     """
     steps = np.diff(time_s)
-    return np.flatnonzero(steps > 1.5 * np.median(steps)) + 1
+    return np.flatnonzero(steps > 1.5 * np.median(steps)) + 1 if len(steps) else np.empty(0, dtype=np.intp)
 
 
 def thinned(time_s: FloatArray, values: FloatArray, n_points: int = N_POINTS) -> tuple[FloatArray, FloatArray]:

@@ -23,7 +23,7 @@ from fdbench.benchmark.statistics import (
 from fdbench.benchmark.store import FAILED, OK, PROVENANCE, SKIPPED, STATUSES, Store
 from fdbench.metrics import metrics
 from fdbench.report._figures import Style, dots, labelled, legend, named, quantity, styles_of, unit_text
-from fdbench.report._page import Block, Grid, Html, Section, folded, note, paragraph, table, tag, write_page
+from fdbench.report._page import Block, Grid, Html, Section, breakable, folded, note, paragraph, table, tag, write_page
 from fdbench.report._scenario import known_scenario, pictures
 from fdbench.scenario import TRACKS
 from fdbench.units import unit_of
@@ -153,7 +153,7 @@ def _metric_tables(means: "pd.DataFrame") -> Iterator[Html]:
             for name, text in ((name, number_text(value, scale)) for name, value in values.items())
         ]
         arrow = "↑" if metric.bigger_is_better else "↓"
-        rows.append([f"{metric_name} {arrow}", metric.track, unit_text(metric.unit), *cells])
+        rows.append([breakable(f"{metric_name} {arrow}"), metric.track, unit_text(metric.unit), *cells])
     if rows:
         rows.sort(key=lambda row: TRACKS.index(row[1]))
         yield table(["metric", "track", "unit", *names], rows, "lll" + "r" * len(names))
@@ -229,7 +229,8 @@ def _metric_troubles(scores: "pd.DataFrame") -> Iterator[Html]:
     runs = ["scenario", "estimator", "seed"]
     estimated = set(scores.loc[scores["status"] == OK, runs].itertuples(index=False, name=None))
     bad = scores[scores["status"] != OK]
-    missing = bad[[run in estimated for run in bad[runs].itertuples(index=False, name=None)]]
+    has_estimate = [run in estimated for run in bad[runs].itertuples(index=False, name=None)]
+    missing = bad[np.array(has_estimate, dtype=bool)]
     rows = [
         [
             tag("span", str(status), kind="bad" if status == FAILED else ""),

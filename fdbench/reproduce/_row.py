@@ -1,5 +1,6 @@
 """One published figure beside ours."""
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Literal
@@ -40,3 +41,7 @@ class Row:
         if self.kind == "not reproducible":
             return True
         return math.isfinite(self.value) and abs(self.value - self.target) <= self.tolerance
+
+    def as_dict(self) -> dict[str, str | float | bool | None]:
+        """Return the row with its verdict, for JSON."""
+        return {**dataclasses.asdict(self), "ok": self.ok}

@@ -44,7 +44,7 @@ def ranking(item: str, holds: bool) -> Row:
 # ---- scenarios and estimates ----
 
 
-def scenario_of(name: str, **changes: float) -> Scenario:
+def scenario_of(name: str, **changes: Any) -> Scenario:
     """Return a scenario with another clock; ``changes`` are fields of its timing."""
     scenario = load_scenario(name)
     if scenario.timing is None:
@@ -107,13 +107,18 @@ def space_of(scenario: Scenario) -> StateSpace:
 
 def impulse_response(scenario: Scenario, column: str, size: float, **arguments: Any) -> FloatArray:
     """Return the force that one reading of ``size`` in a column of zeros causes, from the row of that reading on."""
-    zeros = np.zeros(scenario.setup.timing.n_samples)
+    zeros: FloatArray = np.zeros(scenario.setup.timing.n_samples)
     pulse = zeros.copy()
     pulse[1] = size
     space = space_of(scenario)
-    time_s = np.arange(len(zeros)) * scenario.setup.timing.sampling_time_s
-    columns = dict.fromkeys((*space.inputs, *space.outputs), zeros)
-    return force_of(estimate(scenario, Record({"time_s": time_s, **columns, column: pulse}), **arguments))
+    columns = dict.fromkeys((*space.inputs, *space.outputs), zeros) | {column: pulse}
+    record = Record({"time_s": clock(len(zeros), scenario.setup.timing.sampling_time_s), **columns})
+    return force_of(estimate(scenario, record, **arguments))
+
+
+def clock(n_samples: int, period_s: float) -> FloatArray:
+    """Return the times of the samples."""
+    return np.asarray(period_s * np.arange(n_samples), dtype=np.float64)
 
 
 def step_response(scenario: Scenario, start_s: float, **arguments: Any) -> FloatArray:
@@ -145,7 +150,7 @@ def delay_s(response: np.ndarray, frequencies_Hz: FloatArray, at_Hz: float = 50.
 
 
 def spindle_plant() -> Iterator[Row]:
-    """Static compliances and zeros."""
+    """Yield static compliances and zeros."""
     scenario = load_scenario("SpindleStep-v0")
     plant: Any = scenario.plant
     parts = [1e6 * mode.compliance_m_per_N for mode in plant.modes]
@@ -156,54 +161,58 @@ def spindle_plant() -> Iterator[Row]:
     n = len(space.A)
     pencil = np.block([[space.A, space.E[:, None]], [space.C, np.zeros((1, 1))]])
     zeros = _finite_zeros(pencil, n)
-    for value, target in zip(zeros, (-146.1 + 4969.6j, -220.4 + 7286.6j), strict=True):
-        yield must(f"spindle: zero near {target.imag:.0f} rad/s, real part, 1/s", value.real, target.real, 0.06)
-        yield must(f"spindle: zero near {target.imag:.0f} rad/s, imaginary part", value.imag, target.imag, 0.06)
+    for zero, wanted in zip(zeros, (-146.1 + 4969.6j, -220.4 + 7286.6j), strict=True):
+        yield must(f"spindle: zero near {wanted.imag:.0f} rad/s, real part, 1/s", zero.real, wanted.real, 0.06)
+        yield must(f"spindle: zero near {wanted.imag:.0f} rad/s, imaginary part", zero.imag, wanted.imag, 0.06)
 
 
-def _finite_zeros(pencil: FloatArray, n: int) -> np.ndarray:
+def _finite_zeros(pencil: FloatArray, n: int) -> list[complex]:
     """Return the transmission zeros in the upper half plane, by frequency."""
     from scipy.linalg import eigvals
 
     values = eigvals(pencil, np.diag([1.0] * n + [0.0]))
-    finite = values[np.isfinite(values) & (np.abs(values) < 1e6) & (values.imag > 0.0)]
-    return np.asarray(finite[np.argsort(finite.imag)])
+    finite = [complex(value) for value in values if np.isfinite(value) and abs(value) < 1e6 and value.imag > 0.0]
+    return sorted(finite, key=lambda zero: zero.imag)
 
 
-def continuous_response(scale: float, q: float, frequencies_Hz: FloatArray) -> tuple[np.ndarray, float, FloatArray]:
-    """Return the response from force to claim, the claimed deviation, and the weights of the readings.
+CONTINUOUS_HZ: FloatArray = np.linspace(10.0, 12000.0, 1200)
 
-    The continuous filter is run at 1 us, where holding the readings does nothing; the noise is ``scale`` times 0.1 N at
-    0.1 ms, as a density.
+
+def continuous_response(scale: float, q: float) -> tuple[np.ndarray, float, FloatArray]:
+    """Return the response from force to claim at `CONTINUOUS_HZ`, the claimed deviation, and the readings' weights.
+
+    The continuous filter is run at 0.2 us, where it does not matter that readings are held, and for 0.1 s, one period
+    of the grid. The noise is ``scale`` times 0.1 N at 0.1 ms, as a density.
     """
-    period = 1e-6
-    scenario = scenario_of("SpindleStep-v0", sampling_time_s=period, duration_s=0.03, substeps=1)
+    period = 2e-7
+    scenario = scenario_of("SpindleStep-v0", sampling_time_s=period, duration_s=0.1, substeps=1)
     plant: Any = scenario.plant
     noise = scale * plant.sensor_noise_m * (1e-4 / period) ** 0.5
     scenario = with_plant(scenario, sensor_noise_m=noise)
-    arguments = {"q_N2_per_s": q, "form": "continuous"}
+    arguments: dict[str, Any] = {"q_N2_per_s": q, "form": "continuous"}
     weights = impulse_response(scenario, "displacement_m", 1.0, **arguments)
     space = space_of(scenario)
     eye = np.eye(len(space.A))
     plant_response = np.array(
-        [space.C[0] @ np.linalg.solve(2j * np.pi * f * eye - space.A, space.E) for f in frequencies_Hz]
+        [space.C[0] @ np.linalg.solve(2j * np.pi * f * eye - space.A, space.E) for f in CONTINUOUS_HZ]
     )
-    zeros = np.zeros(5)
-    nothing = Record({"time_s": period * np.arange(5), "displacement_m": zeros})
+    zeros: FloatArray = np.zeros(5)
+    nothing = Record({"time_s": clock(5, period), "displacement_m": zeros})
     deviation = deviation_of(estimate(scenario, nothing, **arguments))
-    return transfer(weights, period, frequencies_Hz) * plant_response, deviation, weights
+    of_readings = np.fft.rfft(weights, scenario.setup.timing.n_samples)[1 : len(CONTINUOUS_HZ) + 1]
+    return of_readings * plant_response, deviation, weights
 
 
 def continuous_filter() -> Iterator[Row]:
     """Continuous filter of the spindle: claimed deviation, bandwidth and delay."""
-    grid = np.concatenate(([50.0], np.arange(100.0, 12000.0, 20.0)))
+    grid = CONTINUOUS_HZ
     found = {}
     for q, deviation, bandwidth, delay in (
         (1e4, 1.14, 2517.0, 0.130),
         (1e6, 7.85, 5211.0, 0.062),
         (1e8, 53.6, None, 0.029),
     ):
-        response, claimed, weights = continuous_response(1.0, q, grid)
+        response, claimed, _ = continuous_response(1.0, q)
         found[q] = response
         item = f"spindle, continuous filter, q {q:g} N^2/s"
         yield must(f"{item}: standard deviation of the force, N", claimed, deviation, 0.02 * deviation)
@@ -213,15 +222,17 @@ def continuous_filter() -> Iterator[Row]:
         else:
             yield must(f"{item}: -3 dB, Hz", bandwidth_Hz(response, grid), bandwidth, 0.02 * bandwidth)
         yield must(f"{item}: largest magnitude", float(np.abs(response).max()), 1.0, 0.005)
-    rate = np.log(rms(weights[5000:15000]) / rms(weights[15000:25000])) / 0.01
-    yield must("spindle, continuous filter, q 1e+08 N^2/s: rate of the slowest pole, 1/s", rate, 146.1, 3.0)
-    scaled, _, _ = continuous_response(10.0, 1e6, grid)
+    _, _, weights = continuous_response(1.0, 1e12)
+    early, late = (rms(weights[first : first + 100_000]) for first in (300_000, 400_000 - 1))
+    rate = np.log(early / late) / 0.02
+    yield must("spindle, continuous filter, q 1e+12 N^2/s: rate of the slowest pole, 1/s", rate, 146.1, 0.5)
+    scaled, _, _ = continuous_response(10.0, 1e6)
     difference = float(np.abs(scaled - found[1e4]).max())
     yield must("spindle: ten times the noise with 100 q gives the same response, difference", difference, 0.0, 1e-6)
 
 
 def spindle_steps() -> Iterator[Row]:
-    """Steps of 100 N, discrete filter: the table of section 4.2 of the digest."""
+    """Yield what steps of 100 N show of the discrete filter."""
     columns = ("-3 dB, Hz", "delay at 50 Hz, ms", "noise, N", "t90, ms", "settling to 5 %, ms", "overshoot, N")
     nan, inf = float("nan"), float("inf")
     table = (
@@ -233,8 +244,8 @@ def spindle_steps() -> Iterator[Row]:
         (1e-4, "force_only", 1e6, (4334.0, 0.109, 2.05, 0.2, nan, 12.0)),
         (1e-3, "van_loan", 1e2, (49.0, 3.4, 0.08, 6.0, 16.0, 7.0)),
         (1e-3, "van_loan", 1e8, (49.0, 3.4, 0.08, 6.0, 16.0, 7.0)),
-        (1e-3, "force_only", 1e4, (inf, 1.0, 0.40, 1.0, 1.0, 1.5)),
-        (1e-3, "force_only", 1e8, (inf, 1.0, 0.43, 1.0, 1.0, 1.5)),
+        (1e-3, "force_only", 1e4, (inf, 1.0, 0.40, 1.0, 1.0, 2.0)),
+        (1e-3, "force_only", 1e8, (inf, 1.0, 0.43, 1.0, 1.0, 1.0)),
     )
     for period, force_noise, q, targets in table:
         scenario = scenario_of("SpindleStep-v0", sampling_time_s=period, substeps=round(period / 1e-5))
@@ -267,7 +278,7 @@ def spindle_steps() -> Iterator[Row]:
 
 
 def force_at(scenario: Scenario) -> FloatArray:
-    """Return the force (n_samples,) just after each sample, where the truth of a scenario is its mean over the sample."""
+    """Return the force just after each sample, (n_samples,); the truth of a scenario is its mean over the sample."""
     timing = scenario.setup.timing
     h = timing.sampling_time_s / timing.substeps
     motion = scenario.setup.motion.reference(timing.sampling_time_s, timing.n_samples)
@@ -363,7 +374,7 @@ def drive_current() -> Iterator[Row]:
         step = step_response(long, 0.5, q_N2_per_s=q, form="steady")
         reason = "exact; 0.83 N is one short record" if q == 1e2 else ""
         yield must(f"{item}: claimed standard deviation, N", deviation_of(claim), deviation, 0.05 * deviation)
-        yield must(f"{item}: standard deviation once steady, N", float(steady.std()), spread, 0.06 * spread, reason)
+        yield must(f"{item}: standard deviation once steady, N", float(steady.std()), spread, 0.05 * spread, reason)
         yield must(f"{item}: mean once steady, N", float(steady.mean()), STEP_N, 0.02 * spread + 0.05)
         for share, target in ((0.63, t63), (0.9, t90)):
             value = float(np.argmax(step >= share * STEP_N))
@@ -405,7 +416,7 @@ def network_error(scenario: Scenario, records: list[tuple[Record, FloatArray]], 
 
 
 def networks() -> Iterator[Row]:
-    """The five filters: the table of section 4.4 of the digest; force held over each sample of 0.1 ms."""
+    """Yield the errors of the five filters; the force is held over each sample of 0.1 ms."""
     full, line = (scenario_of(f"SensorNetwork{kind}-v0", substeps=1) for kind in ("", "Line"))
     alone = with_plant(full, links=())
     records: list[tuple[Record, FloatArray]] = []
@@ -423,7 +434,7 @@ def networks() -> Iterator[Row]:
     for node, target, tolerance in ((1, 12.02, 0.05), (2, 35.57, 0.7), (3, 41.52, 0.8)):
         value = error(alone, "kalman_distributed", node=node)
         yield must(f"network: node {node} alone, N", value, target, tolerance, "scatter of the noise")
-    equal = (
+    equal: tuple[tuple[str, str, dict[str, Any]], ...] = (
         ("DIF, gain form", "kalman_distributed", {}),
         ("DIF, information form", "kalman_distributed", {"form": "information"}),
         ("PIF, exact", "kalman_parallel", {}),

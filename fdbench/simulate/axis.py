@@ -122,8 +122,7 @@ class Axis(System):
         self._side_by_side = SIDE_BY_SIDE if n_lanes >= SIDE_BY_SIDE // 4 else 1
         self._n_blocks = -(-n_lanes // self._side_by_side)
         self._action_row = ROW[action_row]
-        truths = (layout.OUT_DISTURBANCE, layout.OUT_HELD, layout.OUT_DIVERGED)
-        self._pick = np.array([*columns.values(), *truths])
+        self._pick = np.array([*columns.values(), *range(layout.OUT_DISTURBANCE, layout.OUT_COLUMNS)])
         self._active = np.ones(max(len(self.effects), 1), dtype=np.bool_)
         self._noise = setup.noise
         self._rigid = mechanics.rigid
@@ -151,7 +150,8 @@ class Axis(System):
         first = lane // width * self._blocks[0].size + lane % width
         self._actions = self._blocks.reshape(-1), first + self._action_row * width
         self._flags = self._blocks.reshape(-1), first + ROW["DIVERGED"] * width
-        self._only_lane = self._blocks[0, self._action_row], self._out.reshape(-1)
+        out, n = self._out.reshape(-1), len(self.columns)
+        self._only_lane = self._blocks[0, self._action_row], out, out[self._pick[n] :], self._pick[:n]
 
     def _ranges(self, mechanics: Mechanics, command_limit: float) -> tuple[dict[str, float], FloatArray]:
         """Return the largest magnitude of each column, and what is logged at the start of the reference."""
@@ -324,16 +324,15 @@ class Axis(System):
         rows = raw.transpose(1, 2, 0, 3)[:, self._pick]
         return rows.reshape(len(rows), len(self._pick), -1)[:, :, : self.n_lanes]
 
-    def advance_one(self, action: float) -> FloatArray:
+    def advance_one(self, action: float) -> tuple[FloatArray, list[float]]:
         """Advance the only lane by one sample; see `System.advance_one`."""
         if self._position == CHUNK:
             self._draw_all()
-        place, out = self._only_lane
+        place, out, truth, logged = self._only_lane
         place[0] = action
         self._advance(self._flat_blocks, self._position, 1, *self._settings, self._out)
         self._position += 1
-        row: FloatArray = out[self._pick]
-        return row
+        return out[logged], truth.tolist()
 
     def _run(self, n_samples: int, out: FloatArray) -> None:
         if self._position == CHUNK:

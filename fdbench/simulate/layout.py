@@ -26,14 +26,14 @@ ROWS: tuple[str, ...] = (
     *("ACTION_POSITION", "ACTION_VELOCITY", "ACTION_FORCE"),
     # Scratch of one substep.
     *("T", "MID_X_M", "MID_V_M", "MID_X_T", "MID_V_T", "U", "F_M", "S_M", "F_T", "S_T", "STRETCH", "STRETCH_FREE"),
-    *("ACCELERATION_AHEAD", "ADDED_MASS"),
-    *("DELIVERED", "TRANSMITTED", "PROCESS", "PROCESS_SUM", "REQUEST", "COMMANDED_V", "READ_MOTOR", "READ_TABLE", "READ_HELD"),
+    *("ACCELERATION_AHEAD", "ADDED_MASS", "DELIVERED", "TRANSMITTED", "PROCESS", "PROCESS_SUM", "REQUEST"),
+    *("COMMANDED_V", "READ_MOTOR", "READ_TABLE", "READ_HELD"),
 )
 
 FIRST_FREE_ROW = len(ROWS)
 STATE_ROWS = ROWS[: ROWS.index("HALF_0")]
 
-# Columns of the output, one row for each sample.
+# Columns of the output, one row for each sample; what only the simulation knows comes last.
 OUT_REFERENCE_POSITION, OUT_REFERENCE_VELOCITY, OUT_MOTOR, OUT_TABLE, OUT_VELOCITY, OUT_FORCE = range(6)
 OUT_DISTURBANCE, OUT_HELD, OUT_DIVERGED = range(6, 9)
 OUT_COLUMNS = 9

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from fdbench.effects import Effect, effects
 from fdbench.motions import Motion
 from fdbench.motions.held_levels import HeldLevels
-from fdbench.plants.feed_drive import FeedDrive, LinearMotor, Screw, Table
 from fdbench.plants._controllers import OpenLoop
+from fdbench.plants.feed_drive import FeedDrive, LinearMotor, Screw, Table
 from fdbench.scenario import load_scenario
 from fdbench.simulate.axis import Axis
 from fdbench.simulate.system import Setup, Timing

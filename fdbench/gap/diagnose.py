@@ -1,0 +1,295 @@
+"""Diagnose: align, measure the floor, re-calibrate, localise, search, and say what was found."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.effects import Effect
+from fdbench.errors import RecordError
+from fdbench.gap.evidence import Split, gather
+from fdbench.gap.floor import Floor, floors
+from fdbench.gap.hypothesis import Hypothesis, calibrations, start
+from fdbench.gap.nominal import Nominal
+from fdbench.gap.replay import Replay
+from fdbench.gap.runs import Run, prepare, same_command
+from fdbench.gap.search import Search, Stage, numbers_of
+from fdbench.gap.shrink import Closure, closure, shapley
+from fdbench.gap.where import Gaps, where
+from fdbench.record import FloatArray, Record
+from fdbench.units import unit_of
+
+HELD_OUT_SHARE = 1.0 / 3.0
+TOO_SMALL = 1.3  # mean squared gap in units of the floor below which nothing is named
+ALIKE = 0.9  # a rival that removes this share of what the best removes cannot be told apart
+EFFECTIVE_SAMPLES = 60.0  # independent samples that a misfit ratio is worth, as far as probabilities go
+CLOSES_ENOUGH = 0.5
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Diagnosis:
+    """What was found: the answer of the contract, and the hypotheses behind it for whoever wants to go on.
+
+    Attributes
+    ----------
+    answer : dict
+        JSON of the contract.
+    calibrated, final : Hypothesis
+        Without and with the named effects.
+    stages : list of Stage
+    runs : list of Run
+    floors : mapping of str to Floor
+    """
+
+    answer: dict[str, Any]
+    calibrated: Hypothesis
+    final: Hypothesis
+    stages: list[Stage]
+    split: Split
+    simulated: list[dict[str, FloatArray]]
+
+
+def split_runs(records: Sequence[Run], holdouts: Sequence[Run]) -> tuple[Split, str]:
+    """Return what is fitted and what is judged on.
+
+    With held-out records these are judged on; else the last laps of records that repeat themselves, else the last of
+    repeated records, else the last third of each record.
+    """
+    runs = [*records, *holdouts]
+    masks: list[NDArray[np.bool_]] = [np.zeros(run.n_samples, dtype=np.bool_) for run in runs]
+    found = floors(runs)
+    if holdouts:
+        for mask in masks[len(records) :]:
+            mask[:] = True
+        return Split(runs=runs, held_out=masks, floors=found), "held-out"
+    repeated = [
+        index for index, run in enumerate(runs) if any(same_command(run, other) for other in runs[:index])
+    ]
+    if repeated and len(repeated) < len(runs):
+        for index in repeated:
+            if not any(same_command(runs[index], later) for later in runs[index + 1 :]):
+                masks[index][:] = True
+        return Split(runs=runs, held_out=masks, floors=found), "held-out repeats"
+    for run, mask in zip(runs, masks, strict=True):
+        if run.lap is not None:
+            laps = max(1, round(run.n_samples / run.lap * 0.5))
+            mask[laps * run.lap :] = True
+        else:
+            mask[round(run.n_samples * (1.0 - HELD_OUT_SHARE)) :] = True
+    by = "held-out laps" if all(run.lap is not None for run in runs) else "held-out last third of each record"
+    return Split(runs=runs, held_out=masks, floors=found), by
+
+
+def diagnose(
+    nominal: Nominal,
+    records: Sequence[Record],
+    holdouts: Sequence[Record] = (),
+    progress: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Diagnose the gap between a nominal model and records of the real axis.
+
+    Parameters
+    ----------
+    nominal : Nominal
+    records, holdouts : sequences of Record
+        Fitted on, and judged on.
+    progress : callable, optional
+
+    Raises
+    ------
+    RecordError
+        If there are no records, or one lacks what is needed; the message says what to do.
+    """
+    if not records:
+        raise RecordError("no records: at least one is needed, better three repeats of several motions.")
+    drive = nominal.drive
+    runs, others = ([prepare(item, drive) for item in group] for group in (records, holdouts))
+    check_alike([*runs, *others])
+    split, judged_on = split_runs(runs, others)
+    replay = Replay(drive, nominal.library, nominal.simulation.substeps)
+    search = Search(replay, split, progress)
+    paper = start(nominal)
+    raw = mean_gap(replay, split, paper)
+    calibrated = search.refine(paper)
+    final, stages = search.run(calibrated)
+    shut = closure(replay, split, calibrated, final)
+    simulated = [
+        {name: values[0] for name, values in replay.simulate(run, [calibrated.variant()]).items()} for run in split.runs
+    ]
+    answer = {
+        "gap": {"channels": channels_of(replay, split, paper, calibrated, final)},
+        "where": where(Gaps.of(split.runs, simulated, split.floors)),
+        **verdict(split, stages, final, shut, raw),
+        "shrinkage": shrinkage(shut, final, judged_on, raw),
+        "next_experiment": None,
+        "parametric": parametric(raw, shut, calibrated),
+        "noise_floor": {
+            name: {"value": floor.rms, "unit": unit_of(name), "measured_from_repeats": floor.measured}
+            for name, floor in split.floors.items()
+        },
+    }
+    return Diagnosis(
+        answer=answer, calibrated=calibrated, final=final, stages=stages, split=split, simulated=simulated
+    )
+
+
+def check_alike(runs: Sequence[Run]) -> None:
+    """Raise a RecordError unless all runs have the same channels and clock."""
+    first = runs[0]
+    for run in runs[1:]:
+        if set(run.channels) != set(first.channels):
+            raise RecordError(
+                f"{run.name}: channels {sorted(run.channels)} differ from those of {first.name}, "
+                f"{sorted(first.channels)}; give records with the same columns."
+            )
+        if abs(run.period_s - first.period_s) > 1e-6 * first.period_s:
+            raise RecordError(
+                f"{run.name}: sampled every {run.period_s:g} s, {first.name} every {first.period_s:g} s; "
+                "give records with one clock."
+            )
+
+
+def mean_gap(replay: Replay, split: Split, hypothesis: Hypothesis) -> float:
+    """Return the mean squared held-out gap in units of the floor."""
+    evidence = gather(replay, split, hypothesis, ())
+    outside = evidence.held_out
+    return float(evidence.gaps[outside].sum() / evidence.counts[outside].sum())
+
+
+def channels_of(
+    replay: Replay, split: Split, paper: Hypothesis, calibrated: Hypothesis, final: Hypothesis
+) -> dict[str, Any]:
+    """Return the held-out gap of each channel as root mean square: on paper, re-calibrated, repaired."""
+    sums = {name: np.zeros(4) for name in split.runs[0].channels}
+    for run, out in zip(split.runs, split.held_out, strict=True):
+        simulated = replay.simulate(run, [item.variant() for item in (paper, calibrated, final)])
+        for name, measured in run.channels.items():
+            for index in range(3):
+                sums[name][index] += float(np.sum((measured - simulated[name][index])[out] ** 2))
+            sums[name][3] += float(out.sum())
+    result = {}
+    for name, total in sums.items():
+        before, recalibrated, repaired = np.sqrt(total[:3] / max(total[3], 1.0)).tolist()
+        spread = math.sqrt(
+            sum(float(np.sum((run.channels[name] - run.channels[name].mean()) ** 2)) for run in split.runs)
+            / sum(run.n_samples for run in split.runs)
+        )
+        result[name] = {
+            "before": before,
+            "recalibrated": recalibrated,
+            "repaired": repaired,
+            "reduction": 1.0 - (repaired / recalibrated) ** 2 if recalibrated > 0.0 else 0.0,
+            "noise_floor": split.floors[name].rms,
+            "unit": unit_of(name),
+            "relative": before / spread if spread > 0.0 else 0.0,
+        }
+    return result
+
+
+def verdict(
+    split: Split, stages: Sequence[Stage], final: Hypothesis, shut: Closure, raw: float
+) -> dict[str, Any]:
+    """Return causes with probabilities and shares, and the probabilities of an unknown cause and of no gap."""
+    means = shut.mean()
+    n = len(final.effects)
+    closed = dict(zip(shut.subsets, (means[0] - means).tolist(), strict=True))
+    excess = max(float(means[0]) - 1.0, 1e-12)
+    values = shapley(closed, n)
+    everything = tuple(range(n))
+    causes = []
+    for index, effect in enumerate(final.effects):
+        stage = next(item for item in stages if any(rival.kind is type(effect) for rival in item.rivals[:1]))
+        alone = tuple(other for other in everything if other != index)
+        causes.append(
+            {
+                "effect": effect.name,
+                "probability": probability(stage),
+                "share": max(values[index], 0.0) / float(means[0]),
+                "unique_share": max(closed[everything] - closed[alone], 0.0) / float(means[0]),
+                "parameters": parameters(effect),
+                "indistinguishable_from": alike(stage),
+            }
+        )
+    causes.sort(key=lambda cause: -float(cause["share"]))  # type: ignore[arg-type]
+    fraction = closed[everything] / excess
+    none = 1.0 / (1.0 + math.exp(min(60.0, 20.0 * (float(means[0]) - TOO_SMALL))))
+    unknown = (1.0 - none) / (1.0 + math.exp(8.0 * (fraction - CLOSES_ENOUGH)))
+    return {
+        "causes": causes,
+        "unknown_probability": unknown,
+        "no_gap_probability": none,
+        "summary": "",
+    }
+
+
+def probability(stage: Stage) -> float:
+    """Return the tempered probability of the best class of a stage against its rivals and against none."""
+    logs = [-0.5 * EFFECTIVE_SAMPLES * math.log(max(rival.misfit, 1e-9)) for rival in stage.rivals]
+    logs.append(-0.5 * EFFECTIVE_SAMPLES * math.log(max(stage.misfit, 1e-9)))
+    top = max(logs)
+    weights = [math.exp(value - top) for value in logs]
+    return weights[0] / sum(weights)
+
+
+def alike(stage: Stage) -> list[str]:
+    """Return the names of rivals that explain nearly as much as the best."""
+    best = stage.gain(stage.rivals[0])
+    return [rival.kind.name for rival in stage.rivals[1:] if stage.gain(rival) >= ALIKE * best]
+
+
+def parameters(effect: Effect) -> dict[str, Any]:
+    """Return the parameters of an effect with units."""
+    return {
+        item.name: {"value": getattr(effect, item.name), "ci95": None, "unit": item.unit}
+        for item in type(effect).parameters()
+    }
+
+
+def shrinkage(shut: Closure, final: Hypothesis, judged_on: str, raw: float) -> dict[str, Any]:
+    """Return how the held-out mean squared gap falls as the effects are added one by one, with intervals."""
+    means, draws = shut.mean(), shut.mean(shut.draws())
+    place = {subset: index for index, subset in enumerate(shut.subsets)}
+    steps = []
+    for count, effect in enumerate(final.effects):
+        before, after = place[tuple(range(count))], place[tuple(range(count + 1))]
+        steps.append(
+            {
+                "added": effect.name,
+                "before": float(means[before]),
+                "after": float(means[after]),
+                "reduction": 1.0 - float(means[after] / means[before]),
+                "ci95": _interval(1.0 - draws[:, after] / draws[:, before]),
+            }
+        )
+    total = 1.0 - draws[:, -1] / draws[:, 0]
+    return {
+        "judged_on": judged_on,
+        "unit": "mean square in units of the noise floor",
+        "on_paper": raw,
+        "steps": steps,
+        "total": 1.0 - float(means[-1] / means[0]),
+        "ci95": _interval(total),
+        "reducible_left": max(0.0, 1.0 - 1.0 / max(float(means[-1]), 1e-12)),
+        "noise_floor": 1.0,
+    }
+
+
+def parametric(raw: float, shut: Closure, calibrated: Hypothesis) -> dict[str, Any]:
+    """Return what re-calibration alone does: the parametric gap, and how far each value on paper moved."""
+    structural = float(shut.mean()[0])
+    moved = zip(calibrations(calibrated.nominal), calibrated.shifts, strict=True)
+    return {
+        "closed_by_recalibration": max(0.0, 1.0 - structural / raw),
+        "moved_in_standard_deviations": {item.name: shift for item, shift in moved},
+    }
+
+
+def _interval(values: FloatArray) -> list[float]:
+    low, high = np.percentile(values, [2.5, 97.5])
+    return [float(low), float(high)]
+
+
+__all__ = ["Diagnosis", "Floor", "diagnose", "numbers_of"]

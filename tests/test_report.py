@@ -1,0 +1,374 @@
+"""The page of benchmark results: what is on it, that it needs nothing but itself, and that its figures are right."""
+
+import base64
+import json
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects
+import pytest
+from plotly.offline import get_plotlyjs
+
+from fdbench.benchmark.provenance import provenance
+from fdbench.benchmark.run import run
+from fdbench.benchmark.store import FAILED, OK, Key, Run, Score, Store
+from fdbench.errors import FdbenchError
+from fdbench.report import write_report
+from fdbench.report._figures import styles_of
+from fdbench.report._page import Figure, Html, Section, page, table, tag
+from fdbench.report._series import envelope, thinned
+
+SCENARIOS = ("MillingUpDown-v0", "ShakerConstant-v0")
+HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)> & \"quoted\" 'text'"
+VOID = {"meta", "wbr", "link", "img", "br"}
+
+
+class Page(HTMLParser):
+    """A page taken apart; a tag that is not closed where it should be is an error."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.text = text
+        self.open: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.headings: list[str] = []
+        self.words: list[str] = []
+        self.figures: dict[str, dict[str, Any]] = {}
+        self.plot: str | None = None
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+        self.plot = dict(attrs).get("data-plot")
+        if re.fullmatch(r"h\d", tag):
+            self.headings.append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open[-1:] == ["script"]:
+            if self.plot:
+                self.figures[self.plot] = json.loads(data)
+        elif self.open[-1:] != ["style"]:
+            self.words.append(data)
+            if self.open and re.fullmatch(r"h\d", self.open[-1]):
+                self.headings[-1] += data
+
+    def attributes(self, name: str) -> list[str]:
+        return [value for _, attributes in self.tags if (value := attributes.get(name)) is not None]
+
+    def figure(self, scenario: str, y_title: str) -> dict[str, Any]:
+        """Return the first figure of a scenario with an axis of this title."""
+        prefix = f"plot-scenarios-{scenario.lower()}-"
+        for name, figure in self.figures.items():
+            titles = [axis["title"]["text"] for key, axis in figure["layout"].items() if key.startswith("yaxis")]
+            if name.startswith(prefix) and any(title.startswith(y_title) for title in titles):
+                return figure
+        raise LookupError(f"{scenario}: no figure of {y_title}")
+
+
+def numbers(encoded: dict[str, str]) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(encoded["bdata"]), dtype="<f4").astype(float)
+
+
+def traces(figure: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    return [trace for trace in figure["data"] if trace["name"] == name]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    results = tmp_path_factory.mktemp("results")
+    run(SCENARIOS, ["least_squares", "pl_lssvm"], 2, results)
+    return results
+
+
+@pytest.fixture(scope="module")
+def report(folder: Path) -> Page:
+    write_report(folder, folder / "report.html")
+    return Page((folder / "report.html").read_text("utf-8"))
+
+
+def failed_run(estimator: str, message: str) -> Run:
+    return Run(
+        scenario="Nowhere-v0",
+        estimator=estimator,
+        seed=0,
+        status=FAILED,
+        message=message,
+        seconds=None,
+        provenance={**provenance(), "scenario_digest": "0" * 64, "estimator_digest": "1" * 64, "utc": "2024-01-01"},
+        scores=(Score(metric="parameter_error", unit="%", status=FAILED, message=message),),
+    )
+
+
+def hand_made(folder: Path, runs: list[Run]) -> Page:
+    store = Store(folder)
+    for one in runs:
+        store.write_run(one)
+    store.merge([one.key for one in runs])
+    write_report(folder, folder / "report.html")
+    return Page((folder / "report.html").read_text("utf-8"))
+
+
+@pytest.fixture
+def only_failures(tmp_path: Path) -> Page:
+    names = ["null", "oracle", "<b>bold"]
+    return hand_made(tmp_path, [failed_run(name, HOSTILE) for name in names])
+
+
+# ---- the frame ----
+
+
+def test_every_section_is_there(report: Page) -> None:
+    expected = [
+        "fdbench: benchmark results",
+        *["Ranking", "Track: parameters", "Track: disturbance", "Track: output"],
+        *["Scenarios", *SCENARIOS, "Failed and skipped runs", "Speed", "Provenance"],
+    ]
+    assert [text for text in report.headings if text in expected] == expected
+    for title in (
+        "Output: measured and predicted",
+        "Disturbance: truth and estimates",
+        "Disturbance: detail",
+        "Spectrum of the prediction error",
+        "Output: error and stated 95% interval",
+        "Disturbance without its mean: error and stated 95% interval",
+        "Parameters: bias over the seeds",
+    ):
+        assert report.headings.count(title) == len(SCENARIOS), title
+
+
+def test_contents_lead_to_the_sections(report: Page) -> None:
+    ids = report.attributes("id")
+    links = report.attributes("href")
+    assert len(set(ids)) == len(ids)
+    assert len(links) == 5 + 3 + len(SCENARIOS)
+    assert {link.removeprefix("#") for link in links} <= set(ids)
+
+
+def test_page_needs_nothing_but_itself(report: Page) -> None:
+    assert report.text.count(get_plotlyjs()) == 1
+    rest = report.text.replace(get_plotlyjs(), "")
+    assert re.findall(r"https?:|//\w+\.\w+", rest) == []
+    assert report.attributes("src") == []
+    assert "showSendToCloud: false" in rest
+    policy = next(attributes["content"] for _, attributes in report.tags if "http-equiv" in attributes)
+    assert policy is not None
+    assert "default-src 'none'" in policy
+    assert "connect-src" not in policy
+
+
+def test_page_is_small_enough(report: Page) -> None:
+    own = len(report.text.encode()) - len(get_plotlyjs().encode())
+    assert own < 0.5e6 * len(SCENARIOS), "12 scenarios and plotly must stay below 10 MB"
+
+
+def test_page_adapts_to_screen_and_scheme(report: Page) -> None:
+    assert "@media (prefers-color-scheme: dark)" in report.text
+    assert {"name": "viewport", "content": "width=device-width, initial-scale=1"} in [
+        attributes for _, attributes in report.tags
+    ]
+    used = set(re.findall(r"var\((--[\w-]+)\)", report.text))
+    defined = set(re.findall(r"(--[\w-]+):", report.text))
+    assert used
+    assert used <= defined
+
+
+def test_same_results_give_the_same_text(folder: Path, report: Page, tmp_path: Path) -> None:
+    write_report(folder, tmp_path / "again.html")
+    assert (tmp_path / "again.html").read_text("utf-8") == report.text
+
+
+def test_plotly_accepts_every_figure(report: Page, only_failures: Page) -> None:
+    figures = [*report.figures.values(), *only_failures.figures.values()]
+    assert len(figures) > 20
+    for figure in figures:
+        text = json.dumps(figure)
+        plotly.graph_objects.Figure(json.loads(re.sub(r"var\(--[\w-]+\)(/\w\w)?", "#123456", text)))
+
+
+def test_text_is_escaped(only_failures: Page) -> None:
+    assert [name for name, _ in only_failures.tags if name in ("img", "b")] == []
+    assert only_failures.words.count(HOSTILE) == 1
+    assert only_failures.words.count("<b>bold") >= 2
+
+
+def test_names_are_escaped_in_figures(tmp_path: Path) -> None:
+    values = {"null": 100.0, "oracle": 0.0, "<b>bold": 50.0}
+    scores = {name: Score(metric="parameter_error", unit="%", value=value) for name, value in values.items()}
+    runs = [replace(failed_run(name, ""), status=OK, scores=(score,)) for name, score in scores.items()]
+    shown = hand_made(tmp_path, runs)
+    (figure,) = shown.figures.values()
+    assert {trace["name"]: trace["x"] for trace in figure["data"]} == {
+        "oracle": [1.0],
+        "&lt;b&gt;bold": [0.5],
+        "null": [0.0],
+    }
+
+
+def test_figures_and_tables_are_escaped() -> None:
+    figure = Figure(title=HOSTILE, traces=[{"name": HOSTILE}], layout={}, height_px=100, caption=HOSTILE)
+    cells = table([HOSTILE], [[HOSTILE]], "l")
+    shown = Page(page(HOSTILE, [tag("p", HOSTILE)], [Section(HOSTILE, [figure, cells])]))
+    assert [data["data"][0]["name"] for data in shown.figures.values()] == [HOSTILE]
+    assert [name for name, _ in shown.tags if name == "img"] == []
+    places = ["title", "h1", "p", "link", "h2", "h3", "figcaption", "th", "td"]
+    assert shown.words.count(HOSTILE) == len(places)
+
+
+def test_equal_titles_have_ids_of_their_own() -> None:
+    shown = Page(page("", [], [Section("A b", [Html("")]), Section("a-B", [Html("")])]))
+    assert shown.attributes("id") == ["a-b", "a-b-2"]
+
+
+def test_page_of_failures_says_so(only_failures: Page) -> None:
+    text = " ".join(only_failures.words)
+    assert "3 runs: 3 failed" in text
+    assert "No estimate of seed 0 is kept" in text
+    assert "No run has a time." in text
+
+
+def test_missing_results_and_unwritable_page(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(FdbenchError, match=r"no scores\.parquet"):
+        write_report(tmp_path / "nowhere", tmp_path / "report.html")
+    with pytest.raises(FdbenchError, match="cannot be written"):
+        write_report(folder, tmp_path)
+
+
+def test_changed_scenario_has_no_spectrum(folder: Path, tmp_path: Path) -> None:
+    """A scenario that is not the one of the results must not lend them its noise and its frequencies."""
+    source, target = Store(folder), Store(tmp_path)
+    runs = []
+    for name in ("null", "oracle", "least_squares"):
+        found = source.read_run(Key("ShakerConstant-v0", name, 0))
+        assert found is not None
+        changed = {**found.provenance, "scenario_digest": "0" * 64}
+        runs.append(replace(found, provenance=changed))
+        file = target.estimate_file(found.key)
+        file.parent.mkdir(parents=True)
+        file.write_bytes(source.estimate_file(found.key).read_bytes())
+    shown = hand_made(tmp_path, runs)
+    assert "Output: measured and predicted" in shown.headings
+    assert "Spectrum of the prediction error" not in shown.headings
+    assert any("has changed since" in words for words in shown.words)
+
+
+# ---- what the figures show ----
+
+
+def test_noise_floor_and_lines_of_the_spectrum(report: Page) -> None:
+    """Floor 2 sigma^2 Ts of 20 um/s at 333 Hz; 55 Hz and its harmonics, of which 220 and 275 Hz fold."""
+    figure = report.figure("ShakerConstant-v0", "power density")
+    (floor,) = traces(figure, "noise floor")
+    expected_dB = 10.0 * math.log10(2.0 * (2e-5) ** 2 / 333.0)
+    assert numbers(floor["y"]) == pytest.approx([expected_dB] * 2, abs=1e-4)
+    lines_Hz = [shape["x0"] for shape in figure["layout"]["shapes"]]
+    assert lines_Hz == pytest.approx([55.0, 110.0, 165.0, 113.0, 58.0], rel=1e-9)
+    (oracle,) = traces(figure, "oracle")
+    assert float(np.median(numbers(oracle["y"]))) == pytest.approx(expected_dB, abs=1.0)
+    (least_squares,) = traces(figure, "least_squares")
+    density_dB = numbers(least_squares["y"])
+    frequency_Hz = least_squares["x0"] + least_squares["dx"] * np.arange(len(density_dB))
+    assert frequency_Hz[np.argmax(density_dB)] == pytest.approx(55.0, abs=333.0 / 1024.0)
+
+
+def test_prediction_error_is_measured_less_predicted(folder: Path, report: Page) -> None:
+    kept = Store(folder).read_estimate(Key("ShakerConstant-v0", "least_squares", 0))
+    assert kept is not None
+    assert kept.estimate.output is not None
+    error_um_per_s = 1e6 * (kept.target - kept.estimate.output)
+    figure = report.figure("ShakerConstant-v0", "prediction error")
+    assert figure["layout"]["yaxis2"]["title"]["text"] == "prediction error (µm/s)"
+    shown = numbers(next(trace for trace in traces(figure, "least_squares") if trace["yaxis"] == "y2")["y"])
+    assert [shown.min(), shown.max()] == pytest.approx([error_um_per_s.min(), error_um_per_s.max()], rel=1e-6)
+
+
+def test_truth_of_the_disturbance(report: Page) -> None:
+    """The shaker of 1.2 N, averaged over a sample by the sinc of 55/333, and nothing before 2 s."""
+    figure = report.figure("ShakerConstant-v0", "disturbance")
+    (truth,) = traces(figure, "truth")
+    force_N = numbers(truth["y"])
+    time_s = truth["x0"] + truth["dx"] * np.arange(len(force_N))
+    assert np.abs(force_N[time_s < 1.9]).max() < 1e-9
+    assert force_N.max() == pytest.approx(1.2 * np.sinc(55.0 / 333.0), rel=0.02)
+
+
+def test_share_of_rows_within_the_stated_interval(folder: Path, report: Page) -> None:
+    kept = Store(folder).read_estimate(Key("ShakerConstant-v0", "pl_lssvm", 0))
+    assert kept is not None
+    assert kept.estimate.output is not None
+    assert kept.estimate.output_variance is not None
+    inside = np.abs(kept.target - kept.estimate.output) <= 1.959964 * np.sqrt(kept.estimate.output_variance)
+    figure = report.figure("ShakerConstant-v0", "error")
+    texts = [annotation["text"] for annotation in figure["layout"]["annotations"]]
+    assert f"pl_lssvm: {100.0 * inside.mean():.1f}% of {len(inside)} rows inside" in texts
+
+
+def test_estimators_keep_their_colour(report: Page) -> None:
+    colours: dict[str, set[str]] = {}
+    for figure in report.figures.values():
+        for trace in figure["data"]:
+            colour = trace["marker"]["color"] if trace["mode"] == "markers" else trace["line"]["color"]
+            if trace.get("showlegend", True) or trace["mode"] == "markers":
+                colours.setdefault(trace["name"], set()).add(colour)
+    assert {name: len(found) for name, found in colours.items() if len(found) > 1} == {}
+    assert colours["least_squares"] != colours["pl_lssvm"]
+
+
+def test_many_estimators_differ() -> None:
+    names = [f"estimator_{number}" for number in range(25)]
+    styles = styles_of(["oracle", *names, "null"])
+    assert len({(style.colour, style.dash) for style in styles.values()}) == 27
+
+
+# ---- long series ----
+
+
+def blocks(rng: np.random.Generator) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    for n in (1, 2, 2999, 3000, 3001, 54321):
+        yield 0.25 + 1e-3 * np.arange(n), rng.standard_normal(n)
+
+
+def test_thinned_series_keeps_extremes_and_span() -> None:
+    for time_s, values in blocks(np.random.default_rng(3)):
+        t, y = thinned(time_s, values)
+        assert len(t) == len(y) <= 3002
+        assert (y.min(), y.max()) == (values.min(), values.max())
+        assert (np.diff(t) > 0.0).all()
+        assert t[0] == time_s[0]
+        assert abs(t[-1] - time_s[-1]) <= 2.0 * np.ptp(time_s) / 1500.0
+        assert abs(t[np.argmax(y)] - time_s[np.argmax(values)]) <= 2.0 * np.ptp(time_s) / 1500.0
+
+
+def test_thinned_series_breaks_at_gaps() -> None:
+    time_s = np.concatenate((np.arange(0.0, 10.0, 1e-3), np.arange(50.0, 60.0, 1e-3)))
+    t, y = thinned(time_s, np.ones(len(time_s)))
+    (gap,) = np.flatnonzero(np.isnan(y))
+    assert t[gap] < 10.02  # a group of rows
+    assert t[gap + 1] == 50.0
+    assert len(y) < 3010
+
+
+def test_envelope_holds_every_bound() -> None:
+    for time_s, values in blocks(np.random.default_rng(4)):
+        half = np.abs(values)
+        t, lower, upper = envelope(time_s, -half, half)
+        rows = np.searchsorted(t, time_s, side="right") - 1
+        assert (lower[rows] <= -half).all()
+        assert (upper[rows] >= half).all()
+
+
+def test_metric_troubles_are_listed(report: Page) -> None:
+    assert "Metrics without a value in runs that have an estimate" in report.words
+    assert "the estimate claims no disturbance_variance_N2" in report.words
