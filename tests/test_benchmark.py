@@ -95,8 +95,9 @@ def test_good_runs_leave_scores_parameters_and_provenance(tmp_path: Path, scenar
     assert (good["message"] == "").all()
     assert (scores["scenario_digest"] == load_scenario(scenario).digest).all()
     assert (scores["seconds"] > 0.0).all()
-    for column in ("estimator_digest", "fdbench_version", "python", "numpy", "numba", "machine", "utc"):
+    for column in ("estimator_digest", "fdbench_version", "python", "numpy", "numba", "machine", "run_id", "utc"):
         assert (scores[column] != "").all(), column
+    assert (scores["plant"] == "feed_drive").all()
     truth = load_scenario(scenario).observe(0)[1].parameters
     of_oracle = parameters[(parameters["estimator"] == "oracle") & (parameters["seed"] == 1)]
     estimates = dict(zip(of_oracle["parameter"], of_oracle["estimate"], strict=True))
@@ -143,6 +144,14 @@ def test_an_estimator_cannot_spoil_the_record_of_the_next(tmp_path: Path, scenar
     assert spoilt is not None
     assert alone is not None
     assert spoilt.estimate.parameters == alone.estimate.parameters
+
+
+def test_an_estimator_sees_no_seed_to_simulate_the_truth_with(tmp_path: Path, scenario: str) -> None:
+    body = "raise ValueError(f'{record.provenance} {record.source}')\n"
+    run([scenario], [estimator_file(tmp_path, "peeps", FIT + body)], 1, tmp_path / "out")
+    store = Store(tmp_path / "out")
+    assert rows(store, "peeps")["message"].iloc[0] == "ValueError: {} record"
+    assert store.read_record("Short-v0", 0).provenance["seed"] == 0
 
 
 def test_a_skip_has_a_reason(tmp_path: Path, scenario: str) -> None:
@@ -222,6 +231,8 @@ def test_bad_usage_runs_nothing(tmp_path: Path, scenario: str) -> None:
         with pytest.raises(error, match=message):
             run(scenarios, names, seeds, tmp_path / "out", jobs=jobs)
         estimators._files.clear()
+    with pytest.raises(FdbenchError, match="first seed -1: at least 0"):
+        run([scenario], [], 1, tmp_path / "out", first_seed=-1)
     assert not (tmp_path / "out").exists()
 
 
@@ -330,7 +341,29 @@ def test_estimates_are_kept_on_request_and_for_seed_0(tmp_path: Path, scenario: 
     assert store.read_record("Short-v0", 1) == record
 
 
+def test_other_seeds_can_be_run(tmp_path: Path, scenario: str) -> None:
+    run([scenario], ["least_squares"], 2, tmp_path / "out", first_seed=5)
+    run([scenario], ["least_squares"], 6, tmp_path / "all")
+    store = Store(tmp_path / "out")
+    assert store.scores()["seed"].unique().tolist() == [5, 6]
+    assert store.read_estimate(key("least_squares", 5)) is not None
+    assert store.read_estimate(key("least_squares", 6)) is None
+    kept, expected = (Store(tmp_path / name).parameters() for name in ("out", "all"))
+    assert kept[kept["seed"] == 5]["estimate"].tolist() == expected[expected["seed"] == 5]["estimate"].tolist()
+
+
 # ---- processes ----
+
+
+def test_processes_use_one_thread_of_linear_algebra(tmp_path: Path, scenario: str) -> None:
+    import fdbench.cli  # noqa: F401 (sets the variable)
+
+    body = "import os\n        return Estimate(parameters={'beta_1': float(os.environ['OPENBLAS_NUM_THREADS'])})\n"
+    run([scenario], [estimator_file(tmp_path, "counts_threads", FIT + body)], 2, tmp_path / "out", jobs=2)
+    kept = Store(tmp_path / "out").read_estimate(key("counts_threads"))
+    assert kept is not None
+    assert kept.estimate.parameters == {"beta_1": 1.0}
+
 
 
 def test_two_processes_give_the_same_scores(tmp_path: Path, scenario: str) -> None:
@@ -342,7 +375,7 @@ def test_two_processes_give_the_same_scores(tmp_path: Path, scenario: str) -> No
     assert seen == [(0, 2), (1, 2), (2, 2)] * 2
     one, two = (Store(tmp_path / name).scores() for name in ("one", "two"))
     slow = one["metric"] == "microseconds_per_sample"
-    columns = [name for name in one if name not in ("seconds", "utc")]
+    columns = [name for name in one if name not in ("seconds", "utc", "run_id")]
     assert one[columns][~slow].equals(two[columns][~slow])
     assert Store(tmp_path / "one").parameters().equals(Store(tmp_path / "two").parameters())
 
@@ -462,7 +495,14 @@ def test_the_digest_follows_sources_and_arguments(package: Path) -> None:
 def test_the_code_digest_covers_what_makes_scores_and_nothing_else() -> None:
     covered = {path.relative_to(provenance.PACKAGE).as_posix() for path in provenance._code_of_packages()}
     assert {"record.py", "simulate/integrator.py", "benchmark/job.py", "metrics/parameter_error.py"} <= covered
-    assert not {"benchmark/leaderboard.py", "benchmark/statistics.py", "cli.py"} & covered
+    assert not {"benchmark/leaderboard.py", "benchmark/compare.py", "cli.py"} & covered
+
+
+def test_runs_belong_together_if_they_are_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("FDBENCH_RUN_ID", raising=False)
+    assert provenance.provenance()["run_id"] != provenance.provenance()["run_id"]
+    monkeypatch.setenv("FDBENCH_RUN_ID", "42")
+    assert provenance.provenance()["run_id"] == "42"
 
 
 def test_the_commit_is_that_of_the_checkout() -> None:

@@ -43,8 +43,8 @@ def test_effects_that_are_confused_with_each_other_name_each_other() -> None:
             assert name in effects.get(other).confusable_with, f"{other} does not name {name}"
 
 
-def test_an_effect_can_be_checked_by_name() -> None:
-    lines = check_effect("constant_force")
+def test_an_effect_can_be_checked_alone() -> None:
+    lines = check_effect(effects.get("constant_force"))
     assert [line.split(":")[0] for line in lines] == [check.__name__ for check in CHECKS]
 
 

@@ -21,6 +21,7 @@ from fdbench.benchmark.statistics import (
     interquartile_mean,
     loss,
     parameter_bias,
+    rankings,
     run_scores,
     run_statuses,
     seed_means,
@@ -31,13 +32,14 @@ from fdbench.benchmark.store import Store
 from fdbench.errors import FdbenchError
 from fdbench.estimator import estimators
 from fdbench.metrics import Metric
+from fdbench.scenario import load_scenario
 
 Values = Mapping[str, Sequence[float | str]]
 
 
 def table(scenario: str, metric: str, values: Values, **columns: str) -> pd.DataFrame:
     """Return score rows of one metric; a value that is a text is a status."""
-    common = {"fdbench_version": "1", "code_digest": "c", "scenario_digest": "s", "estimator_digest": "e"}
+    common = {"fdbench_version": "1", "code_digest": "c", "scenario_digest": "s", "estimator_digest": "e", "plant": "p"}
     lines = [
         {
             "scenario": scenario,
@@ -123,16 +125,17 @@ def test_a_score_is_the_share_of_the_way_from_null_to_oracle() -> None:
     assert run_scores(scores, "parameters")["x"].tolist() == [0.75, 1.0, -1.0, 0.0]
 
 
-def test_metrics_of_a_track_count_the_same_and_others_do_not() -> None:
+def test_primary_metrics_of_a_track_count_the_same_and_others_do_not() -> None:
     scores = pd.concat(
         [
             errors(x=[20.0]),
             table("S-v0", "physical_parameter_error", {"null": [100.0], "oracle": [0.0], "x": [60.0]}),
             table("S-v0", "prediction_error", {"null": [9.0], "oracle": [1.0], "x": [1.0]}),
+            table("S-v0", "psd_residual_at_disturbance", {"null": [30.0], "oracle": [10.0], "x": [18.0]}),
         ]
     )
-    assert run_scores(scores, "parameters")["x"].tolist() == [pytest.approx(0.6)]
-    assert run_scores(scores, "output")["x"].tolist() == [1.0]
+    assert run_scores(scores, "parameters")["x"].tolist() == [pytest.approx(0.8)]
+    assert run_scores(scores, "output")["x"].tolist() == [pytest.approx(0.5 * (1.0 + 0.6))]
 
 
 def test_references_are_means_over_the_seeds() -> None:
@@ -186,6 +189,30 @@ def test_who_claims_nothing_of_a_track_is_not_ranked_in_it() -> None:
     assert [line.estimator for line in standings(scores, "output")] == ["oracle", "null"]
     scores = pd.concat([scores, table("S-v0", "prediction_error", {"y": ["failed"] * 2})])
     assert [line.estimator for line in standings(scores, "output")] == ["oracle", "null", "y"]
+
+
+def test_a_ranking_is_of_one_kind_of_plant_and_of_those_who_apply_to_it() -> None:
+    def of(scenario: str, plant: str, **values: Sequence[float | str]) -> pd.DataFrame:
+        references: Values = {"null": [100.0] * 2, "oracle": [0.0] * 2}
+        return table(scenario, "parameter_error", {**references, **values}, plant=plant)
+
+    scores = pd.concat(
+        [
+            of("A-v0", "axis", both=[40.0] * 2, one=["skipped"] * 2, fails=["failed"] * 2),
+            of("B-v0", "feed_drive", both=[20.0] * 2, one=[0.0] * 2, fails=["skipped"] * 2),
+            of("C-v0", "feed_drive", both=[20.0] * 2, one=["skipped"] * 2, fails=["skipped"] * 2),
+            table("D-v0", "prediction_error", {"null": [9.0] * 2, "oracle": [1.0] * 2}, plant="spindle"),
+        ]
+    )
+    assert rankings(scores) == [("parameters", "feed_drive"), ("parameters", "axis"), ("output", "spindle")]
+    found = {line.estimator: line for line in standings(scores, "parameters", "feed_drive")}
+    assert list(found) == ["oracle", "both", "one", "null"]
+    assert found["both"].score.value == pytest.approx(0.8)
+    assert found["one"].score.value == pytest.approx(0.5)  # 1, 1 and, for the scenario it skips, 0, 0
+    assert (found["one"].scenarios, found["one"].of_scenarios) == (1, 2)
+    on_axis = {line.estimator: line.score.value for line in standings(scores, "parameters", "axis")}
+    assert on_axis == pytest.approx({"oracle": 1.0, "both": 0.6, "null": 0.0, "fails": -1.0})
+    assert standings(scores, "disturbance", "axis") == []
 
 
 def test_runs_without_references_do_not_count() -> None:
@@ -310,11 +337,12 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert old in text
         text = text.replace(old, new)
     (folder / "Short-v0.toml").write_text(text, "utf-8")
+    seed_1 = float(load_scenario(folder / "Short-v0.toml").record(1)["velocity_m_per_s"][9])
     (folder / "sometimes.py").write_text(
         "from fdbench.estimator import BatchEstimator, Estimate\n\n\n"
         "class Sometimes(BatchEstimator):\n"
         "    def fit(self, context, record):\n"
-        "        if record.provenance['seed'] == 1:\n"
+        f"        if record['velocity_m_per_s'][9] == {seed_1!r}:\n"
         "            raise OSError('no file /data/of/mine.csv | at 0x7f00')\n"
         "        return Estimate(parameters={'beta_1': 0.5})\n"
     )
@@ -348,13 +376,14 @@ def test_oracle_is_the_ceiling_and_null_the_floor(results: Path) -> None:
 def test_text_has_every_part(results: Path) -> None:
     text = leaderboard(Store(results / "out"))
     lines = text.splitlines()
-    for heading in ("## Track: parameters", "## Track: disturbance", "## Track: output", "### Short-v0", "## Errata"):
+    for heading in ("## Track: parameters", "### output: feed_drive", "### Short-v0", "## Failed runs", "## Errata"):
         assert heading in lines
     (beta,) = [line for line in lines if line.startswith("| beta_1 |")]
     assert "-40.0" in beta  # 0.5 instead of 0.8335
     (failed,) = [line for line in lines if line.startswith("| Short-v0 | sometimes")]
     assert failed == r"| Short-v0 | sometimes | 1 | failed | OSError: no file mine.csv \| at 0x… |"
-    assert len([line for line in lines if line.startswith("| EMPS-v0 | all | 0 | skipped |")]) == 1
+    (skipped,) = [line for line in lines if line.endswith("| all | EMPS-v0 |")]
+    assert skipped.startswith("| DATA_EMPS.mat: the measured data are not on this machine.")
     assert str(results) not in text
     digest = Store(results / "out").scores().groupby("scenario")["scenario_digest"].first()["Short-v0"]
     assert f"3 seeds, digest `{digest[:12]}`." in lines
@@ -389,14 +418,17 @@ def test_console_tables_show_ranks_and_troubles(results: Path) -> None:
     console = Console(width=200, file=io.StringIO(), record=True)
     console.print(ranking_table(Store(results / "out")), trouble_table(Store(results / "out")))
     text = console.export_text()
-    for word in ("disturbance", "pl_lssvm", "sometimes", "OSError: no file /data/of/mine.csv", "EMPS-v0"):
+    for word in ("disturbance", "feed_drive", "pl_lssvm", "sometimes", "OSError: no file /data/of/mine.csv"):
         assert word in text
+    assert "EMPS-v0" not in text
+    assert "5 runs were skipped; see the leaderboard for the reasons." in text
 
 
 def test_no_troubles_no_table(tmp_path: Path, results: Path) -> None:
     run([results / "Short-v0.toml"], [], 1, tmp_path)
     assert trouble_table(Store(tmp_path)) is None
-    assert "## Failed and skipped runs\n\nNone.\n" in leaderboard(Store(tmp_path))
+    for heading in ("Failed", "Skipped"):
+        assert f"## {heading} runs\n\nNone.\n" in leaderboard(Store(tmp_path))
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,7 @@ def failed_run(estimator: str, message: str) -> Run:
         scenario="Nowhere-v0",
         estimator=estimator,
         seed=0,
+        plant="feed_drive",
         status=FAILED,
         message=message,
         seconds=None,
@@ -133,7 +134,15 @@ def only_failures(tmp_path: Path) -> Page:
 def test_every_section_is_there(report: Page) -> None:
     expected = [
         "fdbench: benchmark results",
-        *["Ranking", "Track: parameters", "Track: disturbance", "Track: output"],
+        *[
+            "Ranking",
+            "Track: parameters",
+            "feed_drive",
+            "Track: disturbance",
+            "feed_drive",
+            "Track: output",
+            "feed_drive",
+        ],
         *["Scenarios", *SCENARIOS, "Failed and skipped runs", "Speed", "Provenance"],
     ]
     assert [text for text in report.headings if text in expected] == expected
@@ -342,7 +351,7 @@ def blocks(rng: np.random.Generator) -> Iterator[tuple[np.ndarray, np.ndarray]]:
 
 def test_thinned_series_keeps_extremes_and_span() -> None:
     for time_s, values in blocks(np.random.default_rng(3)):
-        t, y = thinned(time_s, values)
+        t, y = thinned(time_s, values, 3000)
         assert len(t) == len(y) <= 3002
         assert (y.min(), y.max()) == (values.min(), values.max())
         assert (np.diff(t) > 0.0).all()
@@ -353,7 +362,7 @@ def test_thinned_series_keeps_extremes_and_span() -> None:
 
 def test_thinned_series_breaks_at_gaps() -> None:
     time_s = np.concatenate((np.arange(0.0, 10.0, 1e-3), np.arange(50.0, 60.0, 1e-3)))
-    t, y = thinned(time_s, np.ones(len(time_s)))
+    t, y = thinned(time_s, np.ones(len(time_s)), 3000)
     (gap,) = np.flatnonzero(np.isnan(y))
     assert t[gap] < 10.02  # a group of rows
     assert t[gap + 1] == 50.0
@@ -363,7 +372,7 @@ def test_thinned_series_breaks_at_gaps() -> None:
 def test_envelope_holds_every_bound() -> None:
     for time_s, values in blocks(np.random.default_rng(4)):
         half = np.abs(values)
-        t, lower, upper = envelope(time_s, -half, half)
+        t, lower, upper = envelope(time_s, -half, half, 1000)
         rows = np.searchsorted(t, time_s, side="right") - 1
         assert (lower[rows] <= -half).all()
         assert (upper[rows] >= half).all()

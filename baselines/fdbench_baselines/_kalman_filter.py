@@ -138,11 +138,12 @@ def continuous_gain(space: StateSpace, sampling_time_s: float, q_N2_per_s: float
     Q = B * (space.input_variances * sampling_time_s) @ B.T
     Q[np.diag_indices(len(A))] += np.append(space.process_variances / sampling_time_s, q_N2_per_s)
     R = space.output_variances * sampling_time_s
+    # In states of the size of a reading's noise, and readings of density 1, the equation is well scaled.
     seen = np.abs(space.C / np.sqrt(space.output_variances)[:, None]).max(axis=0)
     scale = np.append(1.0 / np.where(seen > 0.0, seen, seen[seen > 0.0].min()), 1.0)
-    T = A / scale[:, None] * scale
+    T, outputs = A / scale[:, None] * scale, C * scale / np.sqrt(R)[:, None]
     try:
-        scaled = solve_continuous_are(T.T, (C * scale).T, Q / scale[:, None] / scale, np.diag(R))
+        scaled = solve_continuous_are(T.T, outputs.T, Q / scale[:, None] / scale, np.eye(len(R)))
     except np.linalg.LinAlgError as error:
         raise SpecError(f"kalman: the continuous filter has no steady gain: {error}.") from error
     P = scaled * scale[:, None] * scale

@@ -85,9 +85,14 @@ class FusionFilter(BatchEstimator):
 
     @classmethod
     def require(cls, allowed: bool | np.bool, message: str) -> None:
-        """Raise a SpecError in the name of the filter unless ``allowed``."""
+        """Raise a SpecError in the name of the filter's file unless ``allowed``."""
         if not allowed:
-            raise SpecError(f"{cls.name}: {message}.")
+            raise cls.error(message)
+
+    @classmethod
+    def error(cls, message: str) -> SpecError:
+        """Return an error in the name of the filter's file."""
+        return SpecError(f"{cls.__module__.rsplit('.', 1)[-1]}: {message}.")
 
     def skip(self, context: Context) -> str | None:
         """Skip where the plant is no sensor network, or one with inputs."""
@@ -100,8 +105,8 @@ class FusionFilter(BatchEstimator):
     def fit(self, context: Context, record: Record) -> Estimate:
         """Run over a whole record."""
         plant, readings, reason = context.plant, context.regression(record).readings, self.skip(context)
-        if reason is not None or readings is None or not isinstance(plant, NetworkPlant):
-            raise SpecError(f"{self.name}: {reason or 'the regression has no readings'}.")
+        if not isinstance(plant, NetworkPlant) or readings is None or reason is not None:
+            raise self.error(reason or "the regression has no readings")
         net = network(plant, context.sampling_time_s, self.q_N2_per_s, self.initial_force_N)
         forces, variances = self.claims(net, np.ascontiguousarray(readings))
         nodes = forces.shape[1]

@@ -1,17 +1,18 @@
 """What the terminal shows: progress while jobs run, then the rankings."""
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import chain, repeat
 from typing import TYPE_CHECKING
 
 from fdbench.benchmark.leaderboard import check_mergeable, interval_text
-from fdbench.benchmark.statistics import LEVEL, run_statuses, standings, troubles
 from fdbench.benchmark.run import Progress
-from fdbench.benchmark.store import Store
-from fdbench.scenario import TRACKS
+from fdbench.benchmark.statistics import LEVEL, rankings, run_statuses, standings, troubles
+from fdbench.benchmark.store import OK, SKIPPED, Store
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, Group
     from rich.table import Table
 
 
@@ -36,57 +37,54 @@ def progress(screen: "Console") -> Iterator[Callable[[Progress], None]]:
 
 def _line(told: Progress) -> str:
     first = told.runs[0]
-    bad = sorted({run.status for run in told.runs} - {"ok"})
+    bad = sorted({run.status for run in told.runs} - {OK, SKIPPED})
     return f"{told.done}/{told.total} {first.scenario} seed {first.seed}{': ' + ', '.join(bad) if bad else ''}"
 
 
 def ranking_table(store: Store) -> "Table":
-    """Return the rankings of all tracks, with the median time of a run."""
+    """Return the rankings of all tracks and kinds of plant, with the median time of a run."""
     from rich.table import Table
 
     scores = store.scores()
     check_mergeable(scores)
     runs = scores.drop_duplicates(["scenario", "estimator", "seed"])
-    milliseconds = 1e3 * runs.groupby("estimator")["seconds"].median()
+    milliseconds = 1e3 * runs.groupby(["plant", "estimator"])["seconds"].median()
     table = Table(title="Score: 1 knows the truth, 0 has learnt nothing (null)")
-    for column in (
-        "track",
-        "rank",
-        "estimator",
-        "score",
-        f"{LEVEL:.0%} interval",
-        "scenarios",
-        "failures",
-        "time of a run",
-    ):
-        table.add_column(column, justify="left" if column in ("track", "estimator") else "right")
-    for track in TRACKS:
-        for number, line in enumerate(standings(scores, track)):
+    header = ("track, plant", "rank", "estimator", "score", f"{LEVEL:.0%} interval", "scenarios", "failures", "time")
+    for column in header:
+        table.add_column(column, justify="left" if column in ("track, plant", "estimator") else "right")
+    for track, plant in rankings(scores):
+        for title, line in zip(chain((track, plant), repeat("")), standings(scores, track, plant), strict=False):
+            time_ms = milliseconds[plant, line.estimator]
             table.add_row(
-                track if number == 0 else "",
+                title,
                 "" if line.rank is None else str(line.rank),
                 line.estimator,
                 f"{line.score.value:.3f}",
                 interval_text(line.score),
                 f"{line.scenarios} of {line.of_scenarios}",
                 f"[red]{line.failures}[/]" if line.failures else "0",
-                "" if milliseconds.isna()[line.estimator] else f"{milliseconds[line.estimator]:.3g} ms",
+                "" if math.isnan(time_ms) else f"{time_ms:.3g} ms",
             )
         table.add_section()
     return table
 
 
-def trouble_table(store: Store) -> "Table | None":
-    """Return the runs that failed or were skipped, with the reason, or None if there are none."""
+def trouble_table(store: Store) -> "Group | None":
+    """Return the runs that failed or diverged with their reasons, and how many were skipped; None if all went well."""
+    from rich.console import Group
     from rich.markup import escape
     from rich.table import Table
 
-    found = troubles(run_statuses(store.scores()))
-    if not found:
-        return None
-    table = Table(title="Failed and skipped runs")
+    statuses = run_statuses(store.scores())
+    table = Table(title="Failed runs")
     for column in ("status", "scenario", "estimators", "seeds", "reason"):
         table.add_column(column)
-    for line in found:
-        table.add_row(line.status, line.scenario, line.estimators, line.seeds, escape(line.reason))
-    return table
+    for line in troubles(statuses):
+        if line.status != SKIPPED:
+            table.add_row(line.status, line.scenario, line.estimators, line.seeds, escape(line.reason))
+    skipped = int((statuses["status"] == SKIPPED).sum())
+    parts: list[Table | str] = [table] if table.row_count else []
+    if skipped:
+        parts.append(f"{skipped} runs were skipped; see the leaderboard for the reasons.")
+    return Group(*parts) if parts else None

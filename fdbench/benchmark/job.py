@@ -4,7 +4,6 @@ import inspect
 import math
 import time
 from collections.abc import Mapping
-from copy import copy
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -161,6 +160,7 @@ def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str],
     failed = next((score for score in scores if score.status == FAILED), None)
     return Run(
         **key._asdict(),
+        plant=trial.scenario.plant.name,
         status=failed.status if failed else OK,
         message=f"{failed.metric}: {failed.message}" if failed else "",
         seconds=seconds,
@@ -179,12 +179,17 @@ def _estimate(choice: Choice, trial: _Trial) -> tuple[Estimate, float]:
     if reason is not None:
         raise _Skip(reason)
     if choice.digest not in _compiled:
-        construct(choice.name, choice.arguments).fit(trial.context, copy(trial.record))
+        construct(choice.name, choice.arguments).fit(trial.context, _handed_over(trial.record))
         _compiled.add(choice.digest)
-    record = copy(trial.record)  # what an estimator does to its own copy spoils none of the others
+    record = _handed_over(trial.record)
     start = time.perf_counter()
     estimate = estimator.fit(trial.context, record)
     return estimate, time.perf_counter() - start
+
+
+def _handed_over(record: Record) -> Record:
+    """Return a copy of its own for an estimator, without scenario and seed, of which the truth could be simulated."""
+    return Record(record.columns)
 
 
 def _load(number: int, file: Path) -> None:
@@ -237,7 +242,15 @@ def _without_scores(key: Key, scenario: Scenario, status: str, message: str, ori
         Score(metric=name, unit=metrics.get(name).unit, status=status, message=message)
         for name in metric_names(scenario, key.estimator)
     )
-    return Run(**key._asdict(), status=status, message=message, seconds=None, provenance=origin, scores=scores)
+    return Run(
+        **key._asdict(),
+        plant=scenario.plant.name,
+        status=status,
+        message=message,
+        seconds=None,
+        provenance=origin,
+        scores=scores,
+    )
 
 
 def describe(error: BaseException) -> tuple[str, str]:

@@ -14,13 +14,15 @@ from fdbench.benchmark.statistics import (
     RESAMPLES,
     Interval,
     Standing,
+    Trouble,
     parameter_bias,
+    rankings,
     run_statuses,
     seed_means,
     standings,
     troubles,
 )
-from fdbench.benchmark.store import OK, Store
+from fdbench.benchmark.store import OK, SKIPPED, Store
 from fdbench.errors import FdbenchError
 from fdbench.metrics import metrics
 from fdbench.scenario import TRACKS
@@ -30,12 +32,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SCORE = f"""\
-Score of a run: mean over the metrics of its track of (null - loss) / (null - oracle), clipped to [-1, 1], where the
-loss is the distance of a metric to its ideal value and null and oracle are the mean losses of these two over the seeds.
-1 is as good as knowing the truth, 0 as good as having learnt nothing. A failed or diverged run has each metric's worst
-value, a skipped one scores 0. Score of an estimator: interquartile mean over its runs, each scenario with the same
-weight; {LEVEL:.0%} interval by {RESAMPLES} bootstrap resamples of the seeds within scenarios. Estimators share a rank
-where the interval of the paired difference to the first of that rank holds 0."""
+One ranking for each track and kind of plant, of the estimators that apply to one of its scenarios. Score of a run: mean
+over the primary metrics of the track of (null - loss) / (null - oracle), clipped to [-1, 1], where the loss is the
+distance of a metric to its ideal value and null and oracle are the mean losses of these two over the seeds. 1 is as
+good as knowing the truth, 0 as good as having learnt nothing. A failed or diverged run has each metric's worst value, a
+skipped one scores 0. Score of an estimator: interquartile mean over its runs, each scenario with the same weight;
+{LEVEL:.0%} interval by {RESAMPLES} bootstrap resamples of the seeds within scenarios. Estimators share a rank where the
+interval of the paired difference to the first of that rank holds 0."""
 
 NOTES = f"""\
 Means over the seeds that went well. `↓`: smaller is better, `↑`: bigger is better. Bias: mean error over the seeds ±
@@ -108,13 +111,13 @@ def _lines(scores: "pd.DataFrame", parameters: "pd.DataFrame") -> Iterator[str]:
     yield f"Suite version {scores['fdbench_version'].iloc[0]}. Written by `fdbench leaderboard`, not to be edited."
     yield ""
     yield SCORE
-    for track in TRACKS:
-        ranking = standings(scores, track)
-        if ranking:
-            yield ""
-            yield f"## Track: {track}"
-            yield ""
-            yield from _ranking(ranking)
+    shown = ""
+    for track, plant in rankings(scores):
+        if track != shown:
+            yield from ["", f"## Track: {track}"]
+            shown = track
+        yield from ["", f"### {track}: {plant}", ""]
+        yield from _ranking(standings(scores, track, plant))
     yield ""
     yield "## Scenarios"
     yield ""
@@ -130,13 +133,12 @@ def _lines(scores: "pd.DataFrame", parameters: "pd.DataFrame") -> Iterator[str]:
             yield "No run went well; see below."
         yield from _metric_table(means[means.index.get_level_values("scenario") == scenario].droplevel("scenario"))
         yield from _bias_table(biases[biases["scenario"] == scenario])
-    yield ""
-    yield "## Failed and skipped runs"
-    yield ""
-    yield from _troubles(statuses)
-    yield ""
-    yield "## Errata"
-    yield ""
+    found = troubles(statuses)
+    yield from ["", "## Failed runs", ""]
+    yield from _failures([trouble for trouble in found if trouble.status != SKIPPED])
+    yield from ["", "## Skipped runs", ""]
+    yield from _skips([trouble for trouble in found if trouble.status == SKIPPED])
+    yield from ["", "## Errata", ""]
     yield from [f"- {version}: {text}" for version, text in ERRATA] or ["None."]
 
 
@@ -202,13 +204,22 @@ def _percent(value: float) -> str:
     return _fixed(value, 2) if abs(value) < 1e4 else f"{value:.{DIGITS}g}"
 
 
-def _troubles(statuses: "pd.DataFrame") -> Iterator[str]:
-    rows = [
-        [trouble.scenario, trouble.estimators, trouble.seeds, trouble.status, public_text(trouble.reason)]
-        for trouble in troubles(statuses)
-    ]
+def _failures(found: Sequence[Trouble]) -> Iterator[str]:
+    rows = [[line.scenario, line.estimators, line.seeds, line.status, public_text(line.reason)] for line in found]
     if rows:
         yield from _table(["scenario", "estimators", "seeds", "status", "reason"], rows, "lllll")
+    else:
+        yield "None."
+
+
+def _skips(found: Sequence[Trouble]) -> Iterator[str]:
+    """Yield a line for each reason and set of estimators; the seeds are left out, as a reason holds for all."""
+    scenarios: dict[tuple[str, str], list[str]] = {}
+    for line in found:
+        scenarios.setdefault((public_text(line.reason), line.estimators), []).append(line.scenario)
+    rows = [[reason, names, ", ".join(where)] for (reason, names), where in sorted(scenarios.items())]
+    if rows:
+        yield from _table(["reason", "estimators", "scenarios"], rows, "lll")
     else:
         yield "None."
 

@@ -1,12 +1,14 @@
-"""Where a score comes from: digests of the code that made it, versions, commit and machine."""
+"""Where a score comes from: digests of the code that made it, versions, commit, machine and run."""
 
 import ast
 import hashlib
 import importlib.util
 import inspect
 import json
+import os
 import platform
 import subprocess
+import uuid
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -33,16 +35,20 @@ USERS_OF_SCORES = (
     "gap",
     "report",
     "reproduce",
+    "benchmark/compare.py",
     "benchmark/console.py",
     "benchmark/leaderboard.py",
     "benchmark/statistics.py",
 )
 
+# Names the runs whose times may be compared, as those that one job of a CI measured one after another.
+RUN_ID = "FDBENCH_RUN_ID"
+
 SIMULATION: tuple[Registry[Any], ...] = (effects, plants, motions, metrics)
 
 
 def provenance() -> dict[str, str]:
-    """Return the columns that say which code, versions and machine made a score."""
+    """Return the columns that say which code, versions and machine made a score, and in which run."""
     return {
         "code_digest": code_digest(),
         "fdbench_version": fdbench.__version__,
@@ -51,6 +57,7 @@ def provenance() -> dict[str, str]:
         "numpy": np.__version__,
         "numba": numba.__version__,
         "machine": machine(),
+        "run_id": os.environ.get(RUN_ID) or uuid.uuid4().hex,
     }
 
 
@@ -152,26 +159,22 @@ def _imports(tree: ast.Module, module: str, is_package: bool) -> set[str]:
 @lru_cache(maxsize=1)
 def commit() -> str:
     """Return the git commit of the checkout that the package lies in, ``-dirty`` with changes, or "" outside one."""
-    commands = (
-        ["git", "ls-files", "--error-unmatch", "__init__.py"],
-        ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
-    )
-    text = ""
-    for command in commands:
-        try:
-            done = subprocess.run(command, cwd=PACKAGE, capture_output=True, text=True, timeout=20, check=True)
-        except (OSError, subprocess.SubprocessError):
-            return ""
-        text = done.stdout.strip()
-    return text
+    try:
+        is_tracked = _git("ls-files", "__init__.py") != ""
+        return _git("describe", "--always", "--dirty", "--abbrev=40", "--exclude=*") if is_tracked else ""
+    except (OSError, subprocess.SubprocessError):
+        return ""
+
+
+def _git(*arguments: str) -> str:
+    done = subprocess.run(["git", *arguments], cwd=PACKAGE, capture_output=True, text=True, timeout=20, check=True)
+    return done.stdout.strip()
 
 
 @lru_cache(maxsize=1)
 def machine() -> str:
     """Return the model of the processor."""
     information = Path("/proc/cpuinfo")
-    if information.is_file():
-        for line in information.read_text("utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
+    lines = information.read_text("utf-8").splitlines() if information.is_file() else []
+    models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(models, "") or platform.processor() or platform.machine()

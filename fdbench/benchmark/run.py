@@ -60,14 +60,15 @@ def run(
     seeds: int,
     out: str | Path,
     *,
+    first_seed: int = 0,
     jobs: int = 1,
     keep_estimates: bool = False,
     progress: Callable[[Progress], None] | None = None,
 ) -> Summary:
-    """Run every estimator on every scenario for seeds 0 to ``seeds`` - 1; see `fdbench.benchmark.store`.
+    """Run every estimator on every scenario for a number of seeds; see `fdbench.benchmark.store`.
 
     Runs that ``out`` holds for the same scenario, estimator, code and seed are reused, unless they failed. A measured
-    scenario has one record and is run for seed 0 only. Record and estimates of seed 0 are always kept.
+    scenario has one record and is run for seed 0 only. Record and estimates of the first seed are always kept.
 
     Parameters
     ----------
@@ -79,6 +80,8 @@ def run(
         At least 1.
     out : path
         Folder of the results.
+    first_seed : int
+        At least 0; the seeds are this one and those that follow.
     jobs : int
         Processes at a time; 1 runs in this one.
     keep_estimates : bool
@@ -93,8 +96,9 @@ def run(
     FdbenchError
         If a number is out of bounds, an id is given twice, or a worker process dies. What was finished is kept.
     """
-    if seeds < 1 or jobs < 1:
-        raise FdbenchError(f"seeds = {seeds}, jobs = {jobs}: both must be at least 1.")
+    if seeds < 1 or jobs < 1 or first_seed < 0:
+        raise FdbenchError(f"seeds = {seeds}, jobs = {jobs}: both are at least 1; first seed {first_seed}: at least 0.")
+    drawn = range(first_seed, first_seed + seeds)
     store, origin = Store(out), provenance()
     names = select(estimators)
     selected = [(_lasting(choice), load_scenario(choice)) for choice in scenarios]
@@ -104,10 +108,11 @@ def run(
     plan = [
         replace(job, folder=store.folder.resolve(), plugins=_plugins() if jobs > 1 else ())
         for source, scenario in selected
-        for job in _jobs(source, scenario, names, 1 if scenario.measured else seeds, keep_estimates, origin)
+        for job in _jobs(source, scenario, names, range(1) if scenario.measured else drawn, keep_estimates, origin)
     ]
     selection = {"scenarios": {scenario.id: scenario.digest for _, scenario in selected}, "estimators": list(names)}
-    store.write_selection({**selection, "seeds": seeds, "keep_estimates": keep_estimates, **origin})
+    options = {"seeds": seeds, "first_seed": first_seed, "keep_estimates": keep_estimates}
+    store.write_selection({**selection, **options, **origin})
     waiting = [job for job in (_unfinished(job, store) for job in plan) if job.choices]
     _work(waiting, jobs, progress)
     keys = [key for job in plan for key in job.runs]
@@ -136,16 +141,16 @@ def choose(name: str, scenario: Scenario) -> Choice:
 
 
 def _jobs(
-    source: str, scenario: Scenario, names: Sequence[str], seeds: int, keep: bool, origin: Mapping[str, str]
+    source: str, scenario: Scenario, names: Sequence[str], seeds: range, keep: bool, origin: Mapping[str, str]
 ) -> Iterator[Job]:
     choices = tuple(choose(name, scenario) for name in names)
-    for seed in range(seeds):
+    for seed in seeds:
         yield Job(
             source=source,
             scenario=scenario.id,
             seed=seed,
             choices=choices,
-            keep=keep or seed == 0,
+            keep=keep or seed == seeds[0],
             provenance={**origin, "scenario_digest": scenario.digest},
         )
 

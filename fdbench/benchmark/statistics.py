@@ -11,6 +11,7 @@ from fdbench.benchmark.store import DIVERGED, FAILED, OK, SKIPPED
 from fdbench.errors import FdbenchError
 from fdbench.metrics import Metric, metrics
 from fdbench.regression import FloatArray
+from fdbench.scenario import TRACKS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -19,6 +20,7 @@ RESAMPLES = 2000
 SEED = 20240
 LEVEL = 0.95
 ROUNDING = 1e-9
+FIRST_PLANT = "feed_drive"
 RUN = ["scenario", "seed"]
 
 # Share of the null's loss by which the oracle must be better, or the metric says nothing in that scenario.
@@ -106,16 +108,22 @@ def loss(metric: type[Metric], value: float) -> float:
     return max(0.0, metric.ideal - value if metric.bigger_is_better else value - metric.ideal)
 
 
-def run_scores(scores: "pd.DataFrame", track: str) -> "pd.DataFrame":
+def rankings(scores: "pd.DataFrame") -> list[tuple[str, str]]:
+    """Return the track and the kind of plant of each ranking that is not empty, in the order they are shown."""
+    plants = sorted(scores["plant"].unique(), key=lambda name: (name != FIRST_PLANT, name))
+    return [(track, str(plant)) for track in TRACKS for plant in plants if not run_scores(scores, track, plant).empty]
+
+
+def run_scores(scores: "pd.DataFrame", track: str, plant: str | None = None) -> "pd.DataFrame":
     r"""Return the score of each run in a track: a row per scenario and seed, a column per estimator.
 
     .. math:: s = \frac{1}{M} \sum_{i=1}^{M} \mathrm{clip}\!\left(
               \frac{\bar\ell_{i,null} - \ell_i}{\bar\ell_{i,null} - \bar\ell_{i,oracle}}, -1, 1 \right)
 
-    with the `loss` :math:`\ell` of each metric and the mean losses of null and oracle over the scenario's seeds. A
-    metric counts where both have it and the oracle is better; a run counts where both ran well. A failed or
+    with the `loss` :math:`\ell` of each primary metric and the mean losses of null and oracle over the scenario's
+    seeds. A metric counts where both have it and the oracle is better; a run counts where both ran well. A failed or
     diverged run has each metric's worst value. A run that is skipped, or claims nothing, is NaN. An estimator that
-    never claims anything of the track has no column.
+    never claims anything of the track has no column. With ``plant``, only scenarios of this kind of plant count.
 
     Raises
     ------
@@ -124,6 +132,8 @@ def run_scores(scores: "pd.DataFrame", track: str) -> "pd.DataFrame":
     """
     import pandas as pd
 
+    if plant is not None:
+        scores = scores[scores["plant"] == plant]
     for reference in (NULL, ORACLE):
         if not (scores["estimator"] == reference).any():
             raise FdbenchError(f"scores: no rows of '{reference}', which every score is measured against.")
@@ -176,14 +186,15 @@ def percentile_interval(value: float, resampled: FloatArray, known: bool) -> Int
     return Interval(value=value, low=float(low), high=float(high))
 
 
-def standings(scores: "pd.DataFrame", track: str) -> list[Standing]:
+def standings(scores: "pd.DataFrame", track: str, plant: str | None = None) -> list[Standing]:
     """Return the ranking of a track, best first; null and oracle have no rank.
 
-    A run that an estimator skips counts as 0, the score of null. Going down from the best score, an estimator shares
+    With ``plant``, that of the scenarios of this kind of plant, and of the estimators that apply to one of them. A run
+    that an estimator skips counts as 0, the score of null. Going down from the best score, an estimator shares
     the rank of the one before unless the interval of its paired difference to the first of that rank excludes 0. With
     one seed per scenario no interval is known, and all share.
     """
-    values = run_scores(scores, track)
+    values = run_scores(scores, track, plant)
     if values.empty:
         return []
     known = bool(values.groupby("scenario").size().max() > 1)
@@ -256,7 +267,7 @@ def seed_means(scores: "pd.DataFrame") -> "pd.DataFrame":
 def parameter_bias(parameters: "pd.DataFrame") -> "pd.DataFrame":
     r"""Return the bias of each parameter over seeds, with its 95 % interval.
 
-    .. math:: b = \overline{\hateta - eta}, \quad b \pm t_{0.975, n-1}\, rac{s}{\sqrt n}
+    .. math:: b = \overline{\hat\beta - \beta}, \quad b \pm t_{0.975, n-1}\, \frac{s}{\sqrt n}
 
     Returns
     -------

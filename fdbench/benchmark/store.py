@@ -5,7 +5,7 @@
 ``run.json``                                       what was selected last
 ``scores.parquet``                                 of the selection: a row per scenario, estimator, seed and metric
 ``parameters.parquet``                             of the selection: a row per scenario, estimator, seed and parameter
-``records/<scenario>/<seed>.parquet``              the record of seed 0, and of every seed on request
+``records/<scenario>/<seed>.parquet``              the record of the first seed, and of every seed on request
 ``estimates/<scenario>/<estimator>/<seed>.parquet``  the estimates on it; that of ``oracle`` is the truth
 =================================================  ====================================================================
 """
@@ -35,12 +35,13 @@ OK, FAILED, DIVERGED, SKIPPED = STATUSES = ("ok", "failed", "diverged", "skipped
 # What a result is a function of, besides the seed: it is reused as long as these stay as they were.
 DIGESTS = ("scenario_digest", "estimator_digest", "code_digest")
 
-PROVENANCE = (*DIGESTS, "fdbench_version", "commit", "python", "numpy", "numba", "machine", "utc")
+PROVENANCE = (*DIGESTS, "fdbench_version", "commit", "python", "numpy", "numba", "machine", "run_id", "utc")
 
 KEYS = {"scenario": "string", "estimator": "string", "seed": "int64"}
 
 SCORE_COLUMNS = {
     **KEYS,
+    "plant": "string",
     "metric": "string",
     "value": "float64",
     "unit": "string",
@@ -96,6 +97,8 @@ class Run:
     ----------
     scenario, estimator : str
     seed : int
+    plant : str
+        Kind of the scenario's plant.
     status : str
         ok, failed, diverged or skipped; failed too if the estimate is sound but a metric failed on it.
     message : str
@@ -110,6 +113,7 @@ class Run:
     scenario: str
     estimator: str
     seed: int
+    plant: str
     status: str
     message: str
     seconds: float | None
@@ -296,7 +300,7 @@ def _score_rows(runs: Sequence[Run]) -> Iterator[dict[str, Any]]:
     for run in runs:
         provenance = {name: run.provenance.get(name, "") for name in PROVENANCE}
         for score in run.scores:
-            yield {**run.key._asdict(), **asdict(score), "seconds": run.seconds, **provenance}
+            yield {**run.key._asdict(), "plant": run.plant, **asdict(score), "seconds": run.seconds, **provenance}
 
 
 def _parameter_rows(runs: Sequence[Run]) -> Iterator[dict[str, Any]]:

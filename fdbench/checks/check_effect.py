@@ -351,16 +351,15 @@ CHECKS: tuple[Callable[[Case], None], ...] = (
 )
 
 
-def check_effect(name: str) -> list[str]:
-    """Run all checks on a registered effect and return a line for each.
+def check_effect(cls: type[Effect]) -> list[str]:
+    """Run all checks on an effect and return a line for each.
 
     Raises
     ------
     PluginError
         If a check fails that the plug-in does not list in ``expected_failures``, or passes although it does.
     """
-    cls = effects.get(name)
     case = Case(cls, Bench([cls]))
     return run_checks(
-        name, [(check.__name__, cast(Callable[[], None], lambda c=check: c(case))) for check in CHECKS], cls
+        cls.name, [(check.__name__, cast(Callable[[], None], lambda c=check: c(case))) for check in CHECKS], cls
     )

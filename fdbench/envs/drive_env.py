@@ -44,7 +44,7 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
     | --- | --- |
     | ``reference_position_m``, ``motor_position_m``, ``table_position_m`` (elastic axis), ``position_m`` | travel |
     | ``reference_velocity_m_per_s``, ``velocity_m_per_s`` | velocity limit |
-    | ``motor_force_N`` or ``motor_torque_Nm``: command at the motor | force limit |
+    | ``motor_force_N``, ``motor_torque_Nm`` or ``motor_current_A``: command at the motor | force limit |
 
     ## Rewards
     :math:`-(r_k - y_k)^2` for the column that ``environment.reward`` of the scenario names, in its unit squared.
@@ -59,7 +59,8 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
 
     ## Information
     ``info["truth"]`` holds what only the simulation knows, such as ``disturbance_N`` over the sample; it is there for
-    scoring only. ``info["time_s"]`` is the time of the reading. Parameters of the truth: ``scenario.observe(seed)[1]``.
+    scoring only. ``info["time_s"]`` is the time of the reading, 0 after a reset. True parameters are in
+    ``scenario.observe(seed)[1]``.
 
     ## Arguments
     scenario : str, path or Scenario
@@ -90,8 +91,9 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         self.observation_space = self.interface.observation_space
         self.action_space = self.interface.action_space
         self.render_mode = render_mode
-        self._truths = list(enumerate(self.system.truth_columns))
-        self._diverged = self.system.truth_columns.index("diverged")
+        n = self._n_measured = len(self.system.columns)
+        self._truths = [(name, n + index) for index, name in enumerate(self.system.truth_columns)]
+        self._diverged = n + self.system.truth_columns.index("diverged")
         self._measured = self.interface.measured_column
         self._reference: list[float] = self.interface.reference.tolist()
         self._commanded = self.interface.commanded
@@ -122,15 +124,17 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         value = action.item()
         if not -1.0 <= value <= 1.0:
             raise InvalidAction(f"{self.scenario.id}: action {value:g} is outside [-1, 1].")
-        observation, truths = self.system.advance_one(value * self._action_scale)
-        error = self._reference[k] - observation.item(self._measured)
-        terminated = truths[self._diverged] > 0.5
+        row = self.system.advance_one(value * self._action_scale)
+        values = row.tolist()
+        error = self._reference[k] - values[self._measured]
+        terminated = values[self._diverged] > 0.5
         self._sample = self._n_samples if terminated else k + 1
         if self._history is not None:
-            self._history.append([k, *observation.tolist(), *truths])
+            self._history.append([k, *values])
+        observation = row[: self._n_measured]
         if self._commanded is not None:
             observation = np.concatenate((self._commanded[k], observation))
-        info = {"truth": {name: truths[place] for place, name in self._truths}, "time_s": k * self._period_s}
+        info = {"truth": {name: values[place] for name, place in self._truths}, "time_s": k * self._period_s}
         return observation, -(error * error), terminated, k + 1 == self._n_samples, info
 
     def render(self) -> NDArray[np.uint8] | None:

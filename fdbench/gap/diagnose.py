@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fdbench.effects import Effect
 from fdbench.errors import RecordError
+from fdbench.gap.align import check_alignment, check_record
 from fdbench.gap.evidence import Split, gather
 from fdbench.gap.floor import Floor, floors
 from fdbench.gap.hypothesis import Hypothesis, calibrations, start
@@ -108,11 +109,17 @@ def diagnose(
     drive = nominal.drive
     runs, others = ([prepare(item, drive) for item in group] for group in (records, holdouts))
     check_alike([*runs, *others])
+    for run in (*runs, *others):
+        check_record(run, drive)
     split, judged_on = split_runs(runs, others)
     replay = Replay(drive, nominal.library, nominal.simulation.substeps)
     search = Search(replay, split, progress)
     paper = start(nominal)
     raw = mean_gap(replay, split, paper)
+    warnings = []
+    for run in split.runs:
+        on_paper = replay.simulate(run, [paper.variant()])
+        warnings += check_alignment(run, {name: values[0] for name, values in on_paper.items()})
     calibrated = search.refine(paper)
     final, stages = search.run(calibrated)
     shut = closure(replay, split, calibrated, final)
@@ -125,6 +132,7 @@ def diagnose(
         **verdict(split, stages, final, shut, raw),
         "shrinkage": shrinkage(shut, final, judged_on, raw),
         "next_experiment": None,
+        "warnings": warnings,
         "parametric": parametric(raw, shut, calibrated),
         "noise_floor": {
             name: {"value": floor.rms, "unit": unit_of(name), "measured_from_repeats": floor.measured}

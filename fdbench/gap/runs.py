@@ -9,7 +9,7 @@ from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray, Record
 
-SAME_COMMAND = 1e-3  # largest relative difference between commands of repeats
+SAME_COMMAND = 1e-5  # largest relative difference between the commands of repeats
 SHORTEST_LAP_S = 0.5
 START_SAMPLES = 5
 

@@ -1,7 +1,8 @@
 """Modes that one force excites: their state-space form, and lanes of them as they are simulated."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, final
 
 import numpy as np
@@ -104,20 +105,26 @@ def flows(pairs: FloatArray, h: float) -> FloatArray:
     return np.stack([expm(generator * h)[:2] for generator in generators])
 
 
-@njit(error_model="numpy")
-def add_force(kernel, values, first, substeps, period, reference, feed, force):  # type: ignore[no-untyped-def]
-    """Add the force of one effect to ``force``, (n_samples * substeps, n_lanes), at the middle of each substep.
+@lru_cache(maxsize=64)
+def adder(kernel: Any) -> Callable[..., None]:
+    """Return a function that adds the force of an effect, given its kernel."""
 
-    ``first`` is the sample with which each lane goes on, ``feed`` the deviation from the commanded feedrate.
-    """
-    h = period / substeps
-    for k in range(force.shape[0] // substeps):
-        for step in range(substeps):
-            for i in range(force.shape[1]):
-                row = first[i] + k
-                t = row * period + (step + 0.5) * h
-                result = kernel(t, h, reference[row, 0], reference[row, 1] + feed[i], 0.0, *values)
-                force[k * substeps + step, i] += result[0]
+    @njit(error_model="numpy")
+    def add_force(values, first, substeps, period, reference, feed, force):  # type: ignore[no-untyped-def]
+        """Add to ``force``, (n_samples * substeps, n_lanes), at the middle of each substep.
+
+        ``first`` is the sample with which each lane goes on, ``feed`` the deviation from the commanded feedrate.
+        """
+        h = period / substeps
+        for k in range(force.shape[0] // substeps):
+            for step in range(substeps):
+                for i in range(force.shape[1]):
+                    row = first[i] + k
+                    t = row * period + (step + 0.5) * h
+                    result = kernel(t, h, reference[row, 0], reference[row, 1] + feed[i], 0.0, *values)
+                    force[k * substeps + step, i] += result[0]
+
+    return add_force  # type: ignore[no-any-return]
 
 
 @njit(cache=True, error_model="numpy")
@@ -301,8 +308,8 @@ class ModalSystem(System):
         substeps, period = self._timing.substeps, self._timing.sampling_time_s
         force = np.empty((n_samples * substeps, self.n_lanes))
         force[:] = extra
-        for kernel, values in self._effects:
-            add_force(kernel, values, self._count, substeps, period, self._reference, feed, force)
+        for add_force, values in self._effects:
+            add_force(values, self._count, substeps, period, self._reference, feed, force)
         feedrate = self._reference[self._count + np.arange(n_samples)[:, None], 1] + feed
         n = len(self._outputs)
         raw = np.empty((n_samples, n + 2, self.n_lanes))
@@ -321,8 +328,8 @@ class ModalSystem(System):
         return flags
 
 
-def _forces(effects: Sequence[Effect]) -> list[tuple[Any, tuple[float, ...]]]:
-    """Return kernel and parameters of each effect."""
+def _forces(effects: Sequence[Effect]) -> list[tuple[Callable[..., None], tuple[float, ...]]]:
+    """Return the adder and the parameters of each effect."""
     for effect in effects:
         if effect.port is not Port.TABLE_FORCE or effect.random or effect.states:
             raise SpecError(
@@ -330,4 +337,4 @@ def _forces(effects: Sequence[Effect]) -> list[tuple[Any, tuple[float, ...]]]:
                 f"{' with hidden states' if effect.states else ''}; a spindle takes forces on the table that depend on "
                 "time and feedrate alone."
             )
-    return [(type(effect).kernel, effect.values()) for effect in effects]
+    return [(adder(type(effect).kernel), effect.values()) for effect in effects]

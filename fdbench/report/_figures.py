@@ -23,7 +23,7 @@ FIRST_RANK = 1001
 INK, SOFT, GRID, TRUTH = "var(--ink)", "var(--soft)", "var(--grid)", "var(--truth)"
 
 # Colours of the style sheet; the next estimators have them again with another line and marker.
-N_COLOURS = 10
+N_COLOURS = 16
 DASHES = ("solid", "dash", "dot")
 SYMBOLS = ("circle", "square", "diamond")
 
@@ -67,7 +67,7 @@ def legend(styles: Mapping[str, Style]) -> Html:
 
 def named(name: str, style: Style) -> Html:
     """Return the name of an estimator behind its colour."""
-    swatch = Html(f'<span class="swatch" style="background:{style.colour}"></span>')
+    swatch = Html(f'<span class="swatch {style.symbol}" style="background:{style.colour}"></span>')
     return Html(swatch + tag("span", name))
 
 
@@ -302,7 +302,10 @@ def dots(
     ]
     rows = {"categoryorder": "array", "categoryarray": [plain(name) for name in reversed(names)]}
     vertical = axis("") | rows | {"range": [-0.6, len(names) - 0.4], "ticks": ""}
-    horizontal = axis(x_title) | {"zeroline": True, "zerolinecolor": SOFT, "rangemode": "tozero"}
+    reached = np.concatenate([[0.0], values, values - distances[:, 0], values + distances[:, 1]])
+    low, high = float(reached.min()), float(reached.max())
+    margin = 0.06 * (high - low) or 1.0
+    horizontal = axis(x_title) | {"zerolinecolor": SOFT, "range": [low - margin, high + margin]}
     return Figure(
         title=title,
         traces=traces,

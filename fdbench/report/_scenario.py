@@ -1,4 +1,4 @@
-"""The pictures of one scenario: prediction and its error, disturbance, spectrum, stated bands; all of seed 0."""
+"""The pictures of one scenario: prediction and its error, disturbance, spectrum, stated bands; all of one seed."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -29,12 +29,11 @@ from fdbench.report._figures import (
     scaled,
     stack,
 )
-from fdbench.report._page import Block, Figure, Trace, note
-from fdbench.report._series import envelope, gaps, opening_range, peak, thinned
+from fdbench.report._page import Block, Figure, Html, Trace, note
+from fdbench.report._series import POINTS_FOR_A_BOUND, envelope, gaps, opening_range, peak, thinned
 from fdbench.report._spectrum import spectrum
 from fdbench.scenario import Scenario, Truth, load_scenario
 
-SEED = 0
 TIME = "time (s)"
 
 # Part of the record that the detail of a disturbance shows.
@@ -51,14 +50,16 @@ def known_scenario(name: str, digest: str) -> Scenario | None:
     return scenario if scenario.digest == digest else None
 
 
-def pictures(store: Store, name: str, scenario: Scenario | None, styles: Mapping[str, Style]) -> list[Block]:
+def pictures(
+    store: Store, name: str, seed: int, scenario: Scenario | None, styles: Mapping[str, Style], n_points: int
+) -> list[Block]:
     """Return the figures of a scenario, and what is missing in words."""
-    kept = {estimator: store.read_estimate(Key(name, estimator, SEED)) for estimator in styles}
+    kept = {estimator: store.read_estimate(Key(name, estimator, seed)) for estimator in styles}
     estimates = {estimator: one for estimator, one in kept.items() if one is not None}
     if not estimates:
-        return [note(f"No estimate of seed {SEED} is kept, so there are no pictures.")]
-    case = _Case(store, name, scenario, estimates, styles)
-    blocks: list[Block] = [*case.output(), *case.disturbance()]
+        return [note(f"No estimate of seed {seed} is kept, so there are no pictures.")]
+    case = _Case(store, name, seed, scenario, estimates, styles, n_points)
+    blocks: list[Block] = [*case.remarks(), *case.output(), *case.disturbance()]
     if scenario is None:
         blocks.append(
             note("The file of this scenario is not installed under its name, or has changed since: no spectrum.")
@@ -87,9 +88,11 @@ class _Claim:
 class _Case:
     store: Store
     name: str
+    seed: int
     scenario: Scenario | None
     kept: Mapping[str, Kept]
     styles: Mapping[str, Style]
+    n_points: int
 
     @cached_property
     def first(self) -> Kept:
@@ -101,7 +104,7 @@ class _Case:
         """What the metrics were given, less the truth; empty without the scenario."""
         if self.scenario is None:
             return {}
-        record = self.store.read_record(self.name, SEED)
+        record = self.store.read_record(self.name, self.seed)
         regression = self.scenario.plant.regression(record, self.scenario.estimation.model)
         nothing = Truth(parameters={}, disturbance_N=None)
         return {
@@ -145,6 +148,13 @@ class _Case:
 
     # ---- figures ----
 
+    def remarks(self) -> Iterator[Html]:
+        """Return what has to be known to read the figures."""
+        if (np.diff(self.first.time_s) <= 0.0).any():
+            yield note(
+                "Several series share the time, such as the axes of a stage; each is a curve of the same colour."
+            )
+
     def output(self) -> Iterator[Figure]:
         """Return measured and predicted output, and below it the difference."""
         if not self.outputs:
@@ -153,7 +163,7 @@ class _Case:
         text, unit = quantity(self.first.target_name)
         factor, shown = scaled(unit, peak([self.first.target]))
         small, smaller = scaled(unit, peak(_visible(errors)))
-        measured = _background("measured", *thinned(self.first.time_s, factor * self.first.target))
+        measured = _background("measured", *self._thinned(factor * self.first.target))
         predicted = self._curves({name: factor * one.value for name, one in self.outputs.items()})
         panels = [
             Panel(y_title=labelled(text, shown), traces=[measured, *predicted]),
@@ -170,19 +180,24 @@ class _Case:
         """Return the disturbance over the whole record, and a few of its periods without the mean."""
         if not self.disturbances:
             return
-        time_s, truth = self.first.time_s, self.true_disturbance_N
+        truth = self.true_disturbance_N
         factor, unit = scaled("N", peak(_visible(self.disturbances) if truth is None else [truth]))
         whole = self._panel("disturbance", unit, {name: factor * own for name, own in self.disturbances.items()})
         if truth is not None:
-            whole = replace(whole, traces=[_background("truth", *thinned(time_s, factor * truth)), *whole.traces])
+            whole = replace(whole, traces=[_background("truth", *self._thinned(factor * truth)), *whole.traces])
+        states_variance = any(one.estimate.disturbance_variance_N2 is not None for one in self.kept.values())
+        shaded = f" Shaded: stated {LEVEL:.0%} intervals." if states_variance else ""
         title = "Disturbance: estimated" if truth is None else "Disturbance: truth and estimates"
         yield stack(title, [replace(whole, height_px=300)], TIME)
         yield stack(
             "Disturbance: detail",
             [Panel(y_title=whole.y_title, traces=list(self._detail(factor)), height_px=300)],
             TIME,
-            f"Each curve without its mean over the rows that are scored. Shaded: stated {LEVEL:.0%} intervals.",
+            f"Each curve without its mean over the rows that are scored.{shaded}",
         )
+
+    def _thinned(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return thinned(self.first.time_s, values, self.n_points)
 
     def _panel(self, text: str, unit: str, series: Mapping[str, FloatArray]) -> Panel:
         return Panel(y_title=labelled(text, unit), traces=self._curves(series), y_range=opening_range(_visible(series)))
@@ -190,7 +205,7 @@ class _Case:
     def _curves(self, series: Mapping[str, FloatArray]) -> list[Trace]:
         """Return a line for each estimator: behind all the oracle, then restless before calm ones."""
         order = sorted(series, key=lambda name: (name != ORACLE, -float(np.std(series[name]))))
-        return [self._curve(name, *thinned(self.first.time_s, series[name])) for name in order]
+        return [self._curve(name, *self._thinned(series[name])) for name in order]
 
     def _curve(self, name: str, time_s: FloatArray, values: FloatArray) -> Trace:
         shown = {"visible": "legendonly"} if name in HIDDEN else {}
@@ -213,17 +228,22 @@ class _Case:
             yield self._curve(name, time_s[rows], own) | points
 
     def _detail_rows(self) -> slice:
-        """Return rows around the middle of the window, without a gap."""
+        """Return rows without a gap: in the middle of the window or, without a period, where the truth changes."""
         time_s, window = self.first.time_s, self.window
-        middle = (window.start + window.stop) // 2
         period_s = None if self.scenario is None else self.scenario.estimation.disturbance_period_s
-        step_s = float(np.median(np.diff(time_s)))
-        half = DETAIL_ROWS // 2 if period_s is None else math.ceil(0.5 * DETAIL_PERIODS * period_s / step_s)
+        centre = (window.start + window.stop) // 2
+        if period_s is None:
+            n_rows = DETAIL_ROWS
+            if self.true_disturbance_N is not None:
+                centre = window.start + int(np.argmax(np.abs(np.diff(self.true_disturbance_N[window]))))
+        else:
+            n_rows = math.ceil(DETAIL_PERIODS * period_s / float(np.median(np.diff(time_s))))
         cuts = gaps(time_s)
-        before = int(np.searchsorted(cuts, middle, side="right"))
-        first = 0 if before == 0 else int(cuts[before - 1])
-        last = len(time_s) if before == len(cuts) else int(cuts[before])
-        return slice(max(first, middle - half), min(last, middle + half + 1))
+        number = int(np.searchsorted(cuts, centre, side="right"))
+        first = 0 if number == 0 else int(cuts[number - 1])
+        last = len(time_s) if number == len(cuts) else int(cuts[number])
+        start = max(first, min(centre - n_rows // 2, last - n_rows))
+        return slice(start, min(last, start + n_rows))
 
     def bands(self) -> Iterator[Figure]:
         """Return the errors of output and disturbance beside the intervals that estimators state for them."""
@@ -253,8 +273,10 @@ class _Case:
             known = half[np.isfinite(half)]
             factor, shown = scaled(unit, peak([claim.error, known]))
             inside = float(np.mean(np.abs(claim.error) <= half))
-            times, lower, upper = envelope(claim.time_s, -factor * half, factor * half)
-            own = line(name, *thinned(claim.time_s, factor * claim.error), self.styles[name])
+            times, lower, upper = envelope(
+                claim.time_s, -factor * half, factor * half, self.n_points // POINTS_FOR_A_BOUND
+            )
+            own = line(name, *thinned(claim.time_s, factor * claim.error, self.n_points), self.styles[name])
             panels.append(
                 Panel(
                     y_title=labelled("error", shown),

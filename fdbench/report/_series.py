@@ -7,13 +7,27 @@ from numpy.typing import NDArray
 
 from fdbench.regression import FloatArray
 
-N_POINTS = 3000
-N_BAND_POINTS = 1000
+# Points of a series, fewer on a page of many estimates so that it stays below 10 MB.
+MOST_POINTS = 3000
+FEWEST_POINTS = 800
+POINTS_OF_ALL_ESTIMATES = 200_000
+
+# Points of a series for one of each bound of a band, which are smooth.
+POINTS_FOR_A_BOUND = 3
 
 # Share of values that may lie outside the range that an axis opens with, half of it on each side.
 OUTSIDE_PERCENT = 0.5
 # It does so only where all values take this many times the room.
 SQUEEZE = 4.0
+
+
+def points_of_a_series(n_estimates: int) -> int:
+    """Return how many points a series has on a page of so many estimates.
+
+    >>> points_of_a_series(10), points_of_a_series(100), points_of_a_series(1000)
+    (3000, 2000, 800)
+    """
+    return min(MOST_POINTS, max(FEWEST_POINTS, POINTS_OF_ALL_ESTIMATES // max(n_estimates, 1)))
 
 
 def opening_range(series: Sequence[FloatArray]) -> list[float] | None:
@@ -33,21 +47,30 @@ def opening_range(series: Sequence[FloatArray]) -> list[float] | None:
 
 
 def peak(series: Sequence[FloatArray]) -> float:
-    """Return the greatest absolute value, 0 if there is none."""
-    return max((float(np.abs(values).max()) for values in series if len(values)), default=0.0)
+    """Return the absolute value that nearly all stay below, 0 if there are none.
+
+    >>> peak([np.array([-2.0, 1.0]), np.full(10, 2.0)]), peak([])
+    (2.0, 0.0)
+    """
+    values = np.abs(np.concatenate([np.empty(0), *series]))
+    return float(np.percentile(values, 100.0 - OUTSIDE_PERCENT)) if len(values) else 0.0
 
 
 def gaps(time_s: FloatArray) -> NDArray[np.intp]:
-    """Return the indices at which rows follow a gap in time.
+    """Return the rows that follow a gap in time or a step back, where another series begins.
 
-    >>> gaps(np.array([0.0, 0.1, 0.2, 0.9, 1.0]))
-    array([3])
+    >>> gaps(np.array([0.0, 0.1, 0.2, 0.9, 1.0, 0.0, 0.1]))
+    array([3, 5])
     """
     steps = np.diff(time_s)
-    return np.flatnonzero(steps > 1.5 * np.median(steps)) + 1 if len(steps) else np.empty(0, dtype=np.intp)
+    return (
+        np.flatnonzero((steps > 1.5 * np.median(steps)) | (steps <= 0.0)) + 1
+        if len(steps)
+        else np.empty(0, dtype=np.intp)
+    )
 
 
-def thinned(time_s: FloatArray, values: FloatArray, n_points: int = N_POINTS) -> tuple[FloatArray, FloatArray]:
+def thinned(time_s: FloatArray, values: FloatArray, n_points: int) -> tuple[FloatArray, FloatArray]:
     """Return at most about ``n_points``: of each group of rows the least and the greatest value, in their order.
 
     A gap in time becomes a row of NaN.
@@ -60,7 +83,7 @@ def thinned(time_s: FloatArray, values: FloatArray, n_points: int = N_POINTS) ->
 
 
 def envelope(
-    time_s: FloatArray, lower: FloatArray, upper: FloatArray, n_points: int = N_BAND_POINTS
+    time_s: FloatArray, lower: FloatArray, upper: FloatArray, n_points: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return times, least lower and greatest upper bound of each group of rows, as `thinned` groups them."""
     low = [(t, y.min(axis=1)) for t, y in (_grouped(*block) for block in _blocks(time_s, lower, n_points // 2))]

@@ -15,6 +15,9 @@ from fdbench.report._page import Block, Figure, Trace, note
 from fdbench.report._series import gaps
 from fdbench.scenario import Scenario
 
+# Share of an axis that the label of a line takes.
+ROOM_FOR_A_LABEL = 0.02
+
 
 def spectrum(
     scenario: Scenario, outcomes: Mapping[str, Outcome], unit: str, styles: Mapping[str, Style]
@@ -34,7 +37,7 @@ def spectrum(
     if n_rows_in_window(first) < FEWEST_ROWS:
         yield note(f"Fewer than {FEWEST_ROWS} rows in the window: no spectrum.")
     elif len(gaps(first.regression.time_s)):
-        yield note("There are gaps between the rows: no spectrum.")
+        yield note("The rows are not one series without gaps: no spectrum.")
     else:
         yield _figure(scenario, outcomes, unit, styles)
 
@@ -86,8 +89,12 @@ def _span(scenario: Scenario) -> str:
 
 
 def _marks(frequency_Hz: float, rate_Hz: float) -> dict[str, Any]:
-    """Return vertical lines at a frequency and its harmonics, as part of a layout."""
+    """Return vertical lines at a frequency and its harmonics, as part of a layout; no label stands on another."""
     places_Hz = {order: folded(order * frequency_Hz, rate_Hz) for order in (1, *ORDERS)}
+    labelled: dict[int, float] = {}
+    for order, x in places_Hz.items():
+        if all(abs(x - other) > ROOM_FOR_A_LABEL * 0.5 * rate_Hz for other in labelled.values()):
+            labelled[order] = x
     marker = {"color": SOFT, "width": 1, "dash": "dot"}
     text = {"y": 1, "yref": "paper", "yanchor": "top", "xanchor": "left", "showarrow": False, "font": {"color": SOFT}}
     return {
@@ -95,5 +102,5 @@ def _marks(frequency_Hz: float, rate_Hz: float) -> dict[str, Any]:
             {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper", "layer": "below", "line": marker}
             for x in places_Hz.values()
         ],
-        "annotations": [text | {"x": x, "text": "f" if order == 1 else f"{order}f"} for order, x in places_Hz.items()],
+        "annotations": [text | {"x": x, "text": "f" if order == 1 else f"{order}f"} for order, x in labelled.items()],
     }

@@ -12,8 +12,10 @@ from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.run import NULL
 from fdbench.benchmark.statistics import (
     LEVEL,
+    Trouble,
     loss,
     parameter_bias,
+    rankings,
     run_scores,
     run_statuses,
     seed_means,
@@ -25,6 +27,7 @@ from fdbench.metrics import metrics
 from fdbench.report._figures import Style, dots, labelled, legend, named, quantity, styles_of, unit_text
 from fdbench.report._page import Block, Grid, Html, Section, breakable, folded, note, paragraph, table, tag, write_page
 from fdbench.report._scenario import known_scenario, pictures
+from fdbench.report._series import points_of_a_series
 from fdbench.scenario import TRACKS
 from fdbench.units import unit_of
 
@@ -75,14 +78,14 @@ def _lead(scores: "pd.DataFrame", statuses: "pd.DataFrame", styles: Mapping[str,
 
 
 def _ranking(scores: "pd.DataFrame", styles: Mapping[str, Style]) -> list[Block]:
-    tracks = [Section(f"Track: {track}", list(_track(scores, track, styles))) for track in TRACKS]
-    return [paragraph(SCORE), *(section for section in tracks if section.blocks)]
+    tracks: dict[str, list[Block]] = {}
+    for track, plant in rankings(scores):
+        tracks.setdefault(track, []).append(Section(plant, list(_standings(scores, track, plant, styles))))
+    return [paragraph(SCORE), *(Section(f"Track: {track}", sections) for track, sections in tracks.items())]
 
 
-def _track(scores: "pd.DataFrame", track: str, styles: Mapping[str, Style]) -> Iterator[Block]:
-    ranking = standings(scores, track)
-    if not ranking:
-        return
+def _standings(scores: "pd.DataFrame", track: str, plant: str, styles: Mapping[str, Style]) -> Iterator[Block]:
+    ranking = standings(scores, track, plant)
     names = [line.estimator for line in ranking]
     yield dots(
         f"Score with {LEVEL:.0%} interval",
@@ -107,7 +110,7 @@ def _track(scores: "pd.DataFrame", track: str, styles: Mapping[str, Style]) -> I
         ],
         "rlrrrr",
     )
-    by_scenario = run_scores(scores, track).groupby("scenario").mean()[names]
+    by_scenario = run_scores(scores, track, plant).groupby("scenario").mean()[names]
     rows = [
         [str(scenario), *("–" if math.isnan(value) else f"{value:.3f}" for value in values)]
         for scenario, values in zip(by_scenario.index, by_scenario.to_numpy(), strict=True)
@@ -122,17 +125,24 @@ def _scenarios(
     store: Store, scores: "pd.DataFrame", parameters: "pd.DataFrame", styles: Mapping[str, Style]
 ) -> list[Section]:
     means, biases = seed_means(scores), parameter_bias(parameters)
+    n_points = points_of_a_series(_n_pictured(run_statuses(scores)))
     sections = []
     for key, own in scores.groupby("scenario"):
-        name, digest = str(key), str(own["scenario_digest"].iloc[0])
+        name, digest, seed = str(key), str(own["scenario_digest"].iloc[0]), int(own["seed"].min())
         scenario = known_scenario(name, digest)
         lead = [] if scenario is None else [paragraph(scenario.title), note(scenario.source)]
-        blocks: list[Block] = [*lead, note(f"{_counted(own['seed'].nunique(), 'seed')}; pictures of seed 0.")]
+        blocks: list[Block] = [*lead, note(f"{_counted(own['seed'].nunique(), 'seed')}; pictures of seed {seed}.")]
         blocks += _metric_tables(means[means.index.get_level_values("scenario") == name].droplevel("scenario"))
-        blocks += pictures(store, name, scenario, styles)
+        blocks += pictures(store, name, seed, scenario, styles, n_points)
         blocks += _biases(biases[biases["scenario"] == name], styles)
         sections.append(Section(name, blocks))
     return sections
+
+
+def _n_pictured(statuses: "pd.DataFrame") -> int:
+    """Return the number of runs whose estimate is kept and shown, those of the first seed that went well."""
+    first = statuses["seed"] == statuses.groupby("scenario")["seed"].transform("min")
+    return int((first & (statuses["status"] == OK)).sum())
 
 
 def _metric_tables(means: "pd.DataFrame") -> Iterator[Html]:
@@ -153,12 +163,14 @@ def _metric_tables(means: "pd.DataFrame") -> Iterator[Html]:
             for name, text in ((name, number_text(value, scale)) for name, value in values.items())
         ]
         arrow = "↑" if metric.bigger_is_better else "↓"
-        rows.append([breakable(f"{metric_name} {arrow}"), metric.track, unit_text(metric.unit), *cells])
+        title = f"{metric_name} {arrow}{' *' if metric.primary else ''}"
+        rows.append([breakable(title), metric.track, unit_text(metric.unit), *cells])
     if rows:
         rows.sort(key=lambda row: TRACKS.index(row[1]))
         yield table(["metric", "track", "unit", *names], rows, "lll" + "r" * len(names))
         yield note(
-            "Means over the seeds that went well. ↓: smaller is better, ↑: bigger is better. Bold: nearest to ideal."
+            "Means over the seeds that went well. ↓: smaller is better, ↑: bigger is better, *: counts in the score. "
+            "Bold: nearest to ideal."
         )
 
 
@@ -203,18 +215,20 @@ def _bounds_text(low: float, high: float) -> str:
 
 
 def _troubles(scores: "pd.DataFrame", statuses: "pd.DataFrame") -> Iterator[Html]:
-    merged: dict[tuple[str, str, str, str], list[str]] = {}
+    every = sorted(scores["scenario"].unique())
+    merged: dict[tuple[str, str, str, str], list[Trouble]] = {}
     for line in troubles(statuses):
-        merged.setdefault((line.status, line.reason, line.estimators, line.seeds), []).append(line.scenario)
+        seeds = "" if line.status == SKIPPED else line.seeds
+        merged.setdefault((line.status, line.reason, line.estimators, seeds), []).append(line)
     rows = [
         [
             tag("span", status, kind="" if status == SKIPPED else "bad"),
             tag("span", public_text(reason), kind="reason"),
             estimators,
-            ", ".join(scenarios),
-            seeds,
+            _names_text([line.scenario for line in lines], every),
+            max((line.seeds for line in lines), key=len),
         ]
-        for (status, reason, estimators, seeds), scenarios in merged.items()
+        for (status, reason, estimators, _), lines in merged.items()
     ]
     rows.sort(key=lambda row: (SKIPPED in row[0], row))
     if rows:
@@ -227,6 +241,7 @@ def _troubles(scores: "pd.DataFrame", statuses: "pd.DataFrame") -> Iterator[Html
 def _metric_troubles(scores: "pd.DataFrame") -> Iterator[Html]:
     """Yield the metrics that runs have no value of although they have an estimate."""
     runs = ["scenario", "estimator", "seed"]
+    every = sorted(scores["scenario"].unique())
     estimated = set(scores.loc[scores["status"] == OK, runs].itertuples(index=False, name=None))
     bad = scores[scores["status"] != OK]
     has_estimate = [run in estimated for run in bad[runs].itertuples(index=False, name=None)]
@@ -237,7 +252,7 @@ def _metric_troubles(scores: "pd.DataFrame") -> Iterator[Html]:
             str(metric),
             tag("span", public_text(str(reason)), kind="reason"),
             ", ".join(sorted(group["estimator"].unique())),
-            ", ".join(sorted(group["scenario"].unique())),
+            _names_text(sorted(group["scenario"].unique()), every),
         ]
         for (status, metric, reason), group in missing.groupby(["status", "metric", "message"])
     ]
@@ -290,6 +305,18 @@ def _provenance(scores: "pd.DataFrame") -> Iterator[Html]:
             "lll",
         ),
     )
+
+
+def _names_text(names: Sequence[str], every: Sequence[str]) -> str:
+    """Return names, or those that are missing where they are fewer.
+
+    >>> _names_text(["a"], ["a", "b", "c"]), _names_text(["a", "b"], ["a", "b", "c"]), _names_text(["a"], ["a"])
+    ('a', 'all but c', 'a')
+    """
+    missing = [name for name in every if name not in names]
+    if len(missing) >= len(names) or len(every) == 1:
+        return ", ".join(names)
+    return f"all but {', '.join(missing)}" if missing else "all"
 
 
 def _seeds_text(seeds: Sequence[int]) -> str:

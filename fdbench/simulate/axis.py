@@ -150,8 +150,7 @@ class Axis(System):
         first = lane // width * self._blocks[0].size + lane % width
         self._actions = self._blocks.reshape(-1), first + self._action_row * width
         self._flags = self._blocks.reshape(-1), first + ROW["DIVERGED"] * width
-        out, n = self._out.reshape(-1), len(self.columns)
-        self._only_lane = self._blocks[0, self._action_row], out, out[self._pick[n] :], self._pick[:n]
+        self._only_lane = self._blocks[0, self._action_row], self._out.reshape(-1)
 
     def _ranges(self, mechanics: Mechanics, command_limit: float) -> tuple[dict[str, float], FloatArray]:
         """Return the largest magnitude of each column, and what is logged at the start of the reference."""
@@ -324,15 +323,16 @@ class Axis(System):
         rows = raw.transpose(1, 2, 0, 3)[:, self._pick]
         return rows.reshape(len(rows), len(self._pick), -1)[:, :, : self.n_lanes]
 
-    def advance_one(self, action: float) -> tuple[FloatArray, list[float]]:
+    def advance_one(self, action: float) -> FloatArray:
         """Advance the only lane by one sample; see `System.advance_one`."""
         if self._position == CHUNK:
             self._draw_all()
-        place, out, truth, logged = self._only_lane
+        place, out = self._only_lane
         place[0] = action
         self._advance(self._flat_blocks, self._position, 1, *self._settings, self._out)
         self._position += 1
-        return out[logged], truth.tolist()
+        row: FloatArray = out[self._pick]
+        return row
 
     def _run(self, n_samples: int, out: FloatArray) -> None:
         if self._position == CHUNK:

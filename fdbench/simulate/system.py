@@ -128,11 +128,9 @@ class System(ABC):
         ``action`` is an (n_lanes,) deviation from the scenario's own command, held over the call.
         """
 
-    def advance_one(self, action: float) -> tuple[FloatArray, list[float]]:
-        """Advance a system of one lane by one sample; return its new (n_columns,) row, and its truth as numbers."""
-        row = self.advance(1, np.array([action])).ravel()
-        n = len(self.columns)
-        return row[:n], row[n:].tolist()
+    def advance_one(self, action: float) -> FloatArray:
+        """Advance a system of one lane by one sample and return its new (n_columns + n_truth_columns,) row."""
+        return self.advance(1, np.array([action])).ravel()
 
     @property
     @abstractmethod

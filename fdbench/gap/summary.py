@@ -1,0 +1,323 @@
+"""The answer of a diagnosis in plain words for a terminal; never more certain than the data."""
+
+import math
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from fdbench.effects import Effect
+from fdbench.gap.hypothesis import adjustables
+from fdbench.units import UNITS, split_unit
+
+if TYPE_CHECKING:
+    from fdbench.gap.diagnose import Diagnosis
+
+WIDTH = 100
+LIKELY = 0.5
+SURE = 0.99  # no probability is printed beyond it
+NOISE_ALONE = 1.1  # mean squared gap in units of the floor that passes for noise
+MOVED = 3.0  # standard deviations by which a value on paper may move without a remark
+MOST_CELLS, SMALLEST_SHARE, EVEN = 4, 0.05, 1.5
+PREFIXES = {6: "M", 3: "k", 0: "", -3: "m", -6: "µ", -9: "n"}
+TAKES_PREFIX = {"m", "s", "N", "A", "V", "m/s"}
+JUDGED = {
+    "held-out": "the records held out",
+    "held-out repeats": "the last repeat of each motion, which was not fitted",
+    "held-out laps": "the later laps, which were not fitted",
+    "held-out last third of each record": "the last third of each record, which was not fitted",
+}
+PARTITIONS = ("motion", "frequency", "position", "velocity", "time", "channel")
+
+
+def summary(found: "Diagnosis") -> str:
+    """Return the answer as text of 15 to 40 lines.
+
+    Parameters
+    ----------
+    found : Diagnosis
+
+    Returns
+    -------
+    str
+        Verdict, gap of each channel, where it lies, causes, how far it shrinks, and what speaks against all that.
+    """
+    runs = found.split.runs
+    period_s = runs[0].period_s
+    records = "1 record" if len(runs) == 1 else f"{len(runs)} records"
+    lines = [f"Gap diagnosis: {records}, {sum(run.n_samples for run in runs)} samples of {si_text(period_s, 's')}"]
+    sections: Sequence[tuple[str, Iterator[str]]] = (
+        ("Verdict", verdict(found)),
+        (f"Gap, root mean square on {judged_on(found.answer)}", _gap(found.answer)),
+        ("Where the re-calibrated gap lies (share of what is beyond the noise)", _where(found.answer)),
+        ("Causes", _causes(found)),
+        ("How far it shrinks: mean squared gap in units of the noise floor", shrinkage(found.answer)),
+        ("Doubts", doubts(found)),
+    )
+    for title, content in sections:
+        body = list(content)
+        lines += [title, *(line for text in body for line in _wrapped(text))] if body else []
+    return "\n".join(lines)
+
+
+def _wrapped(text: str) -> list[str]:
+    depth = len(text) - len(text.lstrip())
+    return textwrap.wrap(
+        text.strip(),
+        WIDTH,
+        initial_indent=" " * (2 + depth),
+        subsequent_indent=" " * (4 + depth),
+        break_on_hyphens=False,
+    )
+
+
+# ---- parts that the page shows too ----
+
+
+def judged_on(answer: Mapping[str, Any]) -> str:
+    """Return in words what the gap is judged on."""
+    judged = str(answer["shrinkage"]["judged_on"])
+    return JUDGED.get(judged, judged)
+
+
+def sizes(answer: Mapping[str, Any]) -> tuple[float, float]:
+    """Return the mean squared gap in units of the noise floor, on paper and re-calibrated."""
+    shrunk = answer["shrinkage"]
+    paper = float(shrunk["on_paper"])
+    if shrunk["steps"]:
+        return paper, float(shrunk["steps"][0]["before"])
+    return paper, paper * (1.0 - float(answer["parametric"]["closed_by_recalibration"]))
+
+
+def verdict(found: "Diagnosis") -> Iterator[str]:
+    """Yield the answer in one to four sentences."""
+    answer = found.answer
+    paper, size = sizes(answer)
+    causes, unknown, none = answer["causes"], answer["unknown_probability"], answer["no_gap_probability"]
+    if answer["warnings"]:
+        yield "Read the warnings under Doubts first: a flaw of the records may be what is explained here."
+    if none >= LIKELY:
+        if size > NOISE_ALONE:
+            yield f"Too small to attribute: the mean squared gap is {size:.2f} times the noise, no more."
+        elif paper > max(NOISE_ALONE, 1.2 * size):
+            yield "No gap beyond the noise once the values on paper are re-calibrated: no effect is missing."
+        else:
+            yield "No gap beyond the noise: these records show nothing that the model lacks."
+        if causes:
+            yield f"Nothing is blamed; {_names(causes)} fitted a little of it, which is not to be relied on."
+        return
+    for cause in causes:
+        rivals = cause["indistinguishable_from"]
+        share = f"{percent(cause['share'])} of the mean squared gap"
+        if rivals:
+            names = " or ".join([cause["effect"], *rivals])
+            yield f"Cannot be told apart on these data: {names}. Whichever it is explains {share}."
+        else:
+            probability = probability_text(cause["probability"])
+            words = f"Cause: {cause['effect']}" if cause["probability"] >= LIKELY else f"Perhaps {cause['effect']}"
+            yield f"{words}, probability {probability}; it explains {share}."
+    if not causes:
+        yield f"None of the known effects explains the gap (probability {probability_text(unknown)}).{_nearest(found)}"
+    elif unknown >= LIKELY:
+        left = answer["shrinkage"]["reducible_left"]
+        yield (
+            f"Something else is missing too, with probability {probability_text(unknown)}: {percent(left)} of what is "
+            "left is not noise, and none of the known effects explains it."
+        )
+
+
+def _names(causes: Sequence[Mapping[str, Any]]) -> str:
+    return " and ".join(cause["effect"] for cause in causes)
+
+
+def _nearest(found: "Diagnosis") -> str:
+    stage = found.stages[-1] if found.stages else None
+    if stage is None or not stage.rivals:
+        return ""
+    best = stage.rivals[0]
+    return f" The nearest, {best.kind.name}, would remove {percent(max(stage.gain(best), 0.0))} of it."
+
+
+def shrinkage(answer: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the mean squared gap after each step, with intervals."""
+    paper, size = sizes(answer)
+    shrunk = answer["shrinkage"]
+    change = 1.0 - size / paper if paper > 0.0 else 0.0
+    yield f"re-calibration alone: {paper:.3g} to {size:.3g}, {percent(change)} less"
+    for step in shrunk["steps"]:
+        less = f"{percent(step['reduction'])} less ({interval_text(step['ci95'])})"
+        yield f"+ {step['added']}: {step['before']:.3g} to {step['after']:.3g}, {less}"
+    if shrunk["steps"]:
+        yield (
+            f"all effects: {percent(shrunk['total'])} less ({interval_text(shrunk['ci95'])}); "
+            f"{percent(shrunk['reducible_left'])} of what is left is not noise"
+        )
+
+
+def doubts(found: "Diagnosis") -> Iterator[str]:
+    """Yield what speaks against the answer: warnings of the records, assumptions, values that moved far."""
+    answer = found.answer
+    yield from answer["warnings"]
+    assumed = [name for name, floor in answer["noise_floor"].items() if not floor["measured_from_repeats"]]
+    if assumed:
+        yield (
+            f"The noise floor of {', '.join(assumed)} is assumed, from the quietest quarter of the records: nothing "
+            "was repeated. All sizes and probabilities depend on it; record each motion three times."
+        )
+    judged = answer["shrinkage"]["judged_on"]
+    if judged != "held-out":
+        motion = "the same motion again" if judged in ("held-out repeats", "held-out laps") else "the same record"
+        yield f"Judged on {motion}, so nothing is shown for others; give a record of another motion with --holdout."
+    moved = answer["parametric"]["moved_in_standard_deviations"]
+    far = [f"{name} by {shift:+.1f}" for name, shift in moved.items() if abs(shift) > MOVED]
+    if far:
+        yield (
+            f"Re-calibration moved {', '.join(far)} standard deviations: the value on paper or its [uncertainty] is "
+            "doubtful."
+        )
+    for step in answer["shrinkage"]["steps"]:
+        if step["ci95"][0] <= 0.0:
+            yield f"What {step['added']} adds may be chance: the interval of its reduction includes none."
+    for name, channel in answer["gap"]["channels"].items():
+        if channel["repaired"] > 1.02 * channel["recalibrated"]:
+            yield f"The gap of {name} grows with the effects; they fit the other channels."
+    for effect in found.final.effects:
+        if typical := [split_unit(name)[0].replace("_", " ") for name in not_fitted(effect)]:
+            yield f"{effect.name}: not found from the data but taken as typical: {', '.join(typical)}."
+        for item in adjustables(effect):
+            if getattr(effect, item.name) in (item.low, item.high):
+                yield f"{effect.name}: {item.name} lies on the bound of what the library allows."
+    nearly = [
+        cause["effect"] for cause in answer["causes"] if any(p["ci95"] is None for p in cause["parameters"].values())
+    ]
+    if nearly:
+        yield "No intervals of the parameters were computed; take their digits as a guide."
+
+
+def not_fitted(effect: Effect) -> list[str]:
+    """Return the parameters that no fit moves, so that they have their typical values."""
+    fitted = {item.name for item in adjustables(effect)}
+    return [item.name for item in effect.parameters() if item.name not in fitted]
+
+
+# ---- lines of the terminal ----
+
+
+def _gap(answer: Mapping[str, Any]) -> Iterator[str]:
+    for name, channel in answer["gap"]["channels"].items():
+        keys = ("before", "recalibrated", "repaired", "noise_floor")
+        factor, unit = scaled(channel["before"], channel["unit"])
+        before, recalibrated, repaired, floor = (f"{factor * channel[key]:.3g} {unit}" for key in keys)
+        kind = "measured" if answer["noise_floor"][name]["measured_from_repeats"] else "assumed"
+        yield (
+            f"{split_unit(name)[0].replace('_', ' ')}: {before} on paper, {recalibrated} re-calibrated, {repaired} "
+            f"repaired; noise {floor} ({kind})"
+        )
+
+
+def _where(answer: Mapping[str, Any]) -> Iterator[str]:
+    for words in PARTITIONS:
+        cells = cells_of(answer, words)
+        shown = sorted((cell for cell in cells if cell[1] >= SMALLEST_SHARE), key=lambda cell: -cell[1])
+        if not shown:
+            yield f"{words}: nothing beyond the noise"
+        elif len(cells) > MOST_CELLS and shown[0][1] < EVEN / len(cells):
+            yield f"{words}: spread evenly"
+        else:
+            yield f"{words}: " + ", ".join(f"{name} {percent(share)}" for name, share in shown[:MOST_CELLS])
+
+
+def cells_of(answer: Mapping[str, Any], partition: str) -> list[tuple[str, float]]:
+    """Return the cells of a partition in words, with their shares."""
+    content = answer["where"][partition]
+    if isinstance(content, Mapping):
+        return [(split_unit(name)[0].replace("_", " "), float(share)) for name, share in content.items()]
+    found = []
+    for cell in content:
+        key = next(key for key in cell if key != "share")
+        unit = UNITS[split_unit(key)[1]]
+        low, high = cell[key]
+        scale, prefixed = scaled(max(abs(low), abs(high)), unit)
+        found.append((f"{scale * low:.3g} to {scale * high:.3g} {prefixed}", float(cell["share"])))
+    return found
+
+
+def _causes(found: "Diagnosis") -> Iterator[str]:
+    effects = {effect.name: effect for effect in found.final.effects}
+    for cause in found.answer["causes"]:
+        fixed = not_fitted(effects[cause["effect"]])
+        values = [
+            parameter_text(name, value) + (" (typical)" if name in fixed else "")
+            for name, value in cause["parameters"].items()
+        ]
+        yield (
+            f"{cause['effect']}: share {percent(cause['share'])}, of which no other named effect explains "
+            f"{percent(min(cause['unique_share'], cause['share']))}"
+        )
+        yield "  " + "; ".join(values)
+    experiment = found.answer["next_experiment"]
+    if experiment is not None:
+        yield f"Next experiment, to separate {' from '.join(experiment['to_separate'])}: {experiment['trajectory']}"
+
+
+# ---- numbers ----
+
+
+def probability_text(probability: float) -> str:
+    """Return a probability without false certainty.
+
+    >>> probability_text(0.99999), probability_text(0.57), probability_text(0.001)
+    ('above 0.99', '0.57', 'below 0.01')
+    """
+    if probability > SURE:
+        return f"above {SURE}"
+    return f"{probability:.2f}" if probability >= 1.0 - SURE else f"below {1.0 - SURE:.2f}"
+
+
+def percent(share: float) -> str:
+    """Return a share in per cent.
+
+    >>> percent(0.447), percent(0.004), percent(0.0)
+    ('45 %', '0.4 %', '0 %')
+    """
+    return f"{100.0 * share:.1g} %" if 0.0 < abs(share) < 0.01 else f"{100.0 * share:.0f} %"
+
+
+def interval_text(bounds: Sequence[float]) -> str:
+    """Return a 95 % interval of a share.
+
+    >>> interval_text([0.331, 0.529])
+    '95 %: 33 to 53 %'
+    """
+    return f"95 %: {100.0 * bounds[0]:.0f} to {100.0 * bounds[1]:.0f} %"
+
+
+def scaled(size: float, unit: str) -> tuple[float, str]:
+    """Return the factor and the unit in which a size has one to three digits before the point.
+
+    >>> scaled(4e-5, "m/s"), scaled(4e-5, "N s/m")
+    ((1000000.0, 'µm/s'), (1.0, 'N s/m'))
+    """
+    if unit not in TAKES_PREFIX or not 0.0 < size < math.inf:
+        return 1.0, unit
+    exponent = min(max(3 * math.floor(math.log10(size) / 3.0), min(PREFIXES)), max(PREFIXES))
+    return 10.0**-exponent, PREFIXES[exponent] + unit
+
+
+def si_text(value: float, unit: str) -> str:
+    """Return a value with three digits and its unit.
+
+    >>> si_text(0.0024942, "m"), si_text(-36.4858, "N s/m")
+    ('2.49 mm', '-36.5 N s/m')
+    """
+    factor, prefixed = scaled(abs(value), unit)
+    return f"{factor * value:.3g} {prefixed}".rstrip()
+
+
+def parameter_text(name: str, entry: Mapping[str, Any]) -> str:
+    """Return a parameter of a cause with its unit and, where there is one, its interval."""
+    text = f"{split_unit(name)[0].replace('_', ' ')} {si_text(entry['value'], entry['unit'])}"
+    if entry["ci95"] is None:
+        return text
+    factor, prefixed = scaled(abs(entry["value"]), entry["unit"])
+    low, high = entry["ci95"]
+    return f"{text} (95 %: {factor * low:.3g} to {factor * high:.3g} {prefixed})".replace(" )", ")")
