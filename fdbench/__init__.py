@@ -1,3 +1,11 @@
-"""fdbench: a simulation benchmark of machine-tool feed drives."""
+"""fdbench: a simulation benchmark of machine-tool feed drives.
 
-__version__ = "0.1.0"
+``import fdbench`` registers the environments with Gymnasium; everything else is imported where it is used.
+"""
+
+from fdbench.envs import register_all
+from fdbench.version import __version__
+
+__all__ = ["__version__"]
+
+register_all()

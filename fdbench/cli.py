@@ -12,7 +12,7 @@ import typer
 from fdbench.errors import FdbenchError, SpecError
 
 if TYPE_CHECKING:
-    from fdbench.registry import Registry
+    pass
 
 # Threads of the linear algebra only get in the way of processes, and small matrices are faster without.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

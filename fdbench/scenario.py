@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-import fdbench
 from fdbench.catalogue import scenario_folder, scenario_ids
 from fdbench.effects import Effect
 from fdbench.errors import SimulationDiverged, SpecError, UnknownName, did_you_mean
@@ -23,6 +22,7 @@ from fdbench.reading import measured_file, read_mapped
 from fdbench.record import FloatArray, Record
 from fdbench.simulate.system import Noise, Setup, System, Timing
 from fdbench.specification import check_bounds, load_toml, positive, read
+from fdbench.version import __version__
 
 TRACKS = ("parameters", "disturbance", "output")
 SUITES = ("quick", "full")
@@ -208,7 +208,7 @@ def simulate(scenario: Scenario, seed: int) -> tuple[Record, Truth]:
     hidden = {name: rows[:, len(system.columns) + index] for index, name in enumerate(system.truth_columns)}
     if "held_sample" in hidden and hidden["held_sample"].any():
         columns["held_sample"] = hidden["held_sample"]
-    provenance = {"scenario": scenario.id, "digest": scenario.digest, "seed": seed, "version": fdbench.__version__}
+    provenance = {"scenario": scenario.id, "digest": scenario.digest, "seed": seed, "version": __version__}
     record = Record(columns, provenance, f"{scenario.id} seed {seed}")
     parameters = scenario.plant.true_parameters(scenario.estimation.model, period)
     return record, Truth(parameters=parameters, disturbance_N=hidden.get("disturbance_N"))

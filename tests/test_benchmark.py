@@ -365,7 +365,6 @@ def test_processes_use_one_thread_of_linear_algebra(tmp_path: Path, scenario: st
     assert kept.estimate.parameters == {"beta_1": 1.0}
 
 
-
 def test_two_processes_give_the_same_scores(tmp_path: Path, scenario: str) -> None:
     text = COUNTS.replace("return", "return Estimate(output=np.array(context.regression(record).target)) #")
     files = [estimator_file(tmp_path, name, text) for name in ("copies", "copies_too")]

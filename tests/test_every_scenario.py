@@ -38,8 +38,16 @@ def test_released_scenarios_are_frozen() -> None:
         ("mass_kg = 20.0", "mass_kg = -20.0", r"plant\.motor\.mass_kg: -20 is outside \(0, inf\) kg"),
         ("mass_kg = 20.0", 'mass_kg = "20"', r"plant\.motor\.mass_kg: a number in kg is expected, found the text '20'"),
         ("mass_kg = 20.0", "mass_kg = true", r"plant\.motor\.mass_kg: a number in kg is expected"),
-        ('kind = "feed_drive"', 'kind = "fed_drive"', r"plant\.kind: unknown plant 'fed_drive'\. Did you mean feed_drive"),
-        ("coulomb_force_N", "columb_force_N", r"plant\.effects\[0\]\.columb_force_N: unknown key .* coulomb_force_N \[N\]"),
+        (
+            'kind = "feed_drive"',
+            'kind = "fed_drive"',
+            r"plant\.kind: unknown plant 'fed_drive'\. Did you mean feed_drive",
+        ),
+        (
+            "coulomb_force_N",
+            "columb_force_N",
+            r"plant\.effects\[0\]\.columb_force_N: unknown key .* coulomb_force_N \[N\]",
+        ),
         ("frequency_Hz = 55.0", "frequency_Hz = 1e5", r"reality\.effects\[0\]\.frequency_Hz: 100000 is outside"),
         ('model = "velocity_loop"', 'model = "velocity"', r"estimation\.model: the plant offers no model 'velocity'"),
         ('tracks = ["parameters"', 'tracks = ["params"', r"tracks: unknown track 'params'\. Did you mean parameters"),
@@ -63,6 +71,8 @@ def test_a_substep_that_is_too_long_is_refused(tmp_path: Path) -> None:
 
     text = (scenario_folder() / "BallScrewAxis-v0.toml").read_text()
     file = tmp_path / "Coarse-v0.toml"
-    file.write_text(text.replace("substeps = 10", "substeps = 1").replace("stiffness_N_per_m = 2e7", "stiffness_N_per_m = 9e8"))
+    file.write_text(
+        text.replace("substeps = 10", "substeps = 1").replace("stiffness_N_per_m = 2e7", "stiffness_N_per_m = 9e8")
+    )
     with pytest.raises(SpecError, match=r"largest stable substep is .* at least \d+ substeps"):
         load_scenario(file).observe(0)

@@ -27,7 +27,7 @@ class Observer(NamedTuple):
     R : (n_outputs,) array
         Variances of v.
     P : (n, n) array
-        Covariance before the first reading.
+        Covariance at the start, one sampling time before the first reading.
     """
 
     A: FloatArray

@@ -17,15 +17,15 @@ from typing import Any
 import numba
 import numpy as np
 
-import fdbench
 from fdbench.effects import effects
 from fdbench.errors import PluginError
 from fdbench.metrics import metrics
 from fdbench.motions import motions
 from fdbench.plants import plants
 from fdbench.registry import Registry
+from fdbench.version import __version__
 
-PACKAGE = Path(fdbench.__file__).parent
+PACKAGE = Path(__file__).parent.parent
 
 # Parts of the package that use scores and have no part in making them.
 USERS_OF_SCORES = (
@@ -51,7 +51,7 @@ def provenance() -> dict[str, str]:
     """Return the columns that say which code, versions and machine made a score, and in which run."""
     return {
         "code_digest": code_digest(),
-        "fdbench_version": fdbench.__version__,
+        "fdbench_version": __version__,
         "commit": commit(),
         "python": platform.python_version(),
         "numpy": np.__version__,

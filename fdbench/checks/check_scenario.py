@@ -3,6 +3,7 @@
 import dataclasses
 import inspect
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ CONVERGENCE = 0.02
 
 
 def has_version(scenario: Scenario) -> None:
-    """The id ends in -vN."""
+    """Expect an id that ends in -vN."""
     if not re.fullmatch(r"[A-Z][A-Za-z0-9]*-v\d+", scenario.id):
         raise PluginError(f"id '{scenario.id}': CamelCase and a version are expected, such as ShakerConstant-v0.")
 
@@ -39,7 +40,7 @@ def hyperparameters_exist(scenario: Scenario) -> None:
 
 
 def repeats_under_a_seed(scenario: Scenario) -> None:
-    """The same seed gives the same bits."""
+    """Expect the same bits from the same seed."""
     first, second = scenario.observe(3)[0], scenario.observe(3)[0]
     for column in first:
         if not np.array_equal(first[column], second[column]):
@@ -62,7 +63,7 @@ def is_integrated_well(scenario: Scenario) -> None:
 
 
 def excites_what_it_scores(scenario: Scenario) -> None:
-    """The parameters can be identified, and a disturbance is there if it is scored."""
+    """Expect parameters that can be identified, and a disturbance where one is scored."""
     record, truth = scenario.observe(0)
     Z = scenario.context().regression(record).regressors
     if "parameters" in scenario.estimation.tracks:
@@ -96,4 +97,4 @@ def check_scenario(name_or_path: str | Path) -> list[str]:
     scenario = load_scenario(name_or_path)
     if scenario.measured is not None:
         scenario.observe(0)
-    return run_checks(scenario.id, [(check.__name__, lambda c=check: c(scenario)) for check in CHECKS])
+    return run_checks(scenario.id, [(check.__name__, partial(check, scenario)) for check in CHECKS])

@@ -211,6 +211,10 @@ class Effect(ABC):
         values = {item.name: getattr(self, item.name) for item in self.parameters()}
         return type(self)(**values | {name: factor * values[name] for name in amplitudes})
 
+    def changed(self, **changes: float) -> Self:
+        """Return the effect with other values of some parameters."""
+        return dataclasses.replace(self, **changes)  # type: ignore[type-var]
+
     def values(self) -> tuple[float, ...]:
         """Return the parameter values in the order of the kernel's arguments."""
         return tuple(float(getattr(self, item.name)) for item in self.parameters())

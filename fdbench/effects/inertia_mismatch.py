@@ -27,9 +27,10 @@ class InertiaMismatch(Effect):
 
     port = Port.TABLE_INERTIA
     amplitude = "extra_mass_kg"
+    calibrates = "mass"
     confusable_with = ("structural_mode",)
 
-    extra_mass_kg: float = parameter("dm", low=-20.0, high=500.0, typical=6.0)
+    extra_mass_kg: float = parameter("dm", low=-20.0, high=500.0, typical=12.0)
 
     @kernel
     def kernel(t, h, x, v, u, dm):

@@ -26,7 +26,7 @@ class ViscousFriction(Effect):
     amplitude = "viscous_friction_N_s_per_m"
     calibrates = "viscous"
 
-    viscous_friction_N_s_per_m: float = parameter("B", low=-5000.0, high=50000.0, typical=150.0)
+    viscous_friction_N_s_per_m: float = parameter("B", low=-5000.0, high=50000.0, typical=250.0)
 
     @kernel
     def kernel(t, h, x, v, u, B):

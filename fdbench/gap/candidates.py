@@ -1,6 +1,5 @@
 """Candidates: every effect of the library at every point of its shape grid, as variants of a hypothesis."""
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -63,7 +62,7 @@ class Candidate:
             if value < bounds[name].low:
                 return None
             changes[name] = min(value, bounds[name].high)
-        return Candidate(members=(dataclasses.replace(effect, **changes),))
+        return Candidate(members=(effect.changed(**changes),))
 
 
 def amplitudes(kind: type[Effect]) -> tuple[str, ...]:
@@ -110,15 +109,13 @@ def _of_kind(base: Hypothesis, kind: type[Effect], located: Mapping[str, Sequenc
         for index, known in enumerate(base.nominal.drive.effects):
             replacement = None if index in base.replaced else kind.in_place_of(known)
             if replacement is not None:
-                found.append(Candidate(members=(dataclasses.replace(replacement, **shape),), replaces=index))
-                break
-        else:
-            effect = kind.typical(**shape, **dict.fromkeys(further, 0.0))
-            members = [effect]
-            if phase is not None:
-                members = [dataclasses.replace(effect, **{phase: angle}) for angle in (0.0, QUARTER_TURN)]
-            silent = dataclasses.replace(effect, **{kind.amplitude: 0.0})
-            typical = kind.typical(**shape)
-            members += [dataclasses.replace(silent, **{name: getattr(typical, name)}) for name in further]
-            found.append(Candidate(members=tuple(members)))
+                found.append(Candidate(members=(replacement.changed(**shape),), replaces=index))
+        effect = kind.typical(**shape, **dict.fromkeys(further, 0.0))
+        members = [effect]
+        if phase is not None:
+            members = [effect.changed(**{phase: angle}) for angle in (0.0, QUARTER_TURN)]
+        silent = effect.changed(**{kind.amplitude: 0.0})
+        typical = kind.typical(**shape)
+        members += [silent.changed(**{name: getattr(typical, name)}) for name in further]
+        found.append(Candidate(members=tuple(members)))
     return found

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdbench.effects import Effect
 from fdbench.errors import RecordError
@@ -16,8 +15,8 @@ from fdbench.gap.floor import Floor, floors
 from fdbench.gap.hypothesis import Hypothesis, calibrations, start
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.replay import Replay
-from fdbench.gap.runs import Run, prepare, same_command
-from fdbench.gap.search import Search, Stage, numbers_of
+from fdbench.gap.runs import Run, merged, prepare, same_command
+from fdbench.gap.search import SMALLEST_GAIN, Search, Stage, numbers_of
 from fdbench.gap.shrink import Closure, closure, shapley
 from fdbench.gap.where import Gaps, where
 from fdbench.record import FloatArray, Record
@@ -28,6 +27,7 @@ TOO_SMALL = 1.3  # mean squared gap in units of the floor below which nothing is
 ALIKE = 0.9  # a rival that removes this share of what the best removes cannot be told apart
 EFFECTIVE_SAMPLES = 60.0  # independent samples that a misfit ratio is worth, as far as probabilities go
 CLOSES_ENOUGH = 0.5
+BEYOND_DOUBT = 2.5  # standard deviations of a value on paper beyond which it is a cause
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,29 +59,31 @@ def split_runs(records: Sequence[Run], holdouts: Sequence[Run]) -> tuple[Split, 
     With held-out records these are judged on; else the last laps of records that repeat themselves, else the last of
     repeated records, else the last third of each record.
     """
-    runs = [*records, *holdouts]
-    masks: list[NDArray[np.bool_]] = [np.zeros(run.n_samples, dtype=np.bool_) for run in runs]
-    found = floors(runs)
+    found = floors([*records, *holdouts])
     if holdouts:
-        for mask in masks[len(records) :]:
-            mask[:] = True
-        return Split(runs=runs, held_out=masks, floors=found), "held-out"
-    repeated = [
-        index for index, run in enumerate(runs) if any(same_command(run, other) for other in runs[:index])
-    ]
-    if repeated and len(repeated) < len(runs):
-        for index in repeated:
-            if not any(same_command(runs[index], later) for later in runs[index + 1 :]):
-                masks[index][:] = True
-        return Split(runs=runs, held_out=masks, floors=found), "held-out repeats"
-    for run, mask in zip(runs, masks, strict=True):
+        fitted, judged = merged(records), merged(holdouts)
+        masks = [np.zeros(run.n_samples, dtype=np.bool_) for run in fitted]
+        masks += [np.ones(run.n_samples, dtype=np.bool_) for run in judged]
+        return Split(runs=[*fitted, *judged], held_out=masks, floors=found), "held-out"
+    last = [run for index, run in enumerate(records) if _is_last_repeat(records, index)]
+    if last:
+        return split_runs([run for run in records if run not in last], last)[0], "held-out repeats"
+    masks = []
+    for run in records:
+        mask = np.zeros(run.n_samples, dtype=np.bool_)
         if run.lap is not None:
             laps = max(1, round(run.n_samples / run.lap * 0.5))
             mask[laps * run.lap :] = True
         else:
             mask[round(run.n_samples * (1.0 - HELD_OUT_SHARE)) :] = True
-    by = "held-out laps" if all(run.lap is not None for run in runs) else "held-out last third of each record"
-    return Split(runs=runs, held_out=masks, floors=found), by
+        masks.append(mask)
+    by = "held-out laps" if all(run.lap is not None for run in records) else "held-out last third of each record"
+    return Split(runs=records, held_out=masks, floors=found), by
+
+
+def _is_last_repeat(runs: Sequence[Run], index: int) -> bool:
+    repeats_before = any(same_command(runs[index], other) for other in runs[:index])
+    return repeats_before and not any(same_command(runs[index], other) for other in runs[index + 1 :])
 
 
 def diagnose(
@@ -129,7 +131,7 @@ def diagnose(
     answer = {
         "gap": {"channels": channels_of(replay, split, paper, calibrated, final)},
         "where": where(Gaps.of(split.runs, simulated, split.floors)),
-        **verdict(split, stages, final, shut, raw),
+        **verdict(replay, split, stages, final, shut, raw),
         "shrinkage": shrinkage(shut, final, judged_on, raw),
         "next_experiment": None,
         "warnings": warnings,
@@ -139,9 +141,7 @@ def diagnose(
             for name, floor in split.floors.items()
         },
     }
-    return Diagnosis(
-        answer=answer, calibrated=calibrated, final=final, stages=stages, split=split, simulated=simulated
-    )
+    return Diagnosis(answer=answer, calibrated=calibrated, final=final, stages=stages, split=split, simulated=simulated)
 
 
 def check_alike(runs: Sequence[Run]) -> None:
@@ -198,7 +198,7 @@ def channels_of(
 
 
 def verdict(
-    split: Split, stages: Sequence[Stage], final: Hypothesis, shut: Closure, raw: float
+    replay: Replay, split: Split, stages: Sequence[Stage], final: Hypothesis, shut: Closure, raw: float
 ) -> dict[str, Any]:
     """Return causes with probabilities and shares, and the probabilities of an unknown cause and of no gap."""
     means = shut.mean()
@@ -215,22 +215,62 @@ def verdict(
             {
                 "effect": effect.name,
                 "probability": probability(stage),
-                "share": max(values[index], 0.0) / float(means[0]),
-                "unique_share": max(closed[everything] - closed[alone], 0.0) / float(means[0]),
+                "share": max(values[index], 0.0) / raw,
+                "unique_share": max(closed[everything] - closed[alone], 0.0) / raw,
                 "parameters": parameters(effect),
                 "indistinguishable_from": alike(stage),
             }
         )
-    causes.sort(key=lambda cause: -float(cause["share"]))  # type: ignore[arg-type]
+    on_paper = parametric_causes(replay, split, final, raw)
+    causes += on_paper
+    causes.sort(key=lambda cause: -float(cause["share"]))
     fraction = closed[everything] / excess
-    none = 1.0 / (1.0 + math.exp(min(60.0, 20.0 * (float(means[0]) - TOO_SMALL))))
-    unknown = (1.0 - none) / (1.0 + math.exp(8.0 * (fraction - CLOSES_ENOUGH)))
+    structural = 1.0 - 1.0 / (1.0 + math.exp(min(60.0, 20.0 * (float(means[0]) - TOO_SMALL))))
+    none = (1.0 - structural) * math.prod(1.0 - float(cause["probability"]) for cause in on_paper)
+    unknown = structural / (1.0 + math.exp(8.0 * (fraction - CLOSES_ENOUGH)))
     return {
         "causes": causes,
         "unknown_probability": unknown,
         "no_gap_probability": none,
         "summary": "",
     }
+
+
+def parametric_causes(replay: Replay, split: Split, final: Hypothesis, raw: float) -> list[dict[str, Any]]:
+    """Return the effects whose size is a value on paper that moved further than it should be wrong.
+
+    A kind of value that is corrected on both sides of the screw counts once, with the sum of its changes. It is a
+    cause only if the gap on paper grows by as much without its correction as another effect would have to close.
+    """
+    scale = calibrations(final.nominal)
+    groups: dict[str, list[int]] = {}
+    for place, calibration in enumerate(scale):
+        groups.setdefault(f"{calibration.kind}_{calibration.index}", []).append(place)
+    closed = mean_gap(replay, split, final)
+    found = []
+    for places in groups.values():
+        sizes = [scale[place].size(final.nominal.drive) for place in places]
+        change = sum(final.shifts[place] * size for place, size in zip(places, sizes, strict=True))
+        distance = abs(change) / max(math.hypot(*sizes), 1e-30)
+        name = scale[places[0]].cause(final.nominal)
+        if distance <= BEYOND_DOUBT or not name or name in {item.name for item in final.effects}:
+            continue
+        shifts = tuple(0.0 if place in places else shift for place, shift in enumerate(final.shifts))
+        share = (mean_gap(replay, split, dataclasses.replace(final, shifts=shifts)) - closed) / raw
+        if share < SMALLEST_GAIN:
+            continue
+        found.append(
+            {
+                "effect": name,
+                "probability": 1.0 / (1.0 + math.exp(-2.0 * (distance - BEYOND_DOUBT))),
+                "share": min(share, 1.0),
+                "unique_share": min(share, 1.0),
+                "parameters": {"change": {"value": change, "ci95": None, "unit": scale[places[0]].unit}},
+                "indistinguishable_from": [],
+                "parametric": True,
+            }
+        )
+    return found
 
 
 def probability(stage: Stage) -> float:

@@ -52,12 +52,19 @@ class Evidence:
     group: NDArray[np.intp]
 
 
-def gather(replay: Replay, split: Split, base: Hypothesis, variants: Sequence[Hypothesis]) -> Evidence:
-    """Simulate the base and its variants on every run, and sum the products over segments."""
+def gather(
+    replay: Replay, split: Split, base: Hypothesis, variants: Sequence[Hypothesis], fitted_only: bool = False
+) -> Evidence:
+    """Simulate the base and its variants on every run, and sum the products over segments.
+
+    ``fitted_only`` leaves out the runs of which nothing is fitted.
+    """
     lanes = [base.variant(), *(item.variant() for item in variants)]
     products, gaps, counts, outs, groups = [], [], [], [], []
     offset = 0
     for run, out in zip(split.runs, split.held_out, strict=True):
+        if fitted_only and out.all():
+            continue
         simulated = replay.simulate(run, lanes)
         length = max(8, round(SEGMENT_S / run.period_s))
         n_segments = -(-run.n_samples // length)
@@ -66,7 +73,8 @@ def gather(replay: Replay, split: Split, base: Hypothesis, variants: Sequence[Hy
             signals = simulated[name] - simulated[name][0]
             signals[0] = measured - simulated[name][0]
             signals[~np.isfinite(signals).all(axis=1)] = 0.0
-            signals = np.pad(signals / split.floors[name].rms, ((0, 0), (0, filling)))
+            signals *= np.sqrt(run.repeats) / split.floors[name].rms
+            signals = np.pad(signals, ((0, 0), (0, filling)))
             pieces = signals.reshape(len(lanes), n_segments, length).transpose(1, 0, 2)
             products.append(pieces @ pieces.transpose(0, 2, 1))
             count = np.full(n_segments, float(length))
@@ -144,7 +152,7 @@ class Scores:
 
     def _penalty(self, chosen: list[int], theta: FloatArray) -> float:
         moved = dict(zip(chosen, theta.tolist(), strict=True))
-        return sum((stand + moved.get(column, 0.0)) ** 2 for column, stand in self.priors.items())
+        return float(sum((stand + moved.get(column, 0.0)) ** 2 for column, stand in self.priors.items()))
 
     @staticmethod
     def _distance(sums: FloatArray, chosen: list[int], theta: FloatArray) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fdbench.effects import Effect
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.replay import Variant
-from fdbench.plants.feed_drive import FeedDrive, RotaryMotor
+from fdbench.plants.feed_drive import FeedDrive, RotaryMotor, Table
 
 SMALLEST_RATIO = 0.05
 
@@ -94,7 +94,7 @@ def merged(offsets: Sequence[Effect], effects: Sequence[Effect]) -> tuple[Effect
             result.append(offset)
         else:
             total = getattr(result[place], kind.amplitude) + getattr(offset, kind.amplitude)
-            result[place] = dataclasses.replace(result[place], **{kind.amplitude: total})
+            result[place] = result[place].changed(**{kind.amplitude: total})
     return tuple(result)
 
 
@@ -106,7 +106,7 @@ def without(drive: FeedDrive, index: int) -> FeedDrive:
 def _with_known(drive: FeedDrive, index: int, ratio: float) -> FeedDrive:
     known = drive.effects[index]
     amplitude = type(known).amplitude
-    changed = dataclasses.replace(known, **{amplitude: getattr(known, amplitude) * ratio})
+    changed = known.changed(**{amplitude: getattr(known, amplitude) * ratio})
     return dataclasses.replace(drive, effects=(*drive.effects[:index], changed, *drive.effects[index + 1 :]))
 
 
@@ -151,7 +151,29 @@ class Calibration:
             changes = {field: getattr(part, field) * max(1.0 + change, SMALLEST_RATIO)}
         else:
             changes = {"viscous_friction_N_s_per_m": max(part.viscous_friction_N_s_per_m + change, 0.0)}
-        return dataclasses.replace(drive, **{self.side: dataclasses.replace(part, **changes)}), ()
+        part = dataclasses.replace(part, **changes)
+        if isinstance(part, Table):
+            return dataclasses.replace(drive, table=part), ()
+        return dataclasses.replace(drive, motor=part), ()
+
+    def size(self, drive: FeedDrive) -> float:
+        """Return one standard deviation in the unit of the value: kg, N s/m or N."""
+        if self.kind == "known_effects":
+            known = drive.effects[self.index]
+            return abs(float(getattr(known, type(known).amplitude))) * self.deviation
+        part = drive.motor if self.side == "motor" else drive.table
+        return self.deviation * part.mass_kg if self.kind == "mass" and part is not None else self.deviation
+
+    @property
+    def unit(self) -> str:
+        """Unit of `size`."""
+        return {"mass": "kg", "viscous": "N s/m"}.get(self.kind, "N")
+
+    def cause(self, nominal: Nominal) -> str:
+        """Return the name of the effect that a large change of this value is, or an empty text."""
+        if self.kind == "known_effects":
+            return nominal.drive.effects[self.index].name
+        return next((kind.name for kind in nominal.library if kind.calibrates == self.kind), "")
 
 
 def calibrations(nominal: Nominal) -> tuple[Calibration, ...]:
@@ -161,10 +183,7 @@ def calibrations(nominal: Nominal) -> tuple[Calibration, ...]:
     viscous = max(drive.viscous_friction_N_s_per_m, 1e-3 * drive.mass_kg) * doubt.viscous
     lever = 1.0 if drive.screw is not None else drive.mass_kg / drive.motor.mass_kg
     found = [Calibration(name=f"{side}_mass", kind="mass", side=side, deviation=doubt.mass * lever) for side in sides]
-    found += [
-        Calibration(name=f"{side}_viscous", kind="viscous", side=side, deviation=viscous)
-        for side in sides
-    ]
+    found += [Calibration(name=f"{side}_viscous", kind="viscous", side=side, deviation=viscous) for side in sides]
     found += [
         Calibration(name=f"known_{known.name}", kind="known_effects", index=index, deviation=doubt.known_effects)
         for index, known in enumerate(drive.effects)

@@ -35,7 +35,7 @@ def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list
 def _lines_in_time(gap: FloatArray, period_s: float) -> list[float]:
     window = np.hanning(len(gap))
     power = np.abs(np.fft.rfft(gap * window)) ** 2
-    frequency = np.fft.rfftfreq(len(gap), period_s)
+    frequency = np.asarray(np.fft.rfftfreq(len(gap), period_s), dtype=np.float64)
     power[frequency < LOWEST_HZ] = 0.0
     found = []
     for _ in range(LINES):
@@ -54,7 +54,7 @@ def _lines_in_position(gap: FloatArray, position: FloatArray) -> list[float]:
     visits = np.maximum(np.bincount(place, minlength=n_bins), 1)
     profile = np.bincount(place, weights=gap, minlength=n_bins) / np.sqrt(visits)
     power = np.abs(np.fft.rfft(profile - profile.mean(), OVERSAMPLING * n_bins)) ** 2
-    wavenumber = np.fft.rfftfreq(OVERSAMPLING * n_bins, travel / n_bins)
+    wavenumber = np.asarray(np.fft.rfftfreq(OVERSAMPLING * n_bins, travel / n_bins), dtype=np.float64)
     power[(wavenumber < PER_TRAVEL / travel) | (wavenumber > 1.0 / SHORTEST_M)] = 0.0
     found = []
     for _ in range(LINES):

@@ -29,9 +29,9 @@ class Uncertainty:
     Masses, viscous frictions and the effects that the model knows are relative, the force offset is in newtons.
     """
 
-    mass: float = positive(default=0.04)
-    viscous: float = positive(default=0.15)
-    known_effects: float = positive(default=0.1)
+    mass: float = positive(default=0.03)
+    viscous: float = positive(default=0.1)
+    known_effects: float = positive(default=0.06)
     force_offset_N: float = nonnegative(default=2.0)
 
     def __post_init__(self) -> None:

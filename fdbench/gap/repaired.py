@@ -12,7 +12,7 @@ from fdbench.effects import Effect
 from fdbench.errors import FdbenchError
 from fdbench.gap.hypothesis import Hypothesis, calibrations
 from fdbench.gap.nominal import Nominal
-from fdbench.gap.summary import probability_text
+from fdbench.gap.summary import interval_text, judged_on, less, probability_text
 from fdbench.specification import snake_case
 
 if TYPE_CHECKING:
@@ -76,8 +76,8 @@ def _history(found: "Diagnosis") -> Iterator[str]:
     shrinkage, causes = found.answer["shrinkage"], {cause["effect"]: cause for cause in found.answer["causes"]}
     yield "Repaired by fdbench diagnose: the model on paper, re-calibrated, with the effects that were named."
     yield (
-        f"Judged on {shrinkage['judged_on']}: the mean squared gap beyond re-calibration shrinks by "
-        f"{shrinkage['total']:.0%} (95 %: {shrinkage['ci95'][0]:.0%} to {shrinkage['ci95'][1]:.0%})."
+        f"Judged on {judged_on(found.answer)}: after re-calibration the effects make the mean squared gap "
+        f"{less(shrinkage['total'])} ({interval_text(shrinkage['ci95'])})."
     )
     for effect in found.final.effects:
         yield f"Added: {effect.name}, probability {probability_text(causes[effect.name]['probability'])}."

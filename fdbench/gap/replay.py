@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from fdbench.effects import Effect, effects
+from fdbench.effects import Effect
 from fdbench.gap.runs import STRETCH, Run
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
@@ -85,7 +85,7 @@ class Replay:
     def _block(self, run: Run, variants: Sequence[Variant], width: int) -> dict[str, FloatArray]:
         block = np.zeros((1, self._rows, width))
         n_known = len(self.drive.effects)
-        where = {kind: slot for kind, slot in zip(self.library, self._slots[n_known:], strict=True)}
+        where = dict(zip(self.library, self._slots[n_known:], strict=True))
         active = np.zeros(max(len(self.kinds), 1), dtype=np.bool_)
         active[:n_known] = True
         position, velocity = run.start()
@@ -113,9 +113,7 @@ class Replay:
             n = min(PIECE, run.n_samples - start)
             part = np.empty((1, n, layout.OUT_COLUMNS, width))
             flat = block.reshape(1, -1)
-            self._advance[width](
-                flat, 0, n, self.substeps, run.period_s, active, reference, normal, uniform, part
-            )
+            self._advance[width](flat, 0, n, self.substeps, run.period_s, active, reference, normal, uniform, part)
             out[:, start : start + n] = part
         feedback = layout.OUT_TABLE if self.drive.controller.uses_table else layout.OUT_MOTOR
         return {

@@ -1,5 +1,6 @@
 """Runs: records prepared for comparison with a simulation of the same command."""
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -29,6 +30,8 @@ class Run:
         distance between motor and table.
     lap : int or None
         Samples after which the command repeats, where it does within the record.
+    repeats : int
+        How many records of one command the channels are the mean of.
     """
 
     name: str
@@ -36,6 +39,7 @@ class Run:
     reference: FloatArray
     channels: dict[str, FloatArray]
     lap: int | None
+    repeats: int = 1
 
     @property
     def n_samples(self) -> int:
@@ -118,16 +122,33 @@ def same_command(a: Run, b: Run) -> bool:
 
 
 def differences(runs: Sequence[Run], channel: str) -> list[FloatArray]:
-    """Return what is left of a channel between repeats: between runs of one command, and between laps of one run.
+    """Return what is left of a channel between repeats: records of one command, or else laps within a record.
 
     Each difference has twice the variance of the noise.
     """
     found: list[FloatArray] = []
     for index, run in enumerate(runs):
-        values = run.channels[channel]
-        if run.lap is not None:
-            found.append(values[run.lap :] - values[: -run.lap])
         later = next((other for other in runs[index + 1 :] if same_command(run, other)), None)
         if later is not None:
-            found.append(later.channels[channel] - values)
-    return found
+            found.append(later.channels[channel] - run.channels[channel])
+    if found:
+        return found
+    laps = [(run.channels[channel], run.lap) for run in runs if run.lap is not None]
+    return [values[lap:] - values[:-lap] for values, lap in laps]
+
+
+def merged(runs: Sequence[Run]) -> list[Run]:
+    """Return one run for each command, the mean of its repeats; their noise is lower by the root of their number."""
+    groups: list[list[Run]] = []
+    for run in runs:
+        group = next((group for group in groups if same_command(group[0], run)), None)
+        if group is None:
+            groups.append([run])
+        else:
+            group.append(run)
+    return [_mean(group) for group in groups]
+
+
+def _mean(group: Sequence[Run]) -> Run:
+    channels = {name: np.asarray(np.mean([run.channels[name] for run in group], axis=0)) for name in group[0].channels}
+    return dataclasses.replace(group[0], channels=channels, repeats=len(group))

@@ -17,12 +17,13 @@ from fdbench.record import FloatArray
 
 MOST_EFFECTS = 4
 RESCALED = 10  # classes that are simulated again at their fitted size
-REFINED = 3  # classes that are refined in closed loop before one is chosen
+REFINED = 3  # classes that are refined in closed loop before one is chosen, at most
+SERIOUS = 0.4  # share of the best gain that makes a class worth refining
 SMALLEST_GAIN = 0.04  # share of the excess misfit that an effect must remove
 NOISE_ALONE = 1.05  # misfit below which nothing is left to explain
-ITERATIONS = 8
-CONVERGED = 3e-4  # relative fall of the objective below which a refinement ends
-STEPS = (1.0, 0.5, 0.2, 0.05)
+ITERATIONS = 6
+CONVERGED = 1e-3  # relative fall of the objective below which a refinement ends
+STEPS = (1.0, 0.4, 0.1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,13 +107,15 @@ class Search:
         ranked = self._best_of_class(base, again, fits, scores)
         order = sorted(ranked, key=lambda kind: ranked[kind][1])
         rivals = []
+        most = max((self._value(alone, scores) - ranked[kind][1] for kind in order[:1]), default=0.0)
         for place, kind in enumerate(order):
-            candidate, _ = ranked[kind]
+            candidate, value = ranked[kind]
             hypothesis = base.with_effect(candidate.members[0], candidate.replaces)
-            if place < REFINED:
+            serious = place == 0 or (place < REFINED and self._value(alone, scores) - value > SERIOUS * most)
+            if serious:
                 self.progress(f"refining {kind.name}")
                 hypothesis = self.refine(hypothesis)
-            rivals.append(self._judged(kind, hypothesis, scores, refined=place < REFINED))
+            rivals.append(self._judged(kind, hypothesis, scores, refined=serious))
         rivals.sort(key=lambda rival: rival.misfit + rival.penalty / scores.test_count)
         return Stage(
             base=base,
@@ -122,7 +125,7 @@ class Search:
             rivals=tuple(rivals),
         )
 
-    def _judged(self, kind: type[Effect], hypothesis: Hypothesis, scores: Scores, refined: bool) -> Rival:
+    def _judged(self, kind: type[Effect], hypothesis: Hypothesis, scores: "StageScores", refined: bool) -> Rival:
         evidence = gather(self.replay, self.split, hypothesis, ())
         weight = scores.weights
         outside = evidence.held_out
@@ -149,10 +152,14 @@ class Search:
         best: dict[type[Effect], tuple[Candidate, float]] = {}
         for candidate, fit in zip(every, fits, strict=True):
             scaled = candidate.scaled(fit.coefficients[len(base.shifts) :].tolist())
-            value = fit.misfit + fit.penalty / scores.test_count
+            value = self._value(fit, scores)
             if scaled is not None and (candidate.kind not in best or value < best[candidate.kind][1]):
                 best[candidate.kind] = (scaled, value)
         return best
+
+    @staticmethod
+    def _value(fit: Fit, scores: "StageScores") -> float:
+        return fit.misfit + fit.penalty / scores.test_count
 
     def _shifted(self, base: Hypothesis) -> list[Hypothesis]:
         unit = np.eye(len(base.shifts))
@@ -165,14 +172,14 @@ class Search:
             values = read(hypothesis)
             unit = np.array([item.step for item in numbers])
             probes = [write(hypothesis, values + row) for row in np.diag(unit)]
-            evidence = gather(self.replay, self.split, hypothesis, probes)
+            evidence = gather(self.replay, self.split, hypothesis, probes, fitted_only=True)
             priors = {1 + index: value for index, value in enumerate(hypothesis.shifts)}
             scores = StageScores(evidence, priors)
             step = scores.fit(range(1, 1 + len(numbers))).coefficients * unit
             low = np.array([item.low for item in numbers])
             high = np.array([item.high for item in numbers])
             trials = [write(hypothesis, np.clip(values + share * step, low, high)) for share in STEPS]
-            judged = gather(self.replay, self.split, hypothesis, trials)
+            judged = gather(self.replay, self.split, hypothesis, trials, fitted_only=True)
             inside = ~judged.held_out
             sums = np.diagonal(judged.products, axis1=1, axis2=2)
             cross = judged.products[:, 0, :]
@@ -228,5 +235,5 @@ def write(hypothesis: Hypothesis, values: FloatArray) -> Hypothesis:
             place += 1
         phases = {item.name for item in type(effect).parameters() if item.phase}
         changes |= {name: math.remainder(changes[name], 2.0 * math.pi) for name in phases & changes.keys()}
-        effects.append(dataclasses.replace(effect, **changes))
+        effects.append(effect.changed(**changes))
     return dataclasses.replace(hypothesis, shifts=tuple(values[:n].tolist()), effects=tuple(effects))

@@ -60,7 +60,8 @@ def closure(replay: Replay, split: Split, base: Hypothesis, final: Hypothesis) -
     subsets = [c for n in range(len(effects) + 1) for c in itertools.combinations(range(len(effects)), n)]
     variants = [_subset(base, final, [effects[index] for index in subset]) for subset in subsets]
     shifted = [
-        dataclasses.replace(final, shifts=tuple(np.add(final.shifts, row).tolist())) for row in np.eye(len(final.shifts))
+        dataclasses.replace(final, shifts=tuple(np.add(final.shifts, row).tolist()))
+        for row in np.eye(len(final.shifts))
     ]
     evidence = gather(replay, split, variants[0], [*variants, *shifted])
     outside = evidence.held_out
@@ -113,5 +114,3 @@ def shapley(values: dict[tuple[int, ...], float], n: int) -> list[float]:
                 total += weight * (values[joined] - values[subset])
         result.append(total)
     return result
-
-

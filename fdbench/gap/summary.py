@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 WIDTH = 100
 LIKELY = 0.5
+UNEXPLAINED = 0.2  # share of the gap that is worth a sentence
 SURE = 0.99  # no probability is printed beyond it
 NOISE_ALONE = 1.1  # mean squared gap in units of the floor that passes for noise
 MOVED = 3.0  # standard deviations by which a value on paper may move without a remark
@@ -43,8 +44,9 @@ def summary(found: "Diagnosis") -> str:
     """
     runs = found.split.runs
     period_s = runs[0].period_s
-    records = "1 record" if len(runs) == 1 else f"{len(runs)} records"
-    lines = [f"Gap diagnosis: {records}, {sum(run.n_samples for run in runs)} samples of {si_text(period_s, 's')}"]
+    n_records, n_samples = sum(run.repeats for run in runs), sum(run.repeats * run.n_samples for run in runs)
+    records = "1 record" if n_records == 1 else f"{n_records} records"
+    lines = [f"Gap diagnosis: {records}, {n_samples} samples of {si_text(period_s, 's')}"]
     sections: Sequence[tuple[str, Iterator[str]]] = (
         ("Verdict", verdict(found)),
         (f"Gap, root mean square on {judged_on(found.answer)}", _gap(found.answer)),
@@ -88,6 +90,18 @@ def sizes(answer: Mapping[str, Any]) -> tuple[float, float]:
     return paper, paper * (1.0 - float(answer["parametric"]["closed_by_recalibration"]))
 
 
+def unexplained(answer: Mapping[str, Any]) -> float:
+    """Return the share of the mean squared gap after re-calibration that is neither explained nor noise."""
+    size = sizes(answer)[1]
+    left = size * (1.0 - float(answer["shrinkage"]["total"]))
+    return max(0.0, left - 1.0) / size if size > 0.0 else 0.0
+
+
+def is_parametric(cause: Mapping[str, Any]) -> bool:
+    """Return whether a cause is a value on paper that moved too far, and not an effect that was added."""
+    return bool(cause.get("parametric", False))
+
+
 def verdict(found: "Diagnosis") -> Iterator[str]:
     """Yield the answer in one to four sentences."""
     answer = found.answer
@@ -107,6 +121,10 @@ def verdict(found: "Diagnosis") -> Iterator[str]:
         return
     for cause in causes:
         rivals = cause["indistinguishable_from"]
+        if is_parametric(cause):
+            chance = probability_text(cause["probability"])
+            yield f"Wrong on paper: the size of {cause['effect']}, probability {chance}; re-calibration mends it."
+            continue
         share = f"{percent(cause['share'])} of the mean squared gap"
         if rivals:
             names = " or ".join([cause["effect"], *rivals])
@@ -117,12 +135,14 @@ def verdict(found: "Diagnosis") -> Iterator[str]:
             yield f"{words}, probability {probability}; it explains {share}."
     if not causes:
         yield f"None of the known effects explains the gap (probability {probability_text(unknown)}).{_nearest(found)}"
-    elif unknown >= LIKELY:
-        left = answer["shrinkage"]["reducible_left"]
+    left = unexplained(answer)
+    if causes and unknown >= LIKELY:
         yield (
-            f"Something else is missing too, with probability {probability_text(unknown)}: {percent(left)} of what is "
-            "left is not noise, and none of the known effects explains it."
+            f"Something else is missing too, with probability {probability_text(unknown)}: {percent(left)} of the mean "
+            "squared gap is neither explained nor noise, and none of the known effects explains it."
         )
+    elif causes and left > UNEXPLAINED:
+        yield f"Not all: {percent(left)} of the mean squared gap is neither explained nor noise."
 
 
 def _names(causes: Sequence[Mapping[str, Any]]) -> str:
@@ -141,14 +161,13 @@ def shrinkage(answer: Mapping[str, Any]) -> Iterator[str]:
     """Yield the mean squared gap after each step, with intervals."""
     paper, size = sizes(answer)
     shrunk = answer["shrinkage"]
-    change = 1.0 - size / paper if paper > 0.0 else 0.0
-    yield f"re-calibration alone: {paper:.3g} to {size:.3g}, {percent(change)} less"
+    yield f"re-calibration alone: {paper:.3g} to {size:.3g}, {less(1.0 - size / paper if paper > 0.0 else 0.0)}"
     for step in shrunk["steps"]:
-        less = f"{percent(step['reduction'])} less ({interval_text(step['ci95'])})"
-        yield f"+ {step['added']}: {step['before']:.3g} to {step['after']:.3g}, {less}"
+        change = f"{less(step['reduction'])} ({interval_text(step['ci95'])})"
+        yield f"+ {step['added']}: {step['before']:.3g} to {step['after']:.3g}, {change}"
     if shrunk["steps"]:
         yield (
-            f"all effects: {percent(shrunk['total'])} less ({interval_text(shrunk['ci95'])}); "
+            f"all effects: {less(shrunk['total'])} ({interval_text(shrunk['ci95'])}); "
             f"{percent(shrunk['reducible_left'])} of what is left is not noise"
         )
 
@@ -199,6 +218,16 @@ def not_fitted(effect: Effect) -> list[str]:
     return [item.name for item in effect.parameters() if item.name not in fitted]
 
 
+def fixed_parameters(found: "Diagnosis", cause: Mapping[str, Any]) -> list[str]:
+    """Return the parameters of a cause that have their typical values."""
+    return [name for effect in found.final.effects if effect.name == cause["effect"] for name in not_fitted(effect)]
+
+
+def unique(cause: Mapping[str, Any]) -> float:
+    """Return the share that a cause has on its own, no more than its share."""
+    return min(float(cause["unique_share"]), float(cause["share"]))
+
+
 # ---- lines of the terminal ----
 
 
@@ -242,17 +271,14 @@ def cells_of(answer: Mapping[str, Any], partition: str) -> list[tuple[str, float
 
 
 def _causes(found: "Diagnosis") -> Iterator[str]:
-    effects = {effect.name: effect for effect in found.final.effects}
     for cause in found.answer["causes"]:
-        fixed = not_fitted(effects[cause["effect"]])
+        fixed = fixed_parameters(found, cause)
         values = [
             parameter_text(name, value) + (" (typical)" if name in fixed else "")
             for name, value in cause["parameters"].items()
         ]
-        yield (
-            f"{cause['effect']}: share {percent(cause['share'])}, of which no other named effect explains "
-            f"{percent(min(cause['unique_share'], cause['share']))}"
-        )
+        share = f"share {percent(cause['share'])}, of which no other named effect explains {percent(unique(cause))}"
+        yield f"{cause['effect']}: {'a value on paper' if is_parametric(cause) else share}"
         yield "  " + "; ".join(values)
     experiment = found.answer["next_experiment"]
     if experiment is not None:
@@ -274,12 +300,23 @@ def probability_text(probability: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share in per cent.
+    """Return a share in per cent; only a whole is 100 %.
 
-    >>> percent(0.447), percent(0.004), percent(0.0)
-    ('45 %', '0.4 %', '0 %')
+    >>> percent(0.447), percent(0.004), percent(0.0), percent(0.9999)
+    ('45 %', '0.4 %', '0 %', 'above 99 %')
     """
+    if 0.995 <= share < 1.0:
+        return "above 99 %"
     return f"{100.0 * share:.1g} %" if 0.0 < abs(share) < 0.01 else f"{100.0 * share:.0f} %"
+
+
+def less(reduction: float) -> str:
+    """Return a reduction in words.
+
+    >>> less(0.25), less(-0.25)
+    ('25 % less', '25 % more')
+    """
+    return f"{percent(reduction)} less" if reduction >= 0.0 else f"{percent(-reduction)} more"
 
 
 def interval_text(bounds: Sequence[float]) -> str:

@@ -38,10 +38,15 @@ class Gaps:
     scaled: Sequence[Mapping[str, FloatArray]]
 
     @classmethod
-    def of(cls, runs: Sequence[Run], simulated: Sequence[Mapping[str, FloatArray]], floors: Mapping[str, Floor]) -> "Gaps":
+    def of(
+        cls, runs: Sequence[Run], simulated: Sequence[Mapping[str, FloatArray]], floors: Mapping[str, Floor]
+    ) -> "Gaps":
         """Return the gaps between runs and their simulations, (n_samples,) each."""
         scaled = [
-            {name: (run.channels[name] - sim[name]) / floors[name].rms for name in run.channels}
+            {
+                name: (run.channels[name] - sim[name]) * (np.sqrt(run.repeats) / floors[name].rms)
+                for name in run.channels
+            }
             for run, sim in zip(runs, simulated, strict=True)
         ]
         return cls(runs=runs, scaled=scaled)
@@ -98,9 +103,7 @@ def where(gaps: Gaps) -> dict[str, Any]:
     speed = np.concatenate([run.reference[:, 1] for run in gaps.runs])
     time = np.concatenate([np.arange(run.n_samples) * run.period_s for run in gaps.runs])
     channels = list(gaps.runs[0].channels)
-    by_channel = [
-        sum(float(np.sum(item[name] ** 2)) - len(item[name]) for item in gaps.scaled) for name in channels
-    ]
+    by_channel = [sum(float(np.sum(item[name] ** 2)) - len(item[name]) for item in gaps.scaled) for name in channels]
     return {
         "motion": dict(zip(PHASES, shares(motion), strict=True)),
         "frequency": _bands(gaps),

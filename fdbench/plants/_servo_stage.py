@@ -47,8 +47,7 @@ class Response:
     @property
     def rest(self) -> FloatArray:
         """State (n,) at rest for a command of 1 m."""
-        rest: FloatArray = -np.linalg.solve(self.A, self.B)
-        return rest
+        return np.asarray(-np.linalg.solve(self.A, self.B), dtype=np.float64)
 
     @property
     def compliance_m_per_N(self) -> float:

@@ -124,7 +124,7 @@ def adder(kernel: Any) -> Callable[..., None]:
                     result = kernel(t, h, reference[row, 0], reference[row, 1] + feed[i], 0.0, *values)
                     force[k * substeps + step, i] += result[0]
 
-    return add_force  # type: ignore[no-any-return]
+    return add_force
 
 
 @njit(cache=True, error_model="numpy")

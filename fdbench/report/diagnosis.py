@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from fdbench.benchmark.leaderboard import public_text
 from fdbench.gap import summary as words
 from fdbench.gap.diagnose import Diagnosis
 from fdbench.gap.hypothesis import calibrations
@@ -90,7 +91,7 @@ def _lead(found: Diagnosis) -> Iterator[Html]:
     doubts = list(words.doubts(found))
     if doubts:
         yield paragraph("Doubts:")
-        yield tag("ul", *(tag("li", doubt) for doubt in doubts))
+        yield tag("ul", *(tag("li", public_text(doubt)) for doubt in doubts))
 
 
 # ---- the gap itself ----
@@ -177,7 +178,7 @@ class _Gaps:
         yield note(
             "Mean gap at each commanded position while the axis moves, forwards and backwards, over all records."
         )
-        yield Grid([self._profile(channel) for channel in self.channels])
+        yield from (self._profile(channel) for channel in self.channels)
 
     def _profile(self, channel: str) -> Figure:
         position, velocity, _ = np.concatenate([run.reference for run in self.runs]).T
@@ -200,12 +201,12 @@ class _Gaps:
             title=text.capitalize(),
             traces=traces,
             layout=layout(axis("position (m)"), axis(labelled("mean gap", unit))),
-            height_px=380,
+            height_px=360,
         )
 
     def spectra(self) -> Iterator[Block]:
         yield note(f"Welch's method: Hann's window, segments of up to {SEGMENT} samples, mean over all records.")
-        yield Grid([self._spectrum(channel) for channel in self.channels])
+        yield from (self._spectrum(channel) for channel in self.channels)
 
     def _spectrum(self, channel: str) -> Figure:
         period_s = self.runs[0].period_s
@@ -223,15 +224,15 @@ class _Gaps:
             ends = np.array([1.0 / (length * period_s), 0.5 / period_s])
             white = np.full(2, 2.0 * floor.rms**2 * period_s)
             traces.append(line("noise floor", *_decibels((ends, white)), style))
-            kind = "from too short repeats" if floor.measured else "assumed, as nothing was repeated"
-            caption = f"Noise floor: taken as white, {kind}."
+            kind = "measured from repeats" if floor.measured else "assumed, as nothing was repeated"
+            caption = f"Noise floor: {kind}, and drawn as white."
         text, unit = quantity(channel)
         power = unit_text(f"({unit})^2" if "/" in unit or " " in unit else f"{unit}^2")
         return Figure(
             title=text.capitalize(),
             traces=traces,
             layout=layout(axis("frequency (Hz)") | {"type": "log"}, axis(f"gap (dB re 1 {power}/Hz)")),
-            height_px=380,
+            height_px=360,
             caption=caption,
         )
 
@@ -297,11 +298,11 @@ def _causes(found: Diagnosis) -> Iterator[Block]:
     yield _bars("Probability", names, chances, "probability", "Several effects may be present at once.")
     _, size = words.sizes(answer)
     noise = min(1.0, 1.0 / size) if size > 0.0 else 1.0
-    explained = [cause["share"] for cause in causes]
-    parts = [*explained, max(0.0, 1.0 - sum(explained) - noise), noise]
+    added = [cause for cause in causes if not words.is_parametric(cause)]
+    parts = [*(cause["share"] for cause in added), words.unexplained(answer), noise]
     yield _bars(
         "What the mean squared gap consists of",
-        [*(cause["effect"] for cause in causes), "not explained", "noise"],
+        [*(cause["effect"] for cause in added), "not explained", "noise"],
         parts,
         "share of the mean squared gap after re-calibration",
         f"Judged on {words.judged_on(answer)}. What effects share is split by the mean over all orders.",
@@ -309,10 +310,9 @@ def _causes(found: Diagnosis) -> Iterator[Block]:
     if not causes:
         yield paragraph("No effect is named.")
         return
-    effects = {effect.name: effect for effect in found.final.effects}
     rows = []
     for cause in causes:
-        fixed = words.not_fitted(effects[cause["effect"]])
+        fixed = words.fixed_parameters(found, cause)
         for number, (name, value) in enumerate(cause["parameters"].items()):
             text, _ = quantity(name)
             known = "typical, not fitted" if name in fixed else _interval(value)
@@ -326,7 +326,7 @@ def _causes(found: Diagnosis) -> Iterator[Block]:
                 cause["effect"],
                 words.probability_text(cause["probability"]),
                 words.percent(cause["share"]),
-                words.percent(cause["unique_share"]),
+                words.percent(words.unique(cause)),
                 ", ".join(cause["indistinguishable_from"]) or "–",
             ]
             for cause in causes
@@ -409,6 +409,7 @@ def _basis(found: Diagnosis) -> Iterator[Block]:
     rows = [
         [
             Path(run.name).name,
+            str(run.repeats),
             str(run.n_samples),
             words.si_text(run.period_s, "s"),
             "–" if run.lap is None else words.si_text(run.lap * run.period_s, "s"),
@@ -416,7 +417,7 @@ def _basis(found: Diagnosis) -> Iterator[Block]:
         ]
         for run, out in zip(found.split.runs, found.split.held_out, strict=True)
     ]
-    yield table(["record", "samples", "sampling time", "repeats itself after", "held out"], rows, "lrrrr")
+    yield table(["record", "mean of", "samples", "sampling time", "repeats itself after", "held out"], rows, "lrrrrr")
     floors = [
         [
             quantity(name)[0],

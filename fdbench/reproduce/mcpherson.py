@@ -44,7 +44,7 @@ def with_amplitude(scenario: Scenario, acceleration: float) -> Scenario:
     """Return a shaker scenario with another amplitude, in m/s^2 of table acceleration."""
     force = acceleration * DISTURBANCE_N_PER_M_PER_S2
     effects = tuple(
-        dataclasses.replace(effect, **{type(effect).amplitude: force}) if effect.disturbance else effect
+        effect.changed(**{type(effect).amplitude: force}) if effect.disturbance else effect
         for effect in scenario.reality.effects
     )
     return dataclasses.replace(scenario, reality=dataclasses.replace(scenario.reality, effects=effects))
@@ -88,7 +88,9 @@ def shaker() -> Iterator[Row]:
     control = load_scenario("ShakerControl-v0")
     ls_0, pl_0 = mean_beta(control, "least_squares"), mean_beta(control, "pl_lssvm")
     yield _must("control, LS: beta_1", 0.8338, ls_0[0], 0.83290, 3e-4, "target: one standard deviation over seeds")
-    yield _must("control, PL-LSSVM: beta_1", 0.8335, pl_0[0], 0.83295, 3e-4, "target: one standard deviation over seeds")
+    yield _must(
+        "control, PL-LSSVM: beta_1", 0.8335, pl_0[0], 0.83295, 3e-4, "target: one standard deviation over seeds"
+    )
     cases = (
         ("constant", "ShakerConstant-v0", 0.06, -0.0023, 2.5e-4, 2e-4, -0.0018),
         ("sweep", "ShakerSweep-v0", 0.06, -0.0016, 2.5e-4, 2e-4, -0.0008),

@@ -1,0 +1,461 @@
+"""What a diagnosis says: terminal summary, repaired model, page, JSON; and what is said of bad records."""
+
+import base64
+import copy
+import json
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fdbench import cli
+from fdbench.catalogue import scenario_folder
+from fdbench.effects import effects
+from fdbench.errors import FdbenchError, RecordError
+from fdbench.gap.align import check_alignment, check_record, delay_of
+from fdbench.gap.diagnose import Diagnosis, diagnose
+from fdbench.gap.hypothesis import calibrations, start
+from fdbench.gap.nominal import Nominal, load_nominal
+from fdbench.gap.repaired import model_text, repaired, table_of, toml_lines, write_repaired
+from fdbench.gap.replay import Replay, Variant
+from fdbench.gap.runs import Run, prepare
+from fdbench.gap.summary import summary, verdict
+from fdbench.record import Record
+from fdbench.report.diagnosis import write_diagnosis
+
+MODEL = Path(__file__).resolve().parent.parent / "examples" / "emps" / "model.toml"
+PERIOD_S = 1e-3
+ASYMMETRY_N_S_PER_M = 60.0
+FORCE_NOISE_N, POSITION_NOISE_M = 0.3, 5e-8
+
+
+def strokes() -> np.ndarray:
+    """Return 4 s of strokes of 0.1 m and 0.06 m, at five speeds, with rests."""
+    parts, place = [], 0.0
+    for target, duration_s in ((0.1, 0.9), (0.04, 0.6), (0.08, 0.4), (0.02, 1.0), (0.0, 0.5)):
+        s = np.arange(round(duration_s / PERIOD_S)) * PERIOD_S / duration_s
+        parts += [place + (target - place) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2), np.full(120, target)]
+        place = target
+    return np.concatenate(parts)
+
+
+def simulated(nominal: Nominal, seed: int, *extra: Any) -> Record:
+    """Return a record of the strokes of a machine that has effects beyond its model."""
+    position = strokes()
+    velocity = np.gradient(position, PERIOD_S)
+    reference = np.column_stack((position, velocity, np.gradient(velocity, PERIOD_S)))
+    names = ("motor_force_N", "position_m")
+    run = Run(name="x", period_s=PERIOD_S, reference=reference, channels=dict.fromkeys(names, position), lap=None)
+    replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
+    channels = replay.simulate(run, [Variant(plant=nominal.drive, extra=extra)])
+    rng = np.random.default_rng(seed)
+    return Record(
+        {
+            "time_s": np.arange(len(position)) * PERIOD_S,
+            "reference_position_m": position,
+            "position_m": channels["position_m"][0] + POSITION_NOISE_M * rng.standard_normal(len(position)),
+            "motor_force_N": channels["motor_force_N"][0] + FORCE_NOISE_N * rng.standard_normal(len(position)),
+        },
+        source=f"stroke {seed}",
+    )
+
+
+@pytest.fixture(scope="module")
+def nominal() -> Nominal:
+    return load_nominal(MODEL)
+
+
+@pytest.fixture(scope="module")
+def clean(nominal: Nominal) -> Record:
+    return simulated(nominal, 0)
+
+
+@pytest.fixture(scope="module")
+def found(nominal: Nominal) -> Diagnosis:
+    effect = effects.get("direction_dependent_friction").typical(
+        viscous_asymmetry_N_s_per_m=ASYMMETRY_N_S_PER_M, coulomb_asymmetry_N=0.0
+    )
+    return diagnose(nominal, [simulated(nominal, seed, effect) for seed in (1, 2)])
+
+
+def answered(found: Diagnosis, **changes: Any) -> Diagnosis:
+    """Return the diagnosis with another answer; no causes means no effects and no steps."""
+    answer = copy.deepcopy(found.answer) | changes
+    if answer["causes"] == []:
+        answer["shrinkage"] |= {"steps": [], "total": 0.0, "ci95": [0.0, 0.0]}
+        return replace(found, answer=answer, final=found.calibrated)
+    return replace(found, answer=answer)
+
+
+# ---- the answer ----
+
+
+def test_answer_keeps_the_contract(found: Diagnosis) -> None:
+    answer = json.loads(json.dumps(found.answer, allow_nan=False))
+    assert answer.keys() >= {
+        *("gap", "where", "causes", "unknown_probability", "no_gap_probability", "shrinkage", "next_experiment"),
+        "warnings",
+    }
+    for channel in answer["gap"]["channels"].values():
+        assert channel.keys() >= {"before", "noise_floor", "unit", "relative"}
+    assert answer["where"].keys() >= {"motion", "frequency", "position", "velocity", "time", "channel"}
+    for cells in answer["where"].values():
+        values = cells.values() if isinstance(cells, dict) else [cell["share"] for cell in cells]
+        assert sum(values) == pytest.approx(1.0, abs=1e-9)
+    assert all({"band_Hz", "share"} <= cell.keys() for cell in answer["where"]["frequency"])
+    for cause in answer["causes"]:
+        assert cause.keys() >= {"effect", "probability", "share", "unique_share", "parameters"}
+        assert isinstance(cause["indistinguishable_from"], list)
+        for value in cause["parameters"].values():
+            assert value.keys() >= {"value", "ci95", "unit"}
+    assert answer["shrinkage"].keys() >= {"judged_on", "steps", "total", "ci95", "reducible_left", "noise_floor"}
+    for step in answer["shrinkage"]["steps"]:
+        assert step.keys() >= {"added", "before", "after", "reduction", "ci95"}
+        low, high = step["ci95"]
+        assert low <= high
+
+
+# ---- summary ----
+
+
+def test_summary_names_the_planted_effect(found: Diagnosis) -> None:
+    text = summary(found)
+    lines = text.splitlines()
+    assert 15 <= len(lines) <= 40
+    assert max(len(line) for line in lines) <= 110
+    assert "Cause: direction_dependent_friction" in text
+    (value,) = re.findall(r"viscous asymmetry (-?[\d.]+) N s/m", text)
+    assert float(value) == pytest.approx(ASYMMETRY_N_S_PER_M, rel=0.1)
+    assert "(measured)" in text
+    assert "assumed" not in text
+    assert "transition velocity 1 mm/s (typical)" in text
+    for word in ("motion:", "frequency:", "position:", "on paper", "re-calibration alone", "95 %:", "not noise"):
+        assert word in text
+
+
+def test_no_number_is_more_certain_than_its_data(found: Diagnosis) -> None:
+    cause = found.answer["causes"][0] | {"probability": 0.9999999}
+    text = summary(answered(found, causes=[cause], unknown_probability=1e-9))
+    assert "above 0.99" in text
+    assert not re.search(r"0\.99\d|1\.00|100 %", " ".join(verdict(answered(found, causes=[cause]))))
+    assert "No intervals of the parameters" in summary(answered(found, causes=[without_interval(cause)]))
+
+
+def without_interval(cause: dict[str, Any]) -> dict[str, Any]:
+    return cause | {"parameters": {name: value | {"ci95": None} for name, value in cause["parameters"].items()}}
+
+
+def small(found: Diagnosis, on_paper: float, recalibrated: float) -> dict[str, Any]:
+    """Return the parts of an answer with these mean squared gaps in units of the floor."""
+    shrunk = found.answer["shrinkage"] | {"on_paper": on_paper, "steps": [], "total": 0.0, "ci95": [0.0, 0.0]}
+    closed = 1.0 - recalibrated / on_paper
+    return {
+        "causes": [],
+        "shrinkage": shrunk,
+        "parametric": found.answer["parametric"] | {"closed_by_recalibration": closed},
+    }
+
+
+def test_every_honest_answer_has_its_words(found: Diagnosis) -> None:
+    cause = found.answer["causes"][0] | {"probability": 0.9, "indistinguishable_from": []}
+    both = cause | {"indistinguishable_from": ["constant_force", "friction_drift"]}
+    weak = cause | {"probability": 0.3}
+    cases = [
+        ({"no_gap_probability": 0.99, **small(found, 1.02, 1.01)}, "No gap beyond the noise: these records"),
+        ({"no_gap_probability": 0.99, **small(found, 9.0, 1.01)}, "once the values on paper are re-calibrated"),
+        ({"no_gap_probability": 0.7, **small(found, 1.22, 1.22)}, "Too small to attribute"),
+        (
+            {"no_gap_probability": 0.0, "unknown_probability": 0.97, **small(found, 9.0, 8.0)},
+            "None of the known effects",
+        ),
+        ({"causes": [both]}, "Cannot be told apart on these data: direction_dependent_friction or constant_force or"),
+        ({"causes": [cause], "unknown_probability": 0.8}, "Something else is missing too"),
+        ({"causes": [cause], "unknown_probability": 0.1}, "Cause: direction_dependent_friction, probability 0.90"),
+        ({"causes": [weak], "unknown_probability": 0.1}, "Perhaps direction_dependent_friction"),
+        ({"causes": [cause | {"parametric": True}]}, "Wrong on paper"),
+        ({"warnings": ["stroke 1: the force is late."]}, "Read the warnings under Doubts first"),
+    ]
+    for changes, words in cases:
+        text = " ".join(verdict(answered(found, **changes)))
+        assert words in text
+        whole = summary(answered(found, **changes))
+        assert words.split()[0] in whole
+        others = [other for _, other in cases if other != words and other in text]
+        assert [other for other in others if not other.startswith(("Cause", "Something"))] == []
+
+
+def test_doubts_are_said(found: Diagnosis) -> None:
+    answer = copy.deepcopy(found.answer)
+    for floor in answer["noise_floor"].values():
+        floor["measured_from_repeats"] = False
+    answer["parametric"]["moved_in_standard_deviations"] = {"motor_mass": 4.4, "motor_viscous": 0.1}
+    answer["shrinkage"]["steps"][0]["ci95"] = [-0.02, 0.1]
+    text = " ".join(summary(replace(found, answer=answer)).split())
+    assert "noise floor of motor_force_N, position_m is assumed" in text
+    assert "three times" in text
+    assert "motor_mass by +4.4 standard deviations" in text
+    assert "motor_viscous by" not in text
+    assert "may be chance" in text
+    assert "the same motion again" in text
+    assert "(assumed)" in text
+
+
+# ---- repaired model ----
+
+
+def test_repaired_model_is_read_back(found: Diagnosis, tmp_path: Path) -> None:
+    path = tmp_path / "repaired.toml"
+    write_repaired(found, path)
+    again = load_nominal(path)
+    assert again == repaired(found.final)
+    assert [type(effect).name for effect in again.drive.effects] == [
+        *("coulomb_friction", "constant_force", "direction_dependent_friction"),
+    ]
+    assert again.drive.mass_kg == found.final.variant().plant.mass_kg
+
+
+def test_repaired_model_moves_as_the_final_hypothesis(found: Diagnosis) -> None:
+    model = repaired(found.final)
+    run = found.split.runs[0]
+    alone = Replay(model.drive, (), model.simulation.substeps).simulate(run, [Variant(plant=model.drive)])
+    nominal = found.final.nominal
+    final = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
+    expected = final.simulate(run, [found.final.variant()])
+    assert np.ptp(expected["motor_force_N"]) > 50.0
+    for name, tolerance in (("motor_force_N", 1e-6), ("position_m", 1e-12)):
+        np.testing.assert_allclose(alone[name], expected[name], rtol=0.0, atol=tolerance)
+
+
+def test_sums_and_replacements(nominal: Nominal) -> None:
+    paper = start(nominal)
+    names = [item.name for item in calibrations(nominal)]
+    shifts = tuple(2.0 if name == "force_offset" else 0.0 for name in names)
+    offset = repaired(replace(paper, shifts=shifts)).drive.effects
+    forces = [effect.constant_force_N for effect in offset if type(effect).name == "constant_force"]
+    assert forces == [pytest.approx(-3.1648 + 2.0 * nominal.uncertainty.force_offset_N)]
+    lugre = effects.get("lugre_friction").typical()
+    replaced = repaired(paper.with_effect(lugre, replaces=0)).drive.effects
+    assert [type(effect).name for effect in replaced] == ["constant_force", "lugre_friction"]
+
+
+def test_every_model_is_written_as_it_is_read(tmp_path: Path) -> None:
+    models = [load_nominal(path) for path in (MODEL, *sorted(scenario_folder().glob("*.toml")))]
+    assert len(models) > 20
+    for model in models:
+        path = tmp_path / "model.toml"
+        path.write_text("\n".join(toml_lines(table_of(model, Nominal))), encoding="utf-8")
+        assert load_nominal(path) == model
+
+
+def test_example_model_is_the_plant_of_the_scenario() -> None:
+    example, scenario = load_nominal(MODEL), load_nominal(scenario_folder() / "EMPS-v0.toml")
+    assert example == scenario
+
+
+def test_unwritable_files_are_said(found: Diagnosis, tmp_path: Path) -> None:
+    with pytest.raises(FdbenchError, match="cannot be written"):
+        write_repaired(found, tmp_path / "nowhere" / "model.toml")
+
+
+# ---- page ----
+
+
+@pytest.fixture(scope="module")
+def page(found: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("page") / "diagnosis.html"
+    write_diagnosis(found, path)
+    return path.read_text("utf-8")
+
+
+def figures(page: str) -> dict[str, dict[str, Any]]:
+    pattern = r'<script type="application/json" data-plot="([^"]+)">(.*?)</script>'
+    return {name: json.loads(text) for name, text in re.findall(pattern, page, re.DOTALL)}
+
+
+def values(encoded: dict[str, str]) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(encoded["bdata"]), dtype="<f4").astype(float)
+
+
+def test_page_has_every_part_and_needs_nothing_else(page: str, found: Diagnosis) -> None:
+    headings = re.findall(r"<h2>(.*?)</h2>", page)
+    assert headings == [
+        *("Gap over time", "Gap over position", "Spectrum of the gap", "Where the gap lies", "Causes"),
+        *("How far the gap shrinks", "Rivals", "Records, noise floor and re-calibration", "Repaired model"),
+    ]
+    assert not re.search(r'(?:src|href)="(?!#)', page)
+    for sentence in verdict(found):
+        assert sentence in page
+    assert model_text(found).splitlines()[0] in page
+    assert len(page) < 9_000_000
+
+
+def test_gap_curves_hold_the_extremes(page: str, found: Diagnosis) -> None:
+    figure = next(one for name, one in figures(page).items() if name.startswith("plot-gap-over-time"))
+    run, before = found.split.runs[0], found.simulated[0]
+    panels = [trace for trace in figure["data"] if trace["name"] == "simulated, re-calibrated"]
+    assert len(panels) == 2 * len(run.channels)
+    gap = run.channels["motor_force_N"] - before["motor_force_N"]
+    drawn = values(panels[1]["y"])
+    title = figure["layout"]["yaxis2"]["title"]["text"]
+    assert title == "gap (N)"
+    np.testing.assert_allclose([drawn.min(), drawn.max()], [gap.min(), gap.max()], rtol=1e-6)
+
+
+def test_bars_are_the_shares_of_the_answer(page: str, found: Diagnosis) -> None:
+    bars = [trace for figure in figures(page).values() for trace in figure["data"] if trace.get("type") == "bar"]
+    drawn = [trace["x"] for trace in bars]
+    where = found.answer["where"]
+    assert list(where["motion"].values()) in drawn
+    assert [cell["share"] for cell in where["frequency"]] in drawn
+    parts = next(trace for trace in bars if trace["y"][-1] == "noise")
+    assert sum(parts["x"]) == pytest.approx(1.0, abs=0.02)
+    gains = [max(found.stages[0].gain(rival), 0.0) for rival in found.stages[0].rivals]
+    assert gains[:8] in drawn
+
+
+def test_spectrum_is_that_of_the_gap(page: str, found: Diagnosis) -> None:
+    """The density over all frequencies is the variance (Parseval); the segment's mean is left out."""
+    name = next(name for name in figures(page) if name.startswith("plot-spectrum-of-the-gap"))
+    figure = figures(page)[name]
+    trace = next(item for item in figure["data"] if item["name"] == "simulated, re-calibrated")
+    density = 10.0 ** (values(trace["y"]) / 10.0)
+    runs, simulations = found.split.runs, found.simulated
+    gaps = [run.channels["motor_force_N"] - own["motor_force_N"] for run, own in zip(runs, simulations, strict=True)]
+    step_Hz = 0.5 / PERIOD_S / len(density)
+    assert density.sum() * step_Hz == pytest.approx(np.mean([gap.var() for gap in gaps]), rel=0.35)
+
+
+def test_page_of_nothing_found(found: Diagnosis, tmp_path: Path) -> None:
+    empty = answered(found, no_gap_probability=0.99, **small(found, 1.02, 1.01))
+    write_diagnosis(empty, tmp_path / "nothing.html")
+    text = (tmp_path / "nothing.html").read_text("utf-8")
+    assert "No gap beyond the noise" in text
+    assert "No effect is named." in text
+
+
+# ---- bad records ----
+
+
+def changed(record: Record, **columns: np.ndarray) -> Record:
+    return Record({name: np.array(values) for name, values in record.items()} | columns, source="bad.csv")
+
+
+def later(column: np.ndarray, n_samples: int) -> np.ndarray:
+    """Return a column that comes late: its first value is held."""
+    return np.concatenate((np.full(n_samples, column[0]), column[:-n_samples]))
+
+
+def checked(nominal: Nominal, record: Record) -> list[str]:
+    run = prepare(record, nominal.drive)
+    check_record(run, nominal.drive)
+    replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
+    on_paper = replay.simulate(run, [start(nominal).variant()])
+    return check_alignment(run, {name: column[0] for name, column in on_paper.items()})
+
+
+def flawed(record: Record) -> Iterator[tuple[Record, str]]:
+    """Yield records that cannot be used, each with what has to be said of it."""
+    time, command, position, force = (
+        np.array(record[name]) for name in ("time_s", "reference_position_m", "position_m", "motor_force_N")
+    )
+    yield changed(record, motor_force_N=-force), "sign of the force is probably swapped|sign of the force is swapped"
+    yield changed(record, motor_force_N=1e-3 * force), "0.001.* times the simulated one.*kilonewtons.*gain"
+    yield changed(record, motor_force_N=force / 35.15), "its gain .* is wrong"
+    yield changed(record, position_m=-position), "sign of one of them is swapped"
+    yield changed(record, position_m=1e3 * position), "a thousand: millimetres"
+    yield changed(record, position_m=position + 0.4), "different zero points; offset = -0.4"
+    yield changed(record, position_m=1e3 * position, reference_position_m=1e3 * command), "travel_m is 0.3.*unit"
+    yield changed(record, time_s=1e3 * time), "time_s is in seconds"
+    yield changed(record, time_s=1e-3 * time), "is time_s in another unit"
+    yield changed(record, reference_velocity_m_per_s=60.0 * np.gradient(command, PERIOD_S)), "reference_velocity"
+    yield Record({name: column[:200] for name, column in record.items()}), "200 samples"
+    yield Record({name: column[::10] for name, column in record.items()}), "every cycle of the controller"
+
+
+def test_bad_records_get_a_sentence(nominal: Nominal, clean: Record) -> None:
+    for record, words in flawed(clean):
+        with pytest.raises(RecordError, match=words):
+            checked(nominal, record)
+
+
+def test_clean_record_gets_no_warning(nominal: Nominal, clean: Record, found: Diagnosis) -> None:
+    assert checked(nominal, clean) == []
+    assert found.answer["warnings"] == []
+
+
+def test_wrong_gain_is_warned_of(nominal: Nominal, clean: Record) -> None:
+    (warning,) = checked(nominal, changed(clean, motor_force_N=3.0 * clean["motor_force_N"]))
+    factor = float(re.findall(r"measured force is ([\d.]+) times", warning)[0])
+    assert factor == pytest.approx(3.0, rel=0.02)
+    assert checked(nominal, changed(clean, motor_force_N=1.5 * clean["motor_force_N"])) == []
+
+
+@pytest.mark.parametrize("n_samples", [3, 40])
+def test_shifted_clock_is_warned_of(nominal: Nominal, clean: Record, n_samples: int) -> None:
+    names = ("motor_force_N", "position_m")
+    late = {name: later(clean[name], n_samples) for name in names}
+    (both,) = checked(nominal, changed(clean, **late))
+    assert "motor_force_N and position_m together" in both
+    (delay,) = re.findall(r"([\d.]+) samples .* after the simulation", both)
+    assert float(delay) == pytest.approx(n_samples, abs=0.5)
+    (alone,) = checked(nominal, changed(clean, motor_force_N=late["motor_force_N"]))
+    assert "bad.csv: motor_force_N: " in alone
+    (early,) = checked(nominal, changed(clean, reference_position_m=later(clean["reference_position_m"], n_samples)))
+    assert "before the simulation" in early
+
+
+def test_delay_is_found_between_samples(nominal: Nominal, clean: Record) -> None:
+    run = prepare(clean, nominal.drive)
+    t = np.arange(run.n_samples, dtype=np.float64)
+    model = {name: np.asarray(column) for name, column in run.channels.items()}
+    shifted = replace(run, channels={name: np.interp(t - 2.5, t, column) for name, column in model.items()})
+    for name in model:
+        assert delay_of(shifted, model, name) == pytest.approx(2.5, abs=0.2)
+        assert delay_of(run, model, name) == 0.0
+
+
+def test_records_of_nothing_are_said(nominal: Nominal, clean: Record) -> None:
+    rng = np.random.default_rng(0)
+    (other,) = checked(nominal, changed(clean, motor_force_N=rng.standard_normal(clean.n_samples)))
+    assert "next to nothing in common" in other
+    still = np.zeros(clean.n_samples)
+    (standing,) = checked(nominal, changed(clean, reference_position_m=still, position_m=still))
+    assert "never changes" in standing
+
+
+def test_different_clocks_and_missing_columns(nominal: Nominal, clean: Record) -> None:
+    with pytest.raises(RecordError, match="one clock"):
+        diagnose(nominal, [clean, changed(clean, time_s=2.0 * clean["time_s"])])
+    columns = {name: column for name, column in clean.items() if name != "reference_position_m"}
+    with pytest.raises(RecordError, match="no column reference_position_m; the command is needed"):
+        diagnose(nominal, [Record(columns)])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda lines: lines[:900] + lines[950:], "samples of 0.001 s seem to be missing"),
+        (lambda lines: [line.replace("reference_position_m", "feedrate_m_per_s") for line in lines], "reference_pos"),
+    ],
+)
+def test_command_line_says_what_is_wrong(
+    clean: Record,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    spoil: Any,
+    words: str,
+) -> None:
+    path = tmp_path / "axis.csv"
+    clean.save(path)
+    path.write_text("\n".join(spoil(path.read_text().splitlines())) + "\n")
+    monkeypatch.setattr(sys, "argv", ["fdbench", "diagnose", "--model", str(MODEL), str(path)])
+    with pytest.raises(SystemExit) as stop:
+        cli.main()
+    assert stop.value.code == 2
+    assert words in capsys.readouterr().err
