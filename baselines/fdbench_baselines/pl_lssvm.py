@@ -235,6 +235,8 @@ class PLLSSVM(BatchEstimator):
 
     def skip(self, context: Context) -> str | None:
         """Skip where no period is known."""
+        if not context.plant.true_parameters(context.model, context.sampling_time_s):
+            return "the plant's model has no parameters"
         if self.period_s is None and context.disturbance_period_s is None:
             return "no disturbance period is known"
         return None

@@ -215,8 +215,8 @@ def verdict(
             {
                 "effect": effect.name,
                 "probability": probability(stage),
-                "share": max(values[index], 0.0) / raw,
-                "unique_share": max(closed[everything] - closed[alone], 0.0) / raw,
+                "share": max(values[index], 0.0) / float(means[0]),
+                "unique_share": max(closed[everything] - closed[alone], 0.0) / float(means[0]),
                 "parameters": parameters(effect),
                 "indistinguishable_from": alike(stage),
             }

@@ -91,10 +91,10 @@ def sizes(answer: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def unexplained(answer: Mapping[str, Any]) -> float:
-    """Return the share of the mean squared gap after re-calibration that is neither explained nor noise."""
-    size = sizes(answer)[1]
+    """Return the share of the mean squared gap on paper that is neither explained nor noise."""
+    paper, size = sizes(answer)
     left = size * (1.0 - float(answer["shrinkage"]["total"]))
-    return max(0.0, left - 1.0) / size if size > 0.0 else 0.0
+    return max(0.0, left - 1.0) / paper if paper > 0.0 else 0.0
 
 
 def is_parametric(cause: Mapping[str, Any]) -> bool:
@@ -121,11 +121,11 @@ def verdict(found: "Diagnosis") -> Iterator[str]:
         return
     for cause in causes:
         rivals = cause["indistinguishable_from"]
+        share = f"{percent(cause['share'])} of the mean squared gap"
         if is_parametric(cause):
             chance = probability_text(cause["probability"])
-            yield f"Wrong on paper: the size of {cause['effect']}, probability {chance}; re-calibration mends it."
+            yield f"Wrong on paper: size of {cause['effect']}, probability {chance}; its correction removes {share}."
             continue
-        share = f"{percent(cause['share'])} of the mean squared gap"
         if rivals:
             names = " or ".join([cause["effect"], *rivals])
             yield f"Cannot be told apart on these data: {names}. Whichever it is explains {share}."
@@ -161,10 +161,10 @@ def shrinkage(answer: Mapping[str, Any]) -> Iterator[str]:
     """Yield the mean squared gap after each step, with intervals."""
     paper, size = sizes(answer)
     shrunk = answer["shrinkage"]
-    yield f"re-calibration alone: {paper:.3g} to {size:.3g}, {less(1.0 - size / paper if paper > 0.0 else 0.0)}"
+    yield f"re-calibration alone: {number(paper)} to {number(size)}, {less(1.0 - size / paper if paper > 0.0 else 0.0)}"
     for step in shrunk["steps"]:
         change = f"{less(step['reduction'])} ({interval_text(step['ci95'])})"
-        yield f"+ {step['added']}: {step['before']:.3g} to {step['after']:.3g}, {change}"
+        yield f"+ {step['added']}: {number(step['before'])} to {number(step['after'])}, {change}"
     if shrunk["steps"]:
         yield (
             f"all effects: {less(shrunk['total'])} ({interval_text(shrunk['ci95'])}); "
@@ -192,6 +192,18 @@ def doubts(found: "Diagnosis") -> Iterator[str]:
         yield (
             f"Re-calibration moved {', '.join(far)} standard deviations: the value on paper or its [uncertainty] is "
             "doubtful."
+        )
+    paper, size = sizes(answer)
+    if size > 1.05 * paper:
+        yield (
+            f"Re-calibration enlarges the gap that is judged on ({less(1.0 - size / paper)}): the effects are measured "
+            "from there, not from the model on paper."
+        )
+    alone, beside = (math.hypot(*hypothesis.shifts) for hypothesis in (found.calibrated, found.final))
+    if size < (1.0 - UNEXPLAINED) * paper and beside < 0.5 * alone and found.final.effects:
+        yield (
+            "Re-calibration alone takes up part of what the effects do: beside them the values on paper hardly move. "
+            "The shares of the effects are lower bounds."
         )
     for step in answer["shrinkage"]["steps"]:
         if step["ci95"][0] <= 0.0:
@@ -278,7 +290,7 @@ def _causes(found: "Diagnosis") -> Iterator[str]:
             for name, value in cause["parameters"].items()
         ]
         share = f"share {percent(cause['share'])}, of which no other named effect explains {percent(unique(cause))}"
-        yield f"{cause['effect']}: {'a value on paper' if is_parametric(cause) else share}"
+        yield f"{cause['effect']}{', a value on paper' if is_parametric(cause) else ''}: {share}"
         yield "  " + "; ".join(values)
     experiment = found.answer["next_experiment"]
     if experiment is not None:
@@ -322,10 +334,22 @@ def less(reduction: float) -> str:
 def interval_text(bounds: Sequence[float]) -> str:
     """Return a 95 % interval of a share.
 
-    >>> interval_text([0.331, 0.529])
-    '95 %: 33 to 53 %'
+    >>> interval_text([0.331, 0.529]), interval_text([0.97, 0.9999]), interval_text([0.9997, 0.9999])
+    ('95 %: 33 to 53 %', '95 %: 97 to 99 %', '95 %: above 99 %')
     """
-    return f"95 %: {100.0 * bounds[0]:.0f} to {100.0 * bounds[1]:.0f} %"
+    low, high = bounds
+    if low >= 0.995:
+        return "95 %: above 99 %"
+    return f"95 %: {100.0 * low:.0f} to {100.0 * (min(high, 0.99) if high < 1.0 else high):.0f} %"
+
+
+def number(value: float) -> str:
+    """Return a number with three digits and no exponent where that is short.
+
+    >>> number(8184.0), number(55.02)
+    ('8184', '55')
+    """
+    return f"{value:.0f}" if 1000.0 <= abs(value) < 1e6 else f"{value:.3g}"
 
 
 def scaled(size: float, unit: str) -> tuple[float, str]:
@@ -336,7 +360,7 @@ def scaled(size: float, unit: str) -> tuple[float, str]:
     """
     if unit not in TAKES_PREFIX or not 0.0 < size < math.inf:
         return 1.0, unit
-    exponent = min(max(3 * math.floor(math.log10(size) / 3.0), min(PREFIXES)), max(PREFIXES))
+    exponent = min(max(3 * math.floor(math.log10(1.0005 * size) / 3.0), min(PREFIXES)), max(PREFIXES))
     return 10.0**-exponent, PREFIXES[exponent] + unit
 
 

@@ -160,7 +160,7 @@ class _Gaps:
         )
         gaps = measured - before, measured - after
         factor, unit = scaled(quantity(channel)[1], peak(gaps))
-        level = 2.0 * factor * self.found.split.floors[channel].rms
+        level = 2.0 * factor * self.found.split.floors[channel].rms / math.sqrt(run.repeats)
         ends = time_s[[0, -1]]
         floor = Style(colour=SOFT, dash="dash")
         yield Panel(
@@ -222,7 +222,8 @@ class _Gaps:
             caption = "Noise floor: half the density of the differences between repeats."
         else:
             ends = np.array([1.0 / (length * period_s), 0.5 / period_s])
-            white = np.full(2, 2.0 * floor.rms**2 * period_s)
+            share = sum(run.n_samples / run.repeats for run in self.runs) / sum(run.n_samples for run in self.runs)
+            white = np.full(2, 2.0 * period_s * floor.rms**2 * share)
             traces.append(line("noise floor", *_decibels((ends, white)), style))
             kind = "measured from repeats" if floor.measured else "assumed, as nothing was repeated"
             caption = f"Noise floor: {kind}, and drawn as white."
@@ -296,15 +297,14 @@ def _causes(found: Diagnosis) -> Iterator[Block]:
     chances = [cause["probability"] for cause in causes]
     chances += [answer["unknown_probability"], answer["no_gap_probability"]]
     yield _bars("Probability", names, chances, "probability", "Several effects may be present at once.")
-    _, size = words.sizes(answer)
-    noise = min(1.0, 1.0 / size) if size > 0.0 else 1.0
+    paper, size = words.sizes(answer)
+    noise = min(1.0, 1.0 / paper) if paper > 0.0 else 1.0
     added = [cause for cause in causes if not words.is_parametric(cause)]
-    parts = [*(cause["share"] for cause in added), words.unexplained(answer), noise]
     yield _bars(
         "What the mean squared gap consists of",
-        [*(cause["effect"] for cause in added), "not explained", "noise"],
-        parts,
-        "share of the mean squared gap after re-calibration",
+        ["re-calibration", *(cause["effect"] for cause in added), "not explained", "noise"],
+        [max(0.0, 1.0 - size / paper), *(cause["share"] for cause in added), words.unexplained(answer), noise],
+        "share of the mean squared gap on paper",
         f"Judged on {words.judged_on(answer)}. What effects share is split by the mean over all orders.",
     )
     if not causes:
