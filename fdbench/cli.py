@@ -88,7 +88,8 @@ def run(
     suite: Annotated[Suite, typer.Option(help="Which scenarios, unless --scenario names some.")] = Suite.QUICK,
     scenario: Annotated[list[str] | None, typer.Option(help="Id or TOML file; may be repeated.")] = None,
     estimator: Annotated[list[str] | None, typer.Option(help="Name or Python file; may be repeated.")] = None,
-    seeds: Annotated[int | None, typer.Option(min=1, help="Seeds 0 to N-1; quick: 3, full: 10.")] = None,
+    seeds: Annotated[int | None, typer.Option(min=1, help="Number of seeds; quick: 3, full: 10.")] = None,
+    first_seed: Annotated[int, typer.Option(min=0, help="First seed; the others follow it.")] = 0,
     jobs: Annotated[int | None, typer.Option(min=1, help="Processes; default: one for each core.")] = None,
     out: Annotated[Path, typer.Option(help="Folder of results; finished runs in it are kept.")] = DEFAULT_OUT,
     keep_estimates: Annotated[bool, typer.Option(help="Keep the raw estimates of all seeds.")] = False,
@@ -113,6 +114,7 @@ def run(
             names,
             seeds or SEEDS[suite],
             out,
+            first_seed=first_seed,
             jobs=jobs or os.cpu_count() or 1,
             keep_estimates=keep_estimates,
             progress=shown,
@@ -120,8 +122,8 @@ def run(
     store = Store(out)
     text = leaderboard.leaderboard(store)
     (out / "leaderboard.md").write_text(text, encoding="utf-8")
-    is_main_job = not scenario and not estimator and seeds is None and out == DEFAULT_OUT and suite is Suite.QUICK
-    if is_main_job:
+    is_everything = not scenario and not estimator and seeds is None and first_seed == 0
+    if is_everything and out == DEFAULT_OUT and suite is Suite.QUICK:
         Path("leaderboard.md").write_text(text, encoding="utf-8")
     write_report(out, out / "report.html")
     screen.print(console.ranking_table(store))
@@ -150,6 +152,35 @@ def leaderboard(
     difference = board.difference(text, output)
     if difference:
         typer.echo(difference)
+        raise typer.Exit(1)
+
+
+@app.command()
+def compare(
+    base: Annotated[Path, typer.Argument(help="Folder of results to compare with.")],
+    new: Annotated[Path, typer.Argument(help="Folder of results that must not be worse.")],
+    json_: Json = False,
+    markdown: Annotated[Path | None, typer.Option(help="File for a summary in Markdown.")] = None,
+    allow_missing: Annotated[bool, typer.Option("--allow-missing", help="Let NEW lack rows of BASE.")] = False,
+    gate_speed: Annotated[bool, typer.Option("--gate-speed", help="Judge times too; needs one run.")] = False,
+) -> None:
+    """Exit with 1 where results got worse by more than chance and by more than matters."""
+    from rich.console import Console
+
+    from fdbench.benchmark import compare_text
+    from fdbench.benchmark.compare import LOSS
+    from fdbench.benchmark.compare import compare as compare_results
+    from fdbench.benchmark.store import Store
+
+    tables = (Store(existing(folder, "scores.parquet")).scores() for folder in (base, new))
+    found = compare_results(*tables, allow_missing=allow_missing, gate_speed=gate_speed)
+    if markdown is not None:
+        markdown.write_text(compare_text.markdown(found), encoding="utf-8")
+    if json_:
+        echo_json(compare_text.document(found))
+    else:
+        Console().print(compare_text.terminal(found))
+    if found.of(LOSS):
         raise typer.Exit(1)
 
 

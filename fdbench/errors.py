@@ -32,16 +32,31 @@ class SimulationDiverged(FdbenchError):
     """A simulated state left the limits of its scenario."""
 
 
+LONGEST_LIST = 30
+
+
 def did_you_mean(name: str, allowed: Iterable[str]) -> str:
     """Return `` Did you mean x?`` for the nearest allowed name, else the list of allowed names.
 
+    Case does not count, and a part of a name, of at least three letters, is near. Of a long list the five nearest
+    names are returned.
+
     >>> did_you_mean("mas_kg", ["mass_kg", "stiffness_N_per_m"])
     ' Did you mean mass_kg?'
+    >>> did_you_mean("LuGre", ["lugre_friction", "backlash"])
+    ' Did you mean lugre_friction?'
     >>> did_you_mean("zzz", ["b", "a"])
     ' Allowed: a, b.'
     """
     candidates = sorted(set(allowed))
+    folded = {candidate.casefold(): candidate for candidate in candidates}
+    wanted = name.casefold()
     nearest = difflib.get_close_matches(name, candidates, n=1, cutoff=0.6)
+    nearest += [folded[near] for near in difflib.get_close_matches(wanted, folded, n=1, cutoff=0.6)]
+    nearest += [candidate for near, candidate in folded.items() if len(wanted) >= 3 and wanted in near]
     if nearest:
         return f" Did you mean {nearest[0]}?"
+    if len(candidates) > LONGEST_LIST:
+        first = [folded[near] for near in difflib.get_close_matches(wanted, folded, n=5, cutoff=0.0)]
+        return f" Nearest of the {len(candidates)} that are allowed: {', '.join(first)}."
     return f" Allowed: {', '.join(candidates) if candidates else 'none'}."

@@ -4,19 +4,31 @@ A module is imported when its name is asked for, so a file dropped into a named 
 """
 
 import ast
+import contextlib
 import importlib
 import importlib.util
 import inspect
 import pkgutil
 import sys
+import traceback
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from importlib.machinery import SourceFileLoader
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import ModuleType
-from typing import Generic, TypeVar
+from types import CodeType, ModuleType
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from fdbench.errors import PluginError, UnknownName, did_you_mean
 
 T = TypeVar("T")
+
+
+class _Source(NamedTuple):
+    """A plug-in in a package: its module path and its file."""
+
+    module: str
+    file: Path
 
 
 class Registry(Generic[T]):
@@ -27,7 +39,8 @@ class Registry(Generic[T]):
     kind : str
         Noun for messages, such as ``"effect"``; the entry-point group is ``fdbench.<kind>s``.
     base : type
-        Abstract class that every plug-in of this kind derives from.
+        Abstract class that every plug-in of this kind derives from. What it annotates as a class variable and gives
+        no value, a plug-in has to give one.
     """
 
     def __init__(self, kind: str, base: type[T]) -> None:
@@ -37,26 +50,15 @@ class Registry(Generic[T]):
 
     def packages(self) -> list[str]:
         """Return the packages that entry points name for this kind, in order of name."""
-        return sorted({point.value for point in entry_points(group=f"fdbench.{self.kind}s")})
+        return list(_packages(f"fdbench.{self.kind}s"))
 
     def modules(self) -> dict[str, str]:
         """Return the module path of each plug-in name, without importing any plug-in."""
-        found: dict[str, str] = {}
-        for package in self.packages():
-            try:
-                specification = importlib.util.find_spec(package)
-            except ImportError as error:
-                raise PluginError(f"{self.kind} package '{package}' cannot be found: {error}") from error
-            if specification is None or not specification.submodule_search_locations:
-                raise PluginError(f"{self.kind} package '{package}' is named by an entry point but does not exist.")
-            for module in pkgutil.iter_modules(specification.submodule_search_locations):
-                if not module.name.startswith("_"):
-                    found.setdefault(module.name, f"{package}.{module.name}")
-        return found
+        return {name: source.module for name, source in self._sources().items()}
 
     def names(self) -> list[str]:
         """Return all registered names, sorted."""
-        return sorted({*self.modules(), *self._files})
+        return sorted({*self._sources(), *self._files})
 
     def get(self, name: str) -> type[T]:
         """Return the class registered as ``name``.
@@ -70,57 +72,156 @@ class Registry(Generic[T]):
         """
         if name in self._files:
             return self._files[name]
-        modules = self.modules()
-        if name not in modules:
-            raise UnknownName(f"unknown {self.kind} '{name}'.{did_you_mean(name, self.names())}")
+        sources = self._sources()
+        if name not in sources:
+            file = f" A file is given as {name}.py." if Path(f"{name}.py").is_file() else ""
+            raise UnknownName(f"unknown {self.kind} '{name}'.{did_you_mean(name, self.names())}{file}")
         try:
-            module = importlib.import_module(modules[name])
-        except Exception as error:
-            raise PluginError(f"{self.kind} '{name}' ({modules[name]}) cannot be imported: {error!r}") from error
+            module = importlib.import_module(sources[name].module)
+        except (Exception, SystemExit) as error:
+            place = f"{self.kind} '{name}' ({sources[name].module})"
+            raise PluginError(f"{place} cannot be imported: {_fault(error, sources[name].file)}") from error
         return self._only_class(module, name)
 
     def summary(self, name: str) -> str:
         """Return the first line of the docstring of a plug-in's file, without importing it."""
-        specification = importlib.util.find_spec(self.modules()[name])
-        if specification is None or specification.origin is None:
-            return ""
-        return (ast.get_docstring(ast.parse(Path(specification.origin).read_bytes())) or "").split("\n")[0]
+        sources = self._sources()
+        file = sources[name].file if name in sources else Path(inspect.getfile(self.get(name)))
+        try:
+            return (ast.get_docstring(ast.parse(file.read_bytes())) or "").split("\n")[0]
+        except (OSError, SyntaxError, ValueError) as error:
+            return f"cannot be read: {_fault(error, file)}"
 
     def add_file(self, path: str | Path) -> str:
-        """Register the plug-in in a Python file and return its name, the file's stem."""
-        file = Path(path)
-        if not file.is_file():
-            raise PluginError(f"{file}: no such {self.kind} file.")
-        module_name = f"fdbench_file_plugins.{self.kind}.{file.stem}"
-        specification = importlib.util.spec_from_file_location(module_name, file)
-        if specification is None or specification.loader is None:
-            raise PluginError(f"{file}: a plug-in file must end in .py.")
-        module = importlib.util.module_from_spec(specification)
-        sys.modules[module_name] = module
-        try:
-            specification.loader.exec_module(module)
-        except Exception as error:
-            raise PluginError(f"{file}: cannot be imported: {error!r}") from error
-        self._files[file.stem] = self._only_class(module, file.stem)
-        return file.stem
+        """Register the plug-in in a Python file and return its name, the file's stem.
+
+        The file of a plug-in that is registered already is left to its package.
+
+        Raises
+        ------
+        PluginError
+            If there is no such file, it cannot be imported, does not define exactly one plug-in of this kind, or has
+            the name of another plug-in.
+        """
+        return add_file(path, (self,))
 
     def resolve(self, name_or_file: str) -> str:
         """Return a registered name; a path ending in ``.py`` is registered first."""
         return self.add_file(name_or_file) if name_or_file.endswith(".py") else name_or_file
 
+    def _sources(self) -> Mapping[str, _Source]:
+        found: dict[str, _Source] = {}
+        for package in self.packages():
+            try:
+                specification = importlib.util.find_spec(package)
+            except ImportError as error:
+                raise PluginError(f"{self.kind} package '{package}' cannot be found: {error}") from error
+            if specification is None or not specification.submodule_search_locations:
+                raise PluginError(f"{self.kind} package '{package}' is named by an entry point but does not exist.")
+            for folder in specification.submodule_search_locations:
+                for module in pkgutil.iter_modules([folder]):
+                    file = f"{module.name}/__init__.py" if module.ispkg else f"{module.name}.py"
+                    if not module.name.startswith("_"):
+                        found.setdefault(module.name, _Source(f"{package}.{module.name}", Path(folder, file)))
+        return found
+
     def _only_class(self, module: ModuleType, name: str) -> type[T]:
-        classes = [
-            value
-            for value in vars(module).values()
-            if inspect.isclass(value)
-            and issubclass(value, self.base)
-            and not inspect.isabstract(value)
-            and value.__module__ == module.__name__
-        ]
-        if len(classes) != 1:
+        derived = _classes(module, self.base)
+        found = [value for value in derived if not inspect.isabstract(value)]
+        if len(found) != 1:
+            unfinished = [f"{value.__name__} lacks {_missing_methods(value)}" for value in derived if value not in found]
+            names = ", ".join(value.__name__ for value in found)
             raise PluginError(
                 f"{module.__file__}: a plug-in file defines exactly one {self.base.__name__}, found "
-                f"{[value.__name__ for value in classes] or 'none'}."
+                f"{names or '; '.join(unfinished) or 'no class derived from it'}."
             )
-        classes[0].name = name  # type: ignore[attr-defined]
-        return classes[0]
+        found[0].name = name  # type: ignore[attr-defined]
+        for attribute in inspect.get_annotations(self.base):
+            if "ClassVar" in str(inspect.get_annotations(self.base)[attribute]) and not hasattr(found[0], attribute):
+                raise PluginError(f"{module.__file__}: {found[0].__name__} lacks the class attribute {attribute}.")
+        return found[0]
+
+
+def add_file(path: str | Path, registries: Sequence[Registry[Any]]) -> str:
+    """Register the plug-in in a Python file, of whichever kind it is, and return its name; see `Registry.add_file`."""
+    file = Path(path)
+    kinds = " or ".join(registry.kind for registry in registries)
+    if not file.is_file():
+        beside = [other.name for other in file.parent.glob("*.py")] if file.parent.is_dir() else []
+        hint = did_you_mean(file.name, beside) if beside else ""
+        raise PluginError(f"{file}: {'a folder, not a' if file.is_dir() else 'no such'} {kinds} file.{hint}")
+    if file.suffix != ".py":
+        raise PluginError(f"{file}: a plug-in file must end in .py.")
+    for registry in registries:
+        source = registry._sources().get(file.stem)
+        if source is not None and source.file.samefile(file):
+            registry.get(file.stem)
+            return file.stem
+        if source is not None:
+            raise PluginError(f"{file}: the name {file.stem} belongs to the {registry.kind} {source.module}. Rename it.")
+    module = _load(file, registries[0].kind)
+    registry = next((item for item in registries if _classes(module, item.base)), registries[0])
+    registry._files[file.stem] = registry._only_class(module, file.stem)
+    return file.stem
+
+
+@lru_cache(maxsize=32)
+def _packages(group: str) -> tuple[str, ...]:
+    return tuple(sorted({point.value for point in entry_points(group=group)}))
+
+
+class _AlwaysCompiled(SourceFileLoader):
+    """Leaves no compiled file behind, which would be taken for one that is edited within a second."""
+
+    def get_code(self, fullname: str) -> CodeType:
+        code: CodeType = self.source_to_code(self.get_data(self.path), self.path)
+        return code
+
+
+def _load(file: Path, kind: str) -> ModuleType:
+    """Return the module of a plug-in file; what it prints goes to standard error, so that output stays clean."""
+    name = f"fdbench_file_plugins.{kind}.{file.stem}"
+    specification = importlib.util.spec_from_loader(name, _AlwaysCompiled(name, str(file)))
+    if specification is None:
+        raise PluginError(f"{file}: cannot be loaded.")
+    module = importlib.util.module_from_spec(specification)
+    before = sys.modules.get(name)
+    sys.modules[name] = module
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            _AlwaysCompiled(name, str(file)).exec_module(module)
+    except (Exception, SystemExit) as error:
+        del sys.modules[name]
+        if before is not None:
+            sys.modules[name] = before
+        raise PluginError(f"{file}: cannot be imported: {_fault(error, file)}") from error
+    return module
+
+
+def _fault(error: BaseException, file: Path) -> str:
+    """Return an error in one line, with the last line of ``file`` that it passed.
+
+    >>> _fault(ValueError("not  this"), Path("a.py"))
+    'ValueError: not this'
+    """
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
+    if isinstance(error, SyntaxError) and error.filename == str(file):
+        lines, error_text = [error.lineno], error.msg
+    else:
+        error_text = str(error)
+    where = f"line {lines[-1]}: " if lines and lines[-1] is not None else ""
+    text = " ".join(error_text.split())
+    return f"{where}{type(error).__name__}{f': {text}' if text else ''}"
+
+
+def _classes(module: ModuleType, base: type[T]) -> list[type[T]]:
+    """Return the classes that a module defines itself and that derive from ``base``."""
+    return [
+        value
+        for value in vars(module).values()
+        if inspect.isclass(value) and issubclass(value, base) and value.__module__ == module.__name__
+    ]
+
+
+def _missing_methods(value: type[Any]) -> str:
+    return " and ".join(sorted(value.__abstractmethods__))

@@ -114,6 +114,7 @@ def test_answer_keeps_the_contract(found: Diagnosis) -> None:
         assert isinstance(cause["indistinguishable_from"], list)
         for value in cause["parameters"].values():
             assert value.keys() >= {"value", "ci95", "unit"}
+    assert sum(cause["share"] for cause in answer["causes"]) <= 1.0
     assert answer["shrinkage"].keys() >= {"judged_on", "steps", "total", "ci95", "reducible_left", "noise_floor"}
     for step in answer["shrinkage"]["steps"]:
         assert step.keys() >= {"added", "before", "after", "reduction", "ci95"}
@@ -204,6 +205,10 @@ def test_doubts_are_said(found: Diagnosis) -> None:
     assert "may be chance" in text
     assert "the same motion again" in text
     assert "(assumed)" in text
+    assert "a first guess, whatever the probabilities say" in text
+    assert "a first guess" not in summary(found)
+    answer["shrinkage"]["judged_on"] = "held-out"
+    assert "a first guess" not in summary(replace(found, answer=answer))
 
 
 # ---- repaired model ----
@@ -331,7 +336,7 @@ def test_bars_are_the_shares_of_the_answer(page: str, found: Diagnosis) -> None:
     assert [cell["share"] for cell in where["frequency"]] in drawn
     parts = next(trace for trace in bars if trace["y"][-1] == "noise")
     assert sum(parts["x"]) == pytest.approx(1.0, abs=0.02)
-    assert parts["y"][:2] == ["re-calibration", "direction_dependent_friction"]
+    assert parts["y"] == ["direction_dependent_friction", "not explained", "noise"]
     gains = [max(found.stages[0].gain(rival), 0.0) for rival in found.stages[0].rivals]
     assert gains[:8] in drawn
 

@@ -25,6 +25,9 @@ class TablePlant:
     def regression(self, record: Record, model: str) -> Regression:
         return self.table
 
+    def true_parameters(self, model: str, sampling_time_s: float) -> dict[str, float]:
+        return dict.fromkeys(self.table.names, 1.0)
+
 
 def estimate(estimator: Estimator, regressors: FloatArray, target: FloatArray, gain: float = -0.5) -> Estimate:
     """Fit read-only data, so that an estimator that changes its input fails."""

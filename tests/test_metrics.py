@@ -140,7 +140,7 @@ def shaker(estimator: str) -> Outcome:
 
 
 def test_registered_names() -> None:
-    assert metrics.names() == NAMES
+    assert set(NAMES) <= set(metrics.names())
 
 
 @pytest.mark.parametrize("name", NAMES)

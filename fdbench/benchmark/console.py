@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import chain, repeat
 from typing import TYPE_CHECKING
 
 from fdbench.benchmark.leaderboard import check_mergeable, interval_text
@@ -43,26 +42,27 @@ def _line(told: Progress) -> str:
 
 def ranking_table(store: Store) -> "Table":
     """Return the rankings of all tracks and kinds of plant, with the median time of a run."""
+    from rich import box
     from rich.table import Table
 
     scores = store.scores()
     check_mergeable(scores)
     runs = scores.drop_duplicates(["scenario", "estimator", "seed"])
     milliseconds = 1e3 * runs.groupby(["plant", "estimator"])["seconds"].median()
-    table = Table(title="Score: 1 knows the truth, 0 has learnt nothing (null)")
-    header = ("track, plant", "rank", "estimator", "score", f"{LEVEL:.0%} interval", "scenarios", "failures", "time")
-    for column in header:
-        table.add_column(column, justify="left" if column in ("track, plant", "estimator") else "right")
+    title = "Score: 1 knows the truth, 0 has learnt nothing (null)"
+    table = Table(title=title, box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    for column in ("estimator", "rank", "score", f"{LEVEL:.0%} interval", "covers", "failed", "time"):
+        table.add_column(column, justify="left" if column == "estimator" else "right", overflow="fold")
     for track, plant in rankings(scores):
-        for title, line in zip(chain((track, plant), repeat("")), standings(scores, track, plant), strict=False):
+        table.add_row(f"[bold]{track}: {plant}[/]")
+        for line in standings(scores, track, plant):
             time_ms = milliseconds[plant, line.estimator]
             table.add_row(
-                title,
-                "" if line.rank is None else str(line.rank),
                 line.estimator,
+                "" if line.rank is None else str(line.rank),
                 f"{line.score.value:.3f}",
                 interval_text(line.score),
-                f"{line.scenarios} of {line.of_scenarios}",
+                f"{line.scenarios}/{line.of_scenarios}",
                 f"[red]{line.failures}[/]" if line.failures else "0",
                 "" if math.isnan(time_ms) else f"{time_ms:.3g} ms",
             )

@@ -36,6 +36,7 @@ USERS_OF_SCORES = (
     "report",
     "reproduce",
     "benchmark/compare.py",
+    "benchmark/compare_text.py",
     "benchmark/console.py",
     "benchmark/leaderboard.py",
     "benchmark/statistics.py",

@@ -1,5 +1,6 @@
 """From score rows to rankings: normalised scores, interquartile means with intervals, and biases of parameters."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -245,17 +246,28 @@ def troubles(statuses: "pd.DataFrame") -> list[Trouble]:
         ["scenario", "status", "message"]
     ):
         names = sorted(group["estimator"].unique())
-        seeds = sorted(group["seed"].unique())
+        seeds = sorted(int(seed) for seed in group["seed"].unique())
         found.append(
             Trouble(
                 scenario=str(scenario),
                 estimators="all" if len(names) == everyone[str(scenario)] else ", ".join(names),
-                seeds=", ".join(str(seed) for seed in seeds),
+                seeds=seeds_text(seeds),
                 status=str(status),
                 reason=str(reason),
             )
         )
     return found
+
+
+def seeds_text(seeds: Sequence[int]) -> str:
+    """Return ascending seeds in words.
+
+    >>> seeds_text([0, 1, 2]), seeds_text([0, 1]), seeds_text([0, 2, 3])
+    ('0 to 2', '0, 1', '0, 2, 3')
+    """
+    if len(seeds) > 2 and seeds[-1] - seeds[0] == len(seeds) - 1:
+        return f"{seeds[0]} to {seeds[-1]}"
+    return ", ".join(str(seed) for seed in seeds)
 
 
 def seed_means(scores: "pd.DataFrame") -> "pd.DataFrame":

@@ -1,6 +1,7 @@
 """The answer of a diagnosis in plain words for a terminal; never more certain than the data."""
 
 import math
+import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -51,7 +52,7 @@ def summary(found: "Diagnosis") -> str:
         ("Verdict", verdict(found)),
         (f"Gap, root mean square on {judged_on(found.answer)}", _gap(found.answer)),
         ("Where the re-calibrated gap lies (share of what is beyond the noise)", _where(found.answer)),
-        ("Causes", _causes(found)),
+        ("Causes (share of the mean squared gap after re-calibration)", _causes(found)),
         ("How far it shrinks: mean squared gap in units of the noise floor", shrinkage(found.answer)),
         ("Doubts", doubts(found)),
     )
@@ -62,14 +63,12 @@ def summary(found: "Diagnosis") -> str:
 
 
 def _wrapped(text: str) -> list[str]:
+    """Return the lines of a text; a number stays with its unit."""
     depth = len(text) - len(text.lstrip())
-    return textwrap.wrap(
-        text.strip(),
-        WIDTH,
-        initial_indent=" " * (2 + depth),
-        subsequent_indent=" " * (4 + depth),
-        break_on_hyphens=False,
-    )
+    joined = re.sub(r"(?<=\d) (?=(?:%|[nµmkM]?(?:m|s|N|Hz)\b))", "\N{NO-BREAK SPACE}", text.strip())
+    first, later = " " * (2 + depth), " " * (4 + depth)
+    lines = textwrap.wrap(joined, WIDTH, initial_indent=first, subsequent_indent=later, break_on_hyphens=False)
+    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
 
 
 # ---- parts that the page shows too ----
@@ -91,10 +90,10 @@ def sizes(answer: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def unexplained(answer: Mapping[str, Any]) -> float:
-    """Return the share of the mean squared gap on paper that is neither explained nor noise."""
-    paper, size = sizes(answer)
+    """Return the share of the mean squared gap after re-calibration that is neither explained nor noise."""
+    size = sizes(answer)[1]
     left = size * (1.0 - float(answer["shrinkage"]["total"]))
-    return max(0.0, left - 1.0) / paper if paper > 0.0 else 0.0
+    return max(0.0, left - 1.0) / size if size > 0.0 else 0.0
 
 
 def is_parametric(cause: Mapping[str, Any]) -> bool:
@@ -109,6 +108,9 @@ def verdict(found: "Diagnosis") -> Iterator[str]:
     causes, unknown, none = answer["causes"], answer["unknown_probability"], answer["no_gap_probability"]
     if answer["warnings"]:
         yield "Read the warnings under Doubts first: a flaw of the records may be what is explained here."
+    measured = any(floor["measured_from_repeats"] for floor in answer["noise_floor"].values())
+    if not measured and answer["shrinkage"]["judged_on"] != "held-out":
+        yield "Nothing was repeated and no other motion held out: a first guess, whatever the probabilities say."
     if none >= LIKELY:
         if size > NOISE_ALONE:
             yield f"Too small to attribute: the mean squared gap is {size:.2f} times the noise, no more."
@@ -123,7 +125,7 @@ def verdict(found: "Diagnosis") -> Iterator[str]:
         rivals = cause["indistinguishable_from"]
         share = f"{percent(cause['share'])} of the mean squared gap"
         if is_parametric(cause):
-            chance = probability_text(cause["probability"])
+            chance, share = probability_text(cause["probability"]), f"{share} on paper"
             yield f"Wrong on paper: size of {cause['effect']}, probability {chance}; its correction removes {share}."
             continue
         if rivals:
@@ -202,8 +204,8 @@ def doubts(found: "Diagnosis") -> Iterator[str]:
     alone, beside = (math.hypot(*hypothesis.shifts) for hypothesis in (found.calibrated, found.final))
     if size < (1.0 - UNEXPLAINED) * paper and beside < 0.5 * alone and found.final.effects:
         yield (
-            "Re-calibration alone takes up part of what the effects do: beside them the values on paper hardly move. "
-            "The shares of the effects are lower bounds."
+            "Re-calibration alone takes up part of what the effects do: beside them the values on paper hardly move, "
+            "so the effects explain more of the gap on paper than re-calibration leaves to them."
         )
     for step in answer["shrinkage"]["steps"]:
         if step["ci95"][0] <= 0.0:

@@ -297,14 +297,14 @@ def _causes(found: Diagnosis) -> Iterator[Block]:
     chances = [cause["probability"] for cause in causes]
     chances += [answer["unknown_probability"], answer["no_gap_probability"]]
     yield _bars("Probability", names, chances, "probability", "Several effects may be present at once.")
-    paper, size = words.sizes(answer)
-    noise = min(1.0, 1.0 / paper) if paper > 0.0 else 1.0
+    size = words.sizes(answer)[1]
+    noise = min(1.0, 1.0 / size) if size > 0.0 else 1.0
     added = [cause for cause in causes if not words.is_parametric(cause)]
     yield _bars(
         "What the mean squared gap consists of",
-        ["re-calibration", *(cause["effect"] for cause in added), "not explained", "noise"],
-        [max(0.0, 1.0 - size / paper), *(cause["share"] for cause in added), words.unexplained(answer), noise],
-        "share of the mean squared gap on paper",
+        [*(cause["effect"] for cause in added), "not explained", "noise"],
+        [*(cause["share"] for cause in added), words.unexplained(answer), noise],
+        "share of the mean squared gap after re-calibration",
         f"Judged on {words.judged_on(answer)}. What effects share is split by the mean over all orders.",
     )
     if not causes:

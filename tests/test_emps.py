@@ -1,0 +1,48 @@
+"""EMPS: the published identification of a measured ball-screw axis, from the user's copy of the data."""
+
+import pytest
+from conftest import shared_file
+
+from fdbench.estimator import Context, Estimate, estimators
+from fdbench.scenario import load_scenario
+
+PUBLISHED = {
+    "inverse_dynamics": {
+        "mass_kg": 95.1089,
+        "viscous_friction_N_s_per_m": 203.5034,
+        "coulomb_friction_N": 20.3935,
+        "offset_N": -3.1648,
+    },
+    "directional_inverse_dynamics": {
+        "mass_kg": 95.154,
+        "viscous_friction_positive_N_s_per_m": 166.706,
+        "coulomb_friction_positive_N": 20.144,
+        "viscous_friction_negative_N_s_per_m": 240.424,
+        "coulomb_friction_negative_N": 20.628,
+    },
+}
+
+
+@pytest.mark.parametrize("model", PUBLISHED)
+def test_least_squares_gives_the_published_parameters(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FDBENCH_DATA", str(shared_file("data", "emps", "DATA_EMPS.mat").parent.parent))
+    scenario = load_scenario("EMPS-v0")
+    record, _ = scenario.observe(0)
+    context = scenario.context()
+    context = Context(
+        scenario=context.scenario, sampling_time_s=context.sampling_time_s, plant=context.plant, model=model
+    )
+    estimate: Estimate = estimators.get("least_squares")().fit(context, record)
+    assert record.n_samples == 24841
+    for name, value in PUBLISHED[model].items():
+        assert estimate.parameters[name] == pytest.approx(value, rel=1e-4), name
+
+
+def test_without_the_file_the_scenario_says_where_to_put_it(monkeypatch, tmp_path) -> None:
+    from fdbench.errors import MissingData
+
+    monkeypatch.setenv("FDBENCH_DATA", str(tmp_path))
+    with pytest.raises(MissingData, match=r"emps/DATA_EMPS\.mat") as told:
+        load_scenario("EMPS-v0").observe(0)
+    assert str(tmp_path) in str(told.value)
+    assert "nonlinearbenchmark" in str(told.value)
