@@ -16,7 +16,7 @@ leaderboard: $(RUNTIME)
 	$(BIN)/fdbench leaderboard results
 
 test: $(TEST)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 check: $(TEST)
 	$(BIN)/ruff format --check
