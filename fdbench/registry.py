@@ -129,7 +129,9 @@ class Registry(Generic[T]):
         derived = _classes(module, self.base)
         found = [value for value in derived if not inspect.isabstract(value)]
         if len(found) != 1:
-            unfinished = [f"{value.__name__} lacks {_missing_methods(value)}" for value in derived if value not in found]
+            unfinished = [
+                f"{value.__name__} lacks {_missing_methods(value)}" for value in derived if value not in found
+            ]
             names = ", ".join(value.__name__ for value in found)
             raise PluginError(
                 f"{module.__file__}: a plug-in file defines exactly one {self.base.__name__}, found "
@@ -154,13 +156,19 @@ def add_file(path: str | Path, registries: Sequence[Registry[Any]]) -> str:
         raise PluginError(f"{file}: a plug-in file must end in .py.")
     for registry in registries:
         source = registry._sources().get(file.stem)
-        if source is not None and source.file.samefile(file):
+        if source is not None and source.file.is_file() and source.file.samefile(file):
             registry.get(file.stem)
             return file.stem
         if source is not None:
-            raise PluginError(f"{file}: the name {file.stem} belongs to the {registry.kind} {source.module}. Rename it.")
+            raise PluginError(
+                f"{file}: the name {file.stem} belongs to the {registry.kind} {source.module}. Rename the file."
+            )
     module = _load(file, registries[0].kind)
-    registry = next((item for item in registries if _classes(module, item.base)), registries[0])
+    defined = [registry for registry in registries if _classes(module, registry.base)]
+    if not defined and len(registries) > 1:
+        bases = " or ".join(registry.base.__name__ for registry in registries)
+        raise PluginError(f"{file}: a plug-in file defines a class derived from {bases}, found none.")
+    registry = defined[0] if defined else registries[0]
     registry._files[file.stem] = registry._only_class(module, file.stem)
     return file.stem
 
@@ -181,7 +189,9 @@ class _AlwaysCompiled(SourceFileLoader):
 def _load(file: Path, kind: str) -> ModuleType:
     """Return the module of a plug-in file; what it prints goes to standard error, so that output stays clean."""
     name = f"fdbench_file_plugins.{kind}.{file.stem}"
-    specification = importlib.util.spec_from_loader(name, _AlwaysCompiled(name, str(file)))
+    path = file.resolve()
+    loader = _AlwaysCompiled(name, str(path))
+    specification = importlib.util.spec_from_loader(name, loader)
     if specification is None:
         raise PluginError(f"{file}: cannot be loaded.")
     module = importlib.util.module_from_spec(specification)
@@ -189,12 +199,12 @@ def _load(file: Path, kind: str) -> ModuleType:
     sys.modules[name] = module
     try:
         with contextlib.redirect_stdout(sys.stderr):
-            _AlwaysCompiled(name, str(file)).exec_module(module)
+            loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
         if before is not None:
             sys.modules[name] = before
-        raise PluginError(f"{file}: cannot be imported: {_fault(error, file)}") from error
+        raise PluginError(f"{file}: cannot be imported: {_fault(error, path)}") from error
     return module
 
 
@@ -216,11 +226,8 @@ def _fault(error: BaseException, file: Path) -> str:
 
 def _classes(module: ModuleType, base: type[T]) -> list[type[T]]:
     """Return the classes that a module defines itself and that derive from ``base``."""
-    return [
-        value
-        for value in vars(module).values()
-        if inspect.isclass(value) and issubclass(value, base) and value.__module__ == module.__name__
-    ]
+    values = dict.fromkeys(value for value in vars(module).values() if inspect.isclass(value))
+    return [value for value in values if issubclass(value, base) and value.__module__ == module.__name__]
 
 
 def _missing_methods(value: type[Any]) -> str:

@@ -6,10 +6,11 @@ Unknown key, missing key, wrong type and out of bounds are errors at load, and n
 import dataclasses
 import math
 import re
+import sys
 import tomllib
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,6 +19,8 @@ from fdbench.registry import Registry
 from fdbench.units import unit_of
 
 T = TypeVar("T")
+
+LONGEST_VALUE = 60
 
 _REGISTRIES: list[Registry[Any]] = []
 
@@ -54,9 +57,13 @@ def check_bounds(specification: Any) -> None:
         if not isinstance(value, int | float) or isinstance(value, bool) or "low" not in field.metadata:
             continue
         low, high = field.metadata["low"], field.metadata["high"]
-        if not (math.isfinite(value) and low <= value <= high):
+        if not (low <= value <= high and abs(value) < math.inf):
             unit = f" {unit_of(field.name)}" if unit_of(field.name) else ""
-            raise SpecError(f"{field.name}: {value:g} is outside {_interval(low, high)}{unit}.")
+            raise SpecError(f"{field.name}: {_short(value)} is outside {_interval(low, high)}{unit}.")
+
+
+def _short(value: float) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def snake_case(name: str) -> str:
@@ -70,8 +77,11 @@ def load_toml(path: str | Path) -> dict[str, Any]:
     try:
         with file.open("rb") as stream:
             return tomllib.load(stream)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise SpecError(f"{file}: not valid TOML: {error}.") from error
+    except FileNotFoundError as error:
+        beside = [other.name for other in file.parent.glob("*.toml")]
+        raise SpecError(f"{file}: no such file.{did_you_mean(file.name, beside) if beside else ''}") from error
     except OSError as error:
         raise SpecError(f"{file}: cannot be read: {error.strerror}.") from error
 
@@ -115,6 +125,8 @@ def read(cls: type[T], table: Any, where: str) -> T:
         return cls(**values)
     except FdbenchError as error:
         raise SpecError(f"{where}.{error}") from error
+    except ArithmeticError as error:
+        raise SpecError(f"{where}: these values cannot be computed with: {error}.") from error
 
 
 def convert(hint: Any, value: Any, where: str) -> Any:
@@ -122,7 +134,7 @@ def convert(hint: Any, value: Any, where: str) -> Any:
     origin = typing.get_origin(hint)
     if origin in (typing.Union, types.UnionType):
         options = [option for option in typing.get_args(hint) if option is not type(None)]
-        return convert(options[0], value, where) if len(options) == 1 else _by_kind(_union(options), value, where)
+        return convert(options[0], value, where) if len(options) == 1 else _by_name(options, value, where)
     if origin is tuple:
         return _tuple(typing.get_args(hint), value, where)
     if origin is not None and issubclass(origin, Mapping):
@@ -134,23 +146,35 @@ def convert(hint: Any, value: Any, where: str) -> Any:
         return value
     for registry in _REGISTRIES:
         if hint is registry.base:
-            return _by_kind(registry.get, value, where, registry.names())
+            return _by_kind(registry.get, value, where, registry.names)
     if dataclasses.is_dataclass(hint):
         return read(hint, value, where)  # type: ignore[arg-type]
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
+        if not abs(value) <= sys.float_info.max:
+            raise SpecError(f"{where}: a finite number{_in_unit(where)} is expected, found {_describe(value)}.")
         return float(value)
     if isinstance(hint, type) and isinstance(value, hint) and (hint is bool or not isinstance(value, bool)):
         return value
-    unit = f" in {unit_of(where)}" if unit_of(where) else ""
-    raise SpecError(f"{where}: {_TYPE_NAMES.get(hint, str(hint))}{unit} is expected, found {_describe(value)}.")
+    raise SpecError(
+        f"{where}: {_TYPE_NAMES.get(hint, str(hint))}{_in_unit(where)} is expected, found {_describe(value)}."
+    )
+
+
+def _in_unit(where: str) -> str:
+    unit = unit_of(where.rpartition(".")[2].partition("[")[0])
+    return f" in {unit}" if unit else ""
 
 
 _TYPE_NAMES = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
 
 
 def _describe(value: Any) -> str:
-    name = {bool: "true or false", dict: "a table", list: "a list", str: "the text"}.get(type(value), "")
-    return f"{name} {value!r}".strip() if not isinstance(value, dict | list) else name
+    name = {bool: "true or false:", dict: "a table", list: "a list", str: "the text"}.get(type(value), "")
+    return name if isinstance(value, dict | list) else f"{name} {_shortened(repr(value))}".strip()
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
 
 
 def _tuple(inner: tuple[Any, ...], value: Any, where: str) -> tuple[Any, ...]:
@@ -163,7 +187,7 @@ def _tuple(inner: tuple[Any, ...], value: Any, where: str) -> tuple[Any, ...]:
     return tuple(convert(hint, item, f"{where}[{i}]") for i, (hint, item) in enumerate(zip(inner, value, strict=True)))
 
 
-def _union(options: list[Any]) -> Callable[[str], Any]:
+def _by_name(options: list[Any], value: Any, where: str) -> Any:
     by_name = {snake_case(option.__name__): option for option in options}
 
     def find(kind: str) -> Any:
@@ -171,16 +195,17 @@ def _union(options: list[Any]) -> Callable[[str], Any]:
             raise SpecError(f"unknown kind '{kind}'.{did_you_mean(kind, by_name)}")
         return by_name[kind]
 
-    return find
+    return _by_kind(find, value, where, lambda: by_name)
 
 
-def _by_kind(find: Callable[[str], Any], value: Any, where: str, allowed: list[str] | None = None) -> Any:
+def _by_kind(find: Callable[[str], Any], value: Any, where: str, names: Callable[[], Iterable[str]]) -> Any:
     if not isinstance(value, Mapping):
         raise SpecError(f"{where}: a table is expected, found {_describe(value)}.")
-    if not isinstance(value.get("kind"), str):
-        raise SpecError(f"{where}.kind: missing key.{did_you_mean('', allowed) if allowed else ''}")
+    if "kind" not in value:
+        raise SpecError(f"{where}.kind: missing key.{did_you_mean('', names())}")
+    kind = convert(str, value["kind"], f"{where}.kind")
     try:
-        cls = find(value["kind"])
+        cls = find(kind)
     except FdbenchError as error:
         raise SpecError(f"{where}.kind: {error}") from error
     return read(cls, {key: item for key, item in value.items() if key != "kind"}, where)

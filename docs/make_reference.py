@@ -1,0 +1,318 @@
+"""Write docs/reference from the registries: ``python docs/make_reference.py``, after any change of a plug-in.
+
+Docstrings are data sheets already; they are turned into Markdown as they stand, beside what the code declares.
+"""
+
+import dataclasses
+import inspect
+import json
+import math
+import re
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from fdbench.catalogue import scenario_ids
+from fdbench.effects import Effect, Port, effects
+from fdbench.estimator import estimators
+from fdbench.metrics import metrics
+from fdbench.motions import Motion, motions
+from fdbench.plants import Plant, plants
+from fdbench.scenario import Scenario, load_scenario
+from fdbench.specification import snake_case
+from fdbench.units import unit_of
+
+FOLDER = Path(__file__).resolve().parent / "reference"
+NOTE = "<!-- Written by docs/make_reference.py from docstrings and declarations; edit those, not this page. -->"
+HEADING = re.compile(r"^(Parameters|Attributes|Raises|References|Examples)\n-+\n", re.M)
+SMALLEST = 5e-324  # how a specification writes "above zero"
+
+
+def sheet(cls: type) -> dict[str, str]:
+    """Return the sections of a docstring; the one before the first heading is named ''."""
+    parts = HEADING.split(inspect.cleandoc(cls.__doc__ or ""))
+    return {"": parts[0], **dict(zip(parts[1::2], parts[2::2], strict=True))}
+
+
+def inline(line: str) -> str:
+    """Return a line of reStructuredText in Markdown."""
+    return re.sub(r":math:`([^`]*)`", r"$\1$", line).replace("``", "`")
+
+
+def markdown(text: str) -> str:
+    """Return the text of a docstring in Markdown: formulas, code, examples."""
+    found: list[str] = []
+    lines = text.strip().splitlines()
+    while lines:
+        line = lines.pop(0)
+        if line.startswith(".. math::"):
+            formula = [line.removeprefix(".. math::").strip()]
+            while lines and (not lines[0] or lines[0].startswith(" ")):
+                formula.append(lines.pop(0).strip())
+            found += ["", "```math", *filter(None, formula), "```", ""]
+        elif line.startswith(">>>"):
+            example = [line]
+            while lines and lines[0]:
+                example.append(lines.pop(0))
+            found += ["```python", *example, "```"]
+        else:
+            found.append(inline(line))
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(found)).strip()
+
+
+def table(header: str, rows: Iterable[Iterable[object]]) -> str:
+    """Return a table in Markdown; the header's columns are divided by bars."""
+    cells = [[str(cell).replace("|", r"\|") for cell in row] for row in rows]
+    lines = [header.split("|"), ["---"] * len(header.split("|")), *cells]
+    return "\n".join(f"| {' | '.join(cell.strip() for cell in line)} |" for line in lines) if cells else ""
+
+
+def page(title: str, introduction: str, parts: Iterable[str]) -> str:
+    """Return a whole page."""
+    return "\n\n".join([NOTE, f"# {title}", introduction, *filter(None, parts)]) + "\n"
+
+
+def contents(names: Iterable[tuple[str, str]]) -> str:
+    """Return a table that leads to the sections below."""
+    return table("name|says", [(f"[`{name}`](#{name.lower()})", line) for name, line in names])
+
+
+# ---- effects
+
+
+def effect(name: str) -> str:
+    """Return the data sheet of an effect."""
+    cls, parts = effects.get(name), sheet(effects.get(name))
+    facts = [f"Port `{cls.port.name}`"]
+    facts += [f"no effect at {' = '.join(f'`{item}`' for item in (cls.amplitude, *cls.further_amplitudes))} = 0"]
+    facts += [f"hidden states {', '.join(f'`{state}`' for state in cls.states)}"] if cls.states else []
+    facts += ["random"] if cls.random else []
+    facts += ["a process force, to be estimated"] if cls.disturbance else []
+    facts += ["property of an elastic screw"] if cls.needs_screw else []
+    if cls.confusable_with:
+        facts += [f"easily taken for {', '.join(f'[`{item}`](#{item})' for item in cls.confusable_with)}"]
+    rows = (
+        (f"`{item.name}`", f"`{item.symbol}`", item.unit, f"{item.low:g}", f"{item.high:g}", f"{item.typical:g}")
+        for item in cls.parameters()
+    )
+    text = [f"## {name}", f"**{effects.summary(name)}**", markdown(parts[""]), "; ".join(facts) + "."]
+    text += [table("parameter|symbol|unit|at least|at most|typical", rows)]
+    return "\n\n".join([*text, markdown(parts.get("Examples", ""))]).strip()
+
+
+def effects_page() -> str:
+    """Return the page of effects."""
+    names = effects.names()
+    introduction = (
+        "What a real drive has beside the model on paper. One file each in `fdbench/effects/`; a scenario or a model "
+        'names one by `kind = "..."` in a table `[[plant.effects]]` (known on paper) or `[[reality.effects]]` (not '
+        "known). *typical* is the size on a small axis. An example calls the kernel with "
+        "`(t, h, x, v, u, parameters, states)`: time, substep, position, velocity, what passes the port."
+    )
+    ports = (inspect.getdoc(Port) or "").split("\n\n")[1]
+    rows = [re.split(r"  +", line.strip()) for line in ports.splitlines() if not line.startswith("=")]
+    said = ((f"`{row[0]}`", *row[1:]) for row in rows[1:])
+    summaries = [(name, effects.summary(name)) for name in names]
+    parts = [contents(summaries), "Where an effect enters:", table("port|kernel receives u|kernel returns", said)]
+    return page("Effects", introduction, [*parts, *map(effect, names)])
+
+
+# ---- estimators
+
+
+def described(cls: type) -> dict[str, str]:
+    """Return the described constructor arguments; a class says what its base leaves open, and the reverse."""
+    found: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        section = sheet(base).get("Parameters", "") if base is not object else ""
+        for names, body in re.findall(r"^(\w+(?:, \w+)*)(?: : .+)?\n((?:[ ]+.*\n?)*)", section, re.M):
+            text = inline(" ".join(body.split()))
+            found |= {name: text for name in names.split(", ") if not text.startswith("See ")}
+    return found
+
+
+def estimator(name: str) -> str:
+    """Return the data sheet of an estimator."""
+    cls, parts = estimators.get(name), sheet(estimators.get(name))
+    meaning = described(cls)
+    rows = (
+        (f"`{key}`", unit_of(key), f"`{argument.default!r}`", meaning.get(key, ""))
+        for key, argument in inspect.signature(cls).parameters.items()
+    )
+    text = [
+        f"## {name}",
+        f"**{estimators.summary(name)}**",
+        markdown(parts[""]),
+        table("argument|unit|default|is", rows),
+    ]
+    text += [f"Expected failure of the check `{check}`: {why}." for check, why in cls.expected_failures.items()]
+    source = " ".join(parts.get("References", "").split())
+    return "\n\n".join(filter(None, [*text, f"Source: {inline(source)}" if source else ""]))
+
+
+def estimators_page() -> str:
+    """Return the page of estimators."""
+    names = estimators.names()
+    introduction = (
+        "The reference estimators, one file each in `baselines/fdbench_baselines/`, written as yours would be. "
+        "Each is given a `Context` (what is known on paper) and a `Record`, and returns an `Estimate` of `parameters`, "
+        "`disturbance_N` and `output`, or those of them that it claims. A scenario may set arguments in "
+        "`[estimation.hyperparameters.<name>]`. The row `oracle` of the results is no estimator: it is told the truth."
+    )
+    return page(
+        "Estimators", introduction, [contents((n, estimators.summary(n)) for n in names), *map(estimator, names)]
+    )
+
+
+# ---- metrics
+
+
+def metrics_page() -> str:
+    """Return the page of metrics."""
+    names = metrics.names()
+    introduction = (
+        "One file each in `fdbench/metrics/`. Only what an estimator claims is scored. The primary metrics of a track "
+        "make its ranking: the score of a run is the mean over them of (null - loss) / (null - oracle), clipped to "
+        "[-1, 1], so that 1 is as good as knowing the truth and 0 as good as having learnt nothing."
+    )
+    kinds = {name: metrics.get(name) for name in names}
+    rows = (
+        (f"[`{name}`](#{name})", cls.track, "yes" if cls.primary else "", cls.unit, f"{cls.ideal:g}", f"{cls.worst:g}")
+        for name, cls in kinds.items()
+    )
+    sheets = (f"## {name}\n\n**{metrics.summary(name)}**\n\n{markdown(sheet(cls)[''])}" for name, cls in kinds.items())
+    return page("Metrics", introduction, [table("metric|track|primary|unit|ideal|worst", rows), *sheets])
+
+
+# ---- scenarios
+
+
+def scenario(name: str) -> str:
+    """Return what a scenario is, in short; its file says the rest."""
+    case = load_scenario(name)
+    rows = [("plant", f"`{case.plant.name}`"), ("source", case.source)]
+    if case.timing and case.motion:
+        clock = f"{case.timing.n_samples} samples of {1e3 * case.timing.sampling_time_s:.4g} ms, each of "
+        rows += [("record", f"{clock}{case.timing.substeps} substeps; motion `{case.motion.name}`")]
+    if case.measured:
+        rows += [("record", f"measured, `{case.measured.file}`, from {case.measured.obtain}")]
+    known = getattr(case.plant, "effects", ())
+    for label, found in (("known on paper", known), ("not known", case.reality.effects)):
+        rows += [(label, ", ".join(f"[`{item.name}`](effects.md#{item.name})" for item in found))] if found else []
+    noises = {field.name: getattr(case.reality.noise, field.name) for field in dataclasses.fields(case.reality.noise)}
+    shown = ", ".join(f"`{key}` {value:.3g}" for key, value in noises.items() if value)
+    rows += [("noise, standard deviation", shown)] if shown else []
+    rows += [("model to identify", f"`{case.estimation.model}`"), ("tracks", ", ".join(case.estimation.tracks))]
+    rows += [("suites", ", ".join(case.suites))]
+    if case.environment:
+        scale, reward = f"{case.environment.action_scale:g}", case.environment.reward
+        rows += [("environment", f"an action of 1 adds {scale} to the command; reward by `{reward}`")]
+    link = f"[`scenarios/{name}.toml`](../../scenarios/{name}.toml)"
+    return f"## {name}\n\n**{case.title}.** {link}\n\n{table('what|is', rows)}"
+
+
+def options(hint: Any) -> list[Any]:
+    """Return what a value may be, without None."""
+    union = typing.get_origin(hint) in (typing.Union, types.UnionType)
+    return [item for item in typing.get_args(hint) if item is not types.NoneType] if union else [hint]
+
+
+def tables(cls: type, titles: dict[type, str], owner: str = "") -> dict[type, str]:
+    """Add a dataclass and those that its fields hold to ``titles``, each with a title that none has yet."""
+    if cls in titles:
+        return titles
+    name = getattr(cls, "name", None) if issubclass(cls, Plant | Motion) else None
+    title = name or snake_case(cls.__name__)
+    titles[cls] = f"{title} of {owner}" if title in titles.values() else title
+    for hint in typing.get_type_hints(cls).values():
+        for part in (hint, *typing.get_args(hint)):
+            for item in options(part):
+                if isinstance(item, type) and dataclasses.is_dataclass(item):
+                    tables(item, titles, titles[cls])
+    return titles
+
+
+def kind_of(hint: Any, titles: Mapping[type, str]) -> str:
+    """Return how a value is written in TOML."""
+    if len(options(hint)) > 1:
+        return f"table, kind {' or '.join(f'[`{titles[item]}`](#{titles[item]})' for item in options(hint))}"
+    hint = options(hint)[0]
+    origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if origin is tuple:
+        number = "" if inner[-1] is ... else f"{len(inner)} times "
+        return f"list of {number}{kind_of(inner[0], titles)}"
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return "table by name"
+    if hint in (Effect, Plant, Motion):
+        return f"{hint.__name__.lower()}, by its kind"
+    if hint in titles:
+        return f"table [`{titles[hint].split()[0]}`](#{titles[hint].replace(' ', '-')})"
+    return {float: "number", int: "whole number", str: "text", bool: "true or false"}[hint]
+
+
+def allowed(field: dataclasses.Field[Any]) -> str:
+    """Return the bounds of a key, and what holds where it is left out; nothing for a key without bounds."""
+    low, high = field.metadata.get("low", -math.inf), field.metadata.get("high", math.inf)
+    said = [] if low == -math.inf else ["above 0" if low == SMALLEST else f"at least {low:g}"]
+    said += [] if high == math.inf else [f"at most {high:g}"]
+    if field.default in (None, ()) or field.default_factory is not dataclasses.MISSING:
+        said += ["optional"]
+    elif field.default is not dataclasses.MISSING:
+        said += [f"default `{json.dumps(field.default)}`"]
+    return ", ".join(said)
+
+
+def keys(cls: Any, titles: Mapping[type, str]) -> str:
+    """Return the keys of a table of a scenario file."""
+    hints, meaning = typing.get_type_hints(cls), described(cls)
+    fields = [field for field in dataclasses.fields(cls) if field.init]
+    rows = [
+        (f"`{field.name}`", unit_of(field.name), kind_of(hints[field.name], titles), allowed(field)) for field in fields
+    ]
+    header = "key|unit|is|allowed"
+    if any(field.name in meaning for field in fields):
+        header += "|says"
+        said = [meaning.get(field.name, "") for field in fields]
+        return_rows: list[tuple[str, ...]] = [(*row, text) for row, text in zip(rows, said, strict=True)]
+    else:
+        return_rows = [*rows]
+    return f"### {titles[cls]}\n\n{markdown(sheet(cls)[''])}\n\n{table(header, return_rows)}"
+
+
+def scenarios_page() -> str:
+    """Return the page of scenarios and of the keys of their files."""
+    names = scenario_ids()
+    introduction = (
+        "One file each in `scenarios/`, and nothing else: a scenario is data. Below the scenarios are "
+        "[the keys of their files](#keys), which hold for your own scenarios and, as far as `[plant]` goes, for the "
+        "models that `fdbench diagnose` is given."
+    )
+    said = (
+        "The whole file is the table [`scenario`](#scenario). All of it is checked when it is read: unknown and missing "
+        "keys, types, units and bounds. A key without *optional* or *default* is required. `kind` names a plant, a "
+        "motion, an effect, or one of several tables."
+    )
+    titles = tables(Scenario, {})
+    for registry in (plants, motions):
+        for name in registry.names():
+            tables(registry.get(name), titles)
+    parts = [*map(scenario, names), "## Keys", said, *(keys(cls, titles) for cls in titles)]
+    return page("Scenarios", introduction, [contents((n, load_scenario(n).title) for n in names), *parts])
+
+
+def pages() -> dict[str, str]:
+    """Return the text of each page by file name."""
+    return {
+        "effects.md": effects_page(),
+        "estimators.md": estimators_page(),
+        "metrics.md": metrics_page(),
+        "scenarios.md": scenarios_page(),
+    }
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(exist_ok=True)
+    for file, text in pages().items():
+        (FOLDER / file).write_text(text, encoding="utf-8")
