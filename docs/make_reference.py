@@ -104,7 +104,7 @@ def effect(name: str) -> str:
 
 def effects_page() -> str:
     """Return the page of effects."""
-    names = effects.names()
+    names = sorted(effects.modules())  # those of packages, not of files
     introduction = (
         "What a real drive has beside the model on paper. One file each in `fdbench/effects/`; a scenario or a model "
         'names one by `kind = "..."` in a table `[[plant.effects]]` (known on paper) or `[[reality.effects]]` (not '
@@ -154,7 +154,7 @@ def estimator(name: str) -> str:
 
 def estimators_page() -> str:
     """Return the page of estimators."""
-    names = estimators.names()
+    names = sorted(estimators.modules())
     introduction = (
         "The reference estimators, one file each in `baselines/fdbench_baselines/`, written as yours would be. "
         "Each is given a `Context` (what is known on paper) and a `Record`, and returns an `Estimate` of `parameters`, "
@@ -171,7 +171,7 @@ def estimators_page() -> str:
 
 def metrics_page() -> str:
     """Return the page of metrics."""
-    names = metrics.names()
+    names = sorted(metrics.modules())
     introduction = (
         "One file each in `fdbench/metrics/`. Only what an estimator claims is scored. The primary metrics of a track "
         "make its ranking: the score of a run is the mean over them of (null - loss) / (null - oracle), clipped to "
@@ -236,19 +236,22 @@ def tables(cls: type, titles: dict[type, str], owner: str = "") -> dict[type, st
 
 def kind_of(hint: Any, titles: Mapping[type, str]) -> str:
     """Return how a value is written in TOML."""
+
+    def link(cls: type) -> str:
+        return f"[`{titles[cls].split()[0]}`](#{titles[cls].replace(' ', '-')})"
+
     if len(options(hint)) > 1:
-        return f"table, kind {' or '.join(f'[`{titles[item]}`](#{titles[item]})' for item in options(hint))}"
+        return f"table, kind {' or '.join(link(item) for item in options(hint))}"
     hint = options(hint)[0]
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin is tuple:
-        number = "" if inner[-1] is ... else f"{len(inner)} times "
-        return f"list of {number}{kind_of(inner[0], titles)}"
+        return f"list of {'' if inner[-1] is ... else f'{len(inner)} × '}{kind_of(inner[0], titles)}"
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return "table by name"
     if hint in (Effect, Plant, Motion):
         return f"{hint.__name__.lower()}, by its kind"
     if hint in titles:
-        return f"table [`{titles[hint].split()[0]}`](#{titles[hint].replace(' ', '-')})"
+        return f"table {link(hint)}"
     return {float: "number", int: "whole number", str: "text", bool: "true or false"}[hint]
 
 
@@ -267,18 +270,13 @@ def allowed(field: dataclasses.Field[Any]) -> str:
 def keys(cls: Any, titles: Mapping[type, str]) -> str:
     """Return the keys of a table of a scenario file."""
     hints, meaning = typing.get_type_hints(cls), described(cls)
-    fields = [field for field in dataclasses.fields(cls) if field.init]
     rows = [
-        (f"`{field.name}`", unit_of(field.name), kind_of(hints[field.name], titles), allowed(field)) for field in fields
+        (f"`{field.name}`", unit_of(field.name), kind_of(hints[field.name], titles), allowed(field), text)
+        for field in dataclasses.fields(cls)
+        if field.init
+        for text in [meaning.get(field.name, "")]
     ]
-    header = "key|unit|is|allowed"
-    if any(field.name in meaning for field in fields):
-        header += "|says"
-        said = [meaning.get(field.name, "") for field in fields]
-        return_rows: list[tuple[str, ...]] = [(*row, text) for row, text in zip(rows, said, strict=True)]
-    else:
-        return_rows = [*rows]
-    return f"### {titles[cls]}\n\n{markdown(sheet(cls)[''])}\n\n{table(header, return_rows)}"
+    return f"### {titles[cls]}\n\n{markdown(sheet(cls)[''])}\n\n{table('key|unit|is|allowed|says', rows)}"
 
 
 def scenarios_page() -> str:
@@ -290,13 +288,13 @@ def scenarios_page() -> str:
         "models that `fdbench diagnose` is given."
     )
     said = (
-        "The whole file is the table [`scenario`](#scenario). All of it is checked when it is read: unknown and missing "
-        "keys, types, units and bounds. A key without *optional* or *default* is required. `kind` names a plant, a "
-        "motion, an effect, or one of several tables."
+        "The whole file is the table [`scenario`](#scenario). All of it is checked when it is read: unknown and "
+        "missing keys, types and bounds. A key without *optional* or *default* is required. `kind` names a plant, "
+        "a motion, an effect, or one of several tables."
     )
     titles = tables(Scenario, {})
     for registry in (plants, motions):
-        for name in registry.names():
+        for name in sorted(registry.modules()):
             tables(registry.get(name), titles)
     parts = [*map(scenario, names), "## Keys", said, *(keys(cls, titles) for cls in titles)]
     return page("Scenarios", introduction, [contents((n, load_scenario(n).title) for n in names), *parts])

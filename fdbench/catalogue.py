@@ -1,6 +1,5 @@
-"""Where the scenario files are, and which of them a suite holds; reads no more than it must."""
+"""Where the scenario files are; reads none of them."""
 
-import tomllib
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent
@@ -20,12 +19,3 @@ def scenario_files() -> list[Path]:
 def scenario_ids() -> list[str]:
     """Return the ids of all scenarios, without the namespace ``fdbench/``."""
     return [path.stem for path in scenario_files()]
-
-
-def suite_members(suite: str) -> list[str]:
-    """Return the ids of the scenarios that count for a suite."""
-    return [
-        path.stem
-        for path in scenario_files()
-        if suite in tomllib.loads(path.read_text(encoding="utf-8")).get("suites", ())
-    ]

@@ -1,23 +1,63 @@
 """The command line; every command imports what it needs when it runs, so that ``fdbench list`` is quick."""
 
 import json
+import math
 import os
 import sys
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
+from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any, NoReturn
 
 import typer
+from threadpoolctl import threadpool_limits
+from typer.core import TyperGroup
 
-from fdbench.errors import FdbenchError, SpecError
+from fdbench.errors import FdbenchError, PluginError, SpecError, did_you_mean
 
-if TYPE_CHECKING:
-    pass
-
-# Threads of the linear algebra only get in the way of processes, and small matrices are faster without.
+# For the processes of a run; in this one, numpy is imported before this line is reached.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Columns of a table that goes to a file or another program, unless COLUMNS says otherwise.
+WIDE = "160"
+INTERRUPTED = 130
+
+
+class Commands(TyperGroup):
+    """The commands: 0 good, 1 a check failed, 2 bad usage or bad input with one message on standard error."""
+
+    def main(self, *args: Any, **options: Any) -> NoReturn:
+        """Run a command and exit."""
+        try:
+            code = super().main(*args, **{**options, "standalone_mode": False})
+        except FdbenchError as error:
+            refuse(f"fdbench: {error}")
+        except typer.TyperException as error:
+            context = getattr(error, "ctx", None)
+            command = context.command_path if context else "fdbench"
+            text = " ".join(error.format_message().replace("Value error, ", "").split())
+            refuse(f"{command}: {(text or 'A command is missing').rstrip('.')}. Try '{command} --help'.")
+        except OSError as error:
+            if error.errno is None:
+                raise
+            refuse(f"fdbench: {f'{error.filename}: ' if error.filename else ''}{error.strerror}.")
+        except MemoryError as error:
+            refuse(f"fdbench: not enough memory for this input: {error}")
+        if code == INTERRUPTED:
+            typer.echo("fdbench: interrupted; what is finished is kept.", err=True)
+        sys.exit(code)
+
+
+def refuse(message: str) -> NoReturn:
+    """Say what is wrong and exit with 2."""
+    typer.echo(message, err=True)
+    sys.exit(2)
+
+
 app = typer.Typer(
+    name="fdbench",
+    cls=Commands,
     help="Benchmark of machine-tool feed drives: simulate, estimate, score, diagnose.",
     no_args_is_help=True,
     add_completion=False,
@@ -44,12 +84,79 @@ class Suite(StrEnum):
 DEFAULT_OUT = Path("results")
 SEEDS = {Suite.QUICK: 3, Suite.FULL: 10}
 
+
+def writable(path: Path | None) -> Path | None:
+    """Return a file to write; one that cannot be made is refused before anything long is computed for it."""
+    if path is None or str(path) == "-":
+        return path
+    if path.is_dir():
+        raise FdbenchError(f"{path}: a folder, where a file to write is expected.")
+    if not path.parent.is_dir():
+        raise FdbenchError(f"{path}: cannot be written: there is no folder {path.parent}.")
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise FdbenchError(f"{path}: cannot be written: permission denied.")
+    return path
+
+
+def results_folder(path: Path) -> Path:
+    """Return a folder to write in, which need not exist yet."""
+    nearest = next(parent for parent in (path, *path.absolute().parents) if parent.exists())
+    if not nearest.is_dir():
+        raise FdbenchError(f"{path}: cannot be made: {nearest} is a file, not a folder.")
+    if not os.access(nearest, os.W_OK):
+        raise FdbenchError(f"{path}: cannot be written: permission denied.")
+    return path
+
+
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+Effects = Annotated[
+    list[str] | None, typer.Option("--effect", help="Python file of an effect to be known; may be repeated.")
+]
+Html = Annotated[Path, typer.Option("-o", "--output", callback=writable, help="HTML file to write.")]
+
+
+def json_text(value: object) -> str:
+    """Return a value as JSON; numbers that JSON lacks, which are infinite or none, become null."""
+    return json.dumps(_finite(value), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def _finite(value: object) -> object:
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def echo_json(value: object) -> None:
     """Print a value as JSON on standard output."""
-    typer.echo(json.dumps(value, indent=2, ensure_ascii=False))
+    typer.echo(json_text(value))
+
+
+def add_effects(files: Iterable[str] | None) -> None:
+    """Register effects by their files, and refuse those whose kernel does not fit what they declare."""
+    if not files:
+        return
+    from functools import partial
+
+    from fdbench.checks._report import run_checks
+    from fdbench.checks.check_effect import Bench, Case, declares_what_the_kernel_takes, returns_finite_values
+    from fdbench.effects import effects
+
+    for file in distinct(files):
+        effect = effects.get(effects.add_file(file))
+        case = Case(effect, Bench([effect]))
+        for fits in (declares_what_the_kernel_takes, returns_finite_values):
+            run_checks(file, [(fits.__name__, partial(fits, case))])
+
+
+def distinct(names_or_files: Iterable[str]) -> list[str]:
+    """Return names and files as they are; two files of one name are refused, for the file name is the plug-in's."""
+    given: dict[str, Path] = {}
+    for file in (Path(item) for item in names_or_files if item.endswith(".py")):
+        if given.setdefault(file.stem, file).resolve() != file.resolve():
+            raise PluginError(f"{given[file.stem]} and {file}: two plug-ins of one name. Rename one of the files.")
+    return list(names_or_files)
 
 
 @app.command("list")
@@ -65,11 +172,10 @@ def list_(kind: Kind, json_: Json = False) -> None:
 
 
 def _scenario_rows() -> list[dict[str, str]]:
-    import tomllib
-
     from fdbench.catalogue import scenario_files
+    from fdbench.specification import load_toml
 
-    titles = {path.stem: tomllib.loads(path.read_text(encoding="utf-8")).get("title", "") for path in scenario_files()}
+    titles = {path.stem: str(load_toml(path).get("title", "")) for path in scenario_files()}
     return [{"name": f"fdbench/{name}", "summary": title} for name, title in sorted(titles.items())]
 
 
@@ -90,8 +196,11 @@ def run(
     estimator: Annotated[list[str] | None, typer.Option(help="Name or Python file; may be repeated.")] = None,
     seeds: Annotated[int | None, typer.Option(min=1, help="Number of seeds; quick: 3, full: 10.")] = None,
     first_seed: Annotated[int, typer.Option(min=0, help="First seed; the others follow it.")] = 0,
+    effect: Effects = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Processes; default: one for each core.")] = None,
-    out: Annotated[Path, typer.Option(help="Folder of results; finished runs in it are kept.")] = DEFAULT_OUT,
+    out: Annotated[
+        Path, typer.Option(callback=results_folder, help="Folder of results; finished runs in it are kept.")
+    ] = DEFAULT_OUT,
     keep_estimates: Annotated[bool, typer.Option(help="Keep the raw estimates of all seeds.")] = False,
 ) -> None:
     """Run estimators on scenarios, score and rank them; what is finished is not run again."""
@@ -101,12 +210,14 @@ def run(
     from fdbench.benchmark.run import run as run_benchmark
     from fdbench.benchmark.run import select
     from fdbench.benchmark.store import Store
-    from fdbench.catalogue import suite_members
+    from fdbench.catalogue import scenario_ids
     from fdbench.estimator import estimators
     from fdbench.report import write_report
+    from fdbench.scenario import load_scenario
 
-    chosen = scenario or suite_members(suite.value)
-    names = [*select(estimator)] if estimator else estimators.names()
+    add_effects(effect)
+    chosen = scenario or [name for name in scenario_ids() if suite in load_scenario(name).suites]
+    names = [*select(distinct(estimator))] if estimator else estimators.names()
     screen = Console()
     with console.progress(screen) as shown:
         summary = run_benchmark(
@@ -122,7 +233,7 @@ def run(
     store = Store(out)
     text = leaderboard.leaderboard(store)
     (out / "leaderboard.md").write_text(text, encoding="utf-8")
-    is_everything = not scenario and not estimator and seeds is None and first_seed == 0
+    is_everything = not (scenario or estimator or effect or seeds or first_seed)
     if is_everything and out == DEFAULT_OUT and suite is Suite.QUICK:
         Path("leaderboard.md").write_text(text, encoding="utf-8")
     write_report(out, out / "report.html")
@@ -131,15 +242,17 @@ def run(
     if trouble is not None:
         screen.print(trouble)
     counts = ", ".join(f"{count} {status}" for status, count in summary.statuses.items())
-    screen.print(f"{summary.computed} runs done, {summary.reused} kept from before ({counts}).")
-    screen.print(f"Written: {out}/scores.parquet, {out}/leaderboard.md, {out}/report.html", soft_wrap=True)
+    typer.echo(f"{summary.computed} runs done, {summary.reused} kept from before ({counts}).")
+    typer.echo(f"Written: {out}/scores.parquet, {out}/leaderboard.md, {out}/report.html")
 
 
 @app.command()
 def leaderboard(
     folder: Annotated[Path, typer.Argument(help="Folder of results.")] = DEFAULT_OUT,
     check: Annotated[bool, typer.Option("--check", help="Exit with 1 if leaderboard.md would change.")] = False,
-    output: Annotated[Path, typer.Option("-o", "--output", help="File to write.")] = Path("leaderboard.md"),
+    output: Annotated[Path, typer.Option("-o", "--output", callback=writable, help="File to write.")] = Path(
+        "leaderboard.md"
+    ),
 ) -> None:
     """Write leaderboard.md from stored results."""
     from fdbench.benchmark import leaderboard as board
@@ -160,7 +273,7 @@ def compare(
     base: Annotated[Path, typer.Argument(help="Folder of results to compare with.")],
     new: Annotated[Path, typer.Argument(help="Folder of results that must not be worse.")],
     json_: Json = False,
-    markdown: Annotated[Path | None, typer.Option(help="File for a summary in Markdown.")] = None,
+    markdown: Annotated[Path | None, typer.Option(callback=writable, help="File for a summary in Markdown.")] = None,
     allow_missing: Annotated[bool, typer.Option("--allow-missing", help="Let NEW lack rows of BASE.")] = False,
     gate_speed: Annotated[bool, typer.Option("--gate-speed", help="Judge times too; needs one run.")] = False,
 ) -> None:
@@ -186,15 +299,22 @@ def compare(
 
 def existing(folder: Path, file: str) -> Path:
     """Return a folder of results, or say that there are none in it."""
-    if not (folder / file).is_file():
-        raise SpecError(f"{folder}: no {file} in this folder; `fdbench run --out {folder}` makes it.")
-    return folder
+    if (folder / file).is_file():
+        return folder
+    if folder.is_file():
+        page = " The page of a diagnosis is written by `fdbench diagnose --html`." if folder.suffix == ".json" else ""
+        raise SpecError(f"{folder}: a folder of results is expected, found a file.{page}")
+    if folder.is_dir():
+        raise SpecError(f"{folder}: no {file} in this folder; `fdbench run --out {folder}` writes it.")
+    others = [path.parent.name for path in folder.parent.glob(f"*/{file}")] if folder.parent.is_dir() else []
+    hint = did_you_mean(folder.name, others) if others else f" `fdbench run --out {folder}` makes it."
+    raise SpecError(f"{folder}: no such folder of results.{hint}")
 
 
 @app.command()
 def report(
     source: Annotated[Path, typer.Argument(help="Folder of results.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="HTML file to write.")] = Path("report.html"),
+    output: Html = Path("report.html"),
 ) -> None:
     """Write a self-contained HTML page of results."""
     from fdbench.report import write_report
@@ -204,27 +324,44 @@ def report(
 
 @app.command()
 def record(
-    scenario: str,
-    output: Annotated[Path, typer.Option("-o", "--output", help="File to write: .csv or .parquet.")],
-    seed: Annotated[int, typer.Option(min=0)] = 0,
+    scenario: Annotated[str, typer.Argument(help="Id or TOML file.")],
+    output: Annotated[Path, typer.Option("-o", "--output", callback=writable, help="File to write: .csv or .parquet.")],
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noises.")] = 0,
+    effect: Effects = None,
 ) -> None:
     """Simulate a scenario and write what a logger would have written."""
     from fdbench.scenario import load_scenario
 
-    load_scenario(scenario).record(seed).save(output)
+    add_effects(effect)
+    chosen = load_scenario(scenario)
+    try:
+        chosen.record(seed).save(output)
+    except ArithmeticError as error:
+        raise SpecError(f"{scenario}: these values cannot be computed with: {error}.") from error
 
 
 @app.command()
-def check(plugin: Annotated[str, typer.Argument(help="Name of a plug-in, or its file.")]) -> None:
-    """Run the shared checks on an estimator, effect or scenario."""
+def check(
+    plugin: Annotated[str, typer.Argument(help="Name of an estimator, effect or scenario, or its file.")],
+    effect: Effects = None,
+) -> None:
+    """Run the shared checks on an estimator, effect or scenario; exit with 1 where one fails."""
     from fdbench.checks import check as run_checks
+    from fdbench.effects import effects
+    from fdbench.estimator import estimators
+    from fdbench.registry import add_file, fault
 
+    add_effects(effect)
+    name = add_file(plugin, (estimators, effects)) if plugin.endswith(".py") else plugin
     try:
-        for line in run_checks(plugin):
-            typer.echo(line)
-    except FdbenchError as error:
-        typer.echo(str(error), err=True)
+        lines = run_checks(name)
+    except (Exception, SystemExit) as error:
+        if isinstance(error, FdbenchError) and not isinstance(error, PluginError):
+            raise
+        text = str(error) if isinstance(error, PluginError) else f"{name}: {fault(error, Path(plugin).resolve())}"
+        typer.echo(f"fdbench: {text}", err=True)
         raise typer.Exit(1) from error
+    typer.echo("\n".join(lines))
 
 
 @app.command()
@@ -252,9 +389,14 @@ def diagnose(
     model: Annotated[Path, typer.Option(help="Model TOML, or a scenario file whose [plant] is taken.")],
     holdout: Annotated[list[Path] | None, typer.Option(help="Record to judge on; may be repeated.")] = None,
     data: Annotated[Path | None, typer.Option(help="Folder of the files that mapping TOMLs name.")] = None,
-    json_: Annotated[Path | None, typer.Option("--json", help="File for the answer as JSON; - prints it.")] = None,
-    html: Annotated[Path | None, typer.Option("--html", help="File for the report with plots.")] = None,
-    write_model: Annotated[Path | None, typer.Option(help="File for the repaired model as TOML.")] = None,
+    effect: Effects = None,
+    json_: Annotated[
+        Path | None, typer.Option("--json", callback=writable, help="File for the answer as JSON; - prints it.")
+    ] = None,
+    html: Annotated[Path | None, typer.Option(callback=writable, help="File for the report with plots.")] = None,
+    write_model: Annotated[
+        Path | None, typer.Option(callback=writable, help="File for the repaired model as TOML.")
+    ] = None,
 ) -> None:
     """Say where the gap between a model and records lies, which effect causes it, and how far it shrinks."""
     from rich.console import Console
@@ -265,8 +407,11 @@ def diagnose(
     from fdbench.reading import read_record
 
     def read(path: Path) -> object:
-        return read_record(path, data if path.suffix == ".toml" else None)
+        return read_record(path, data if path.suffix.lower() == ".toml" else None)
 
+    if data is not None and not any(path.suffix.lower() == ".toml" for path in (*records, *(holdout or ()))):
+        raise SpecError(f"--data {data}: a folder for mapping files (.toml), but no record is one.")
+    add_effects(effect)
     note = Console(stderr=True)
     with note.status("reading") as status:
         found = find(
@@ -276,7 +421,7 @@ def diagnose(
             status.update,
         )
     if json_ is not None and str(json_) != "-":
-        json_.write_text(json.dumps(found.answer, indent=2), encoding="utf-8")
+        json_.write_text(json_text(found.answer) + "\n", encoding="utf-8")
     if html is not None:
         from fdbench.report.diagnosis import write_diagnosis
 
@@ -291,16 +436,83 @@ def diagnose(
         typer.echo(summary(found))
 
 
+trial = typer.Typer(
+    help="Blind trials of the diagnosis: make records with sealed causes, answer, score.", no_args_is_help=True
+)
+app.add_typer(trial, name="trial")
+Trial = Annotated[Path, typer.Argument(help="Folder of the trial; it never holds the key.")]
+
+
+@trial.command("make")
+def trial_make(
+    folder: Trial,
+    key: Annotated[Path, typer.Option(callback=writable, help="File for the key; keep it from whoever answers.")],
+    tier: Annotated[
+        str, typer.Option(help="A library's forms, B second implementation, C unlisted effects, D thin data.")
+    ] = "B",
+    count: Annotated[int, typer.Option(min=1, max=999, help="Number of cases.")] = 20,
+    nonce: Annotated[
+        str | None, typer.Option(help="Hexadecimal digits of an opened key, to make a trial again.")
+    ] = None,
+) -> None:
+    """Draw axes with withheld effects, record them, and seal what was planted."""
+    from rich.console import Console
+
+    from fdbench.gap.trial.make import make
+    from fdbench.gap.trial.tiers import Tier
+
+    if tier.upper() not in list(Tier):
+        raise SpecError(f"tier: unknown tier '{tier}'.{did_you_mean(tier.upper(), list(Tier))}")
+    with Console(stderr=True).status("making") as status:
+        manifest = make(folder, key, Tier(tier.upper()), count, nonce, status.update)
+    typer.echo(f"{len(manifest['cases'])} cases of tier {manifest['tier']} in {folder}; key in {key}.")
+
+
+@trial.command("answer")
+def trial_answer(
+    folder: Trial,
+    output: Annotated[Path, typer.Option("-o", "--output", callback=writable, help="JSON file of answers.")],
+    diagnoser: Annotated[str, typer.Option(help="Name of a diagnoser, or its Python file.")] = "fdbench",
+) -> None:
+    """Diagnose every case from its records and model alone; write the answers and their SHA-256."""
+    from rich.console import Console
+
+    from fdbench.gap.trial.answer import answer
+    from fdbench.gap.trial.diagnoser import diagnosers
+
+    with Console(stderr=True).status("answering") as status:
+        found = answer(folder, diagnosers.resolve(diagnoser), output, status.update)
+    failed = sum(case["status"] != "ok" for case in found["cases"].values())
+    typer.echo(f"{len(found['cases'])} cases answered by {found['diagnoser']}, {failed} failed: {output}")
+
+
+@trial.command("score")
+def trial_score(
+    folder: Trial,
+    answers: Annotated[Path, typer.Argument(help="JSON file of answers; its .sha256 lies beside it.")],
+    key: Annotated[Path, typer.Option(help="File of the key.")],
+    json_: Json = False,
+) -> None:
+    """Check every seal and print the score sheet, with bootstrap intervals over cases."""
+    from fdbench.gap.trial.score import score, text
+
+    found = score(folder, answers, key)
+    if json_:
+        echo_json(found)
+    else:
+        typer.echo(text(found))
+
+
 def main() -> None:
-    """Run the command line: 0 good, 1 a check failed, 2 bad usage or bad input with one message."""
-    try:
-        app(standalone_mode=True)
-    except FdbenchError as error:
-        typer.echo(f"fdbench: {error}", err=True)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        typer.echo("fdbench: interrupted; what is finished is kept.", err=True)
-        sys.exit(130)
+    """Run the command line."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    if not sys.stdout.isatty():
+        os.environ.setdefault("COLUMNS", WIDE)
+    # Threads of the linear algebra only get in each other's way on small matrices.
+    with threadpool_limits(1, user_api="blas"):
+        app(prog_name="fdbench")
 
 
 if __name__ == "__main__":

@@ -80,7 +80,7 @@ class Registry(Generic[T]):
             module = importlib.import_module(sources[name].module)
         except (Exception, SystemExit) as error:
             place = f"{self.kind} '{name}' ({sources[name].module})"
-            raise PluginError(f"{place} cannot be imported: {_fault(error, sources[name].file)}") from error
+            raise PluginError(f"{place} cannot be imported: {fault(error, sources[name].file)}") from error
         return self._only_class(module, name)
 
     def summary(self, name: str) -> str:
@@ -90,7 +90,7 @@ class Registry(Generic[T]):
         try:
             return (ast.get_docstring(ast.parse(file.read_bytes())) or "").split("\n")[0]
         except (OSError, SyntaxError, ValueError) as error:
-            return f"cannot be read: {_fault(error, file)}"
+            return f"cannot be read: {fault(error, file)}"
 
     def add_file(self, path: str | Path) -> str:
         """Register the plug-in in a Python file and return its name, the file's stem.
@@ -130,7 +130,8 @@ class Registry(Generic[T]):
         found = [value for value in derived if not inspect.isabstract(value)]
         if len(found) != 1:
             unfinished = [
-                f"{value.__name__} lacks {_missing_methods(value)}" for value in derived if value not in found
+                f"{value.__name__}, which lacks {' and '.join(sorted(value.__abstractmethods__))}"  # type: ignore[attr-defined]
+                for value in derived
             ]
             names = ", ".join(value.__name__ for value in found)
             raise PluginError(
@@ -147,11 +148,12 @@ class Registry(Generic[T]):
 def add_file(path: str | Path, registries: Sequence[Registry[Any]]) -> str:
     """Register the plug-in in a Python file, of whichever kind it is, and return its name; see `Registry.add_file`."""
     file = Path(path)
-    kinds = " or ".join(registry.kind for registry in registries)
+    if file.is_dir():
+        raise PluginError(f"{file}: a folder, not a plug-in file.")
     if not file.is_file():
         beside = [other.name for other in file.parent.glob("*.py")] if file.parent.is_dir() else []
         hint = did_you_mean(file.name, beside) if beside else ""
-        raise PluginError(f"{file}: {'a folder, not a' if file.is_dir() else 'no such'} {kinds} file.{hint}")
+        raise PluginError(f"{file}: no such file.{hint}")
     if file.suffix != ".py":
         raise PluginError(f"{file}: a plug-in file must end in .py.")
     for registry in registries:
@@ -188,7 +190,8 @@ class _AlwaysCompiled(SourceFileLoader):
 
 def _load(file: Path, kind: str) -> ModuleType:
     """Return the module of a plug-in file; what it prints goes to standard error, so that output stays clean."""
-    name = f"fdbench_file_plugins.{kind}.{file.stem}"
+    # Without a dot, for a pickle would look for the package before it.
+    name = f"fdbench_{kind}_file_{file.stem.replace('.', '_')}"
     path = file.resolve()
     loader = _AlwaysCompiled(name, str(path))
     specification = importlib.util.spec_from_loader(name, loader)
@@ -204,14 +207,14 @@ def _load(file: Path, kind: str) -> ModuleType:
         del sys.modules[name]
         if before is not None:
             sys.modules[name] = before
-        raise PluginError(f"{file}: cannot be imported: {_fault(error, path)}") from error
+        raise PluginError(f"{file}: cannot be imported: {fault(error, path)}") from error
     return module
 
 
-def _fault(error: BaseException, file: Path) -> str:
+def fault(error: BaseException, file: Path) -> str:
     """Return an error in one line, with the last line of ``file`` that it passed.
 
-    >>> _fault(ValueError("not  this"), Path("a.py"))
+    >>> fault(ValueError("not  this"), Path("a.py"))
     'ValueError: not this'
     """
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
@@ -228,7 +231,3 @@ def _classes(module: ModuleType, base: type[T]) -> list[type[T]]:
     """Return the classes that a module defines itself and that derive from ``base``."""
     values = dict.fromkeys(value for value in vars(module).values() if inspect.isclass(value))
     return [value for value in values if issubclass(value, base) and value.__module__ == module.__name__]
-
-
-def _missing_methods(value: type[Any]) -> str:
-    return " and ".join(sorted(value.__abstractmethods__))

@@ -81,7 +81,9 @@ def load_toml(path: str | Path) -> dict[str, Any]:
         raise SpecError(f"{file}: not valid TOML: {error}.") from error
     except FileNotFoundError as error:
         beside = [other.name for other in file.parent.glob("*.toml")]
-        raise SpecError(f"{file}: no such file.{did_you_mean(file.name, beside) if beside else ''}") from error
+        raise SpecError(
+            f"{file}: cannot be read: no such file.{did_you_mean(file.name, beside) if beside else ''}"
+        ) from error
     except OSError as error:
         raise SpecError(f"{file}: cannot be read: {error.strerror}.") from error
 

@@ -15,3 +15,11 @@ def shared_file(*parts: str) -> Path:
     if not path.exists():
         pytest.skip(f"reference data {'/'.join(parts)} not present; set FDBENCH_SHARED to the folder that holds it")
     return path
+
+
+@pytest.fixture(scope="session", autouse=True)
+def measured_data() -> None:
+    """Let measured scenarios find the reference data, unless the user has named a folder of their own."""
+    folder = Path(os.environ.get("FDBENCH_SHARED", REPOSITORY.parent / "shared")) / "data"
+    if folder.is_dir():
+        os.environ.setdefault("FDBENCH_DATA", str(folder))

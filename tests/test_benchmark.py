@@ -348,8 +348,9 @@ def test_other_seeds_can_be_run(tmp_path: Path, scenario: str) -> None:
     assert store.scores()["seed"].unique().tolist() == [5, 6]
     assert store.read_estimate(key("least_squares", 5)) is not None
     assert store.read_estimate(key("least_squares", 6)) is None
-    kept, expected = (Store(tmp_path / name).parameters() for name in ("out", "all"))
-    assert kept[kept["seed"] == 5]["estimate"].tolist() == expected[expected["seed"] == 5]["estimate"].tolist()
+    tables = [Store(tmp_path / name).parameters().dropna() for name in ("out", "all")]
+    kept, expected = (table[table["seed"] == 5]["estimate"].tolist() for table in tables)
+    assert kept == expected != []
 
 
 # ---- processes ----

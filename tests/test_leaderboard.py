@@ -14,9 +14,10 @@ from rich.console import Console
 from scipy.stats import trim_mean
 
 from fdbench.benchmark.console import ranking_table, trouble_table
-from fdbench.benchmark.leaderboard import check_mergeable, difference, leaderboard, public_text
+from fdbench.benchmark.leaderboard import _skips, check_mergeable, difference, leaderboard, public_text
 from fdbench.benchmark.run import run
 from fdbench.benchmark.statistics import (
+    Trouble,
     bootstrap,
     interquartile_mean,
     loss,
@@ -387,6 +388,17 @@ def test_text_has_every_part(results: Path) -> None:
     assert str(results) not in text
     digest = Store(results / "out").scores().groupby("scenario")["scenario_digest"].first()["Short-v0"]
     assert f"3 seeds, digest `{digest[:12]}`." in lines
+
+
+def test_skips_are_one_line_for_each_reason() -> None:
+    def skip(scenario: int, reason: str = "no spectra") -> Trouble:
+        return Trouble(scenario=f"S{scenario}-v0", estimators="x, y", seeds="0", status="skipped", reason=reason)
+
+    few, many = [skip(n) for n in range(4)], [skip(n, "no period") for n in range(5)]
+    assert list(_skips([*few, *many], 7))[2:] == [
+        "| no period | x, y | 5 of 7 |",
+        "| no spectra | x, y | S0-v0, S1-v0, S2-v0, S3-v0 |",
+    ]
 
 
 def test_text_is_free_of_times_machines_and_dates(results: Path) -> None:

@@ -176,6 +176,8 @@ def _estimate(choice: Choice, trial: _Trial) -> tuple[Estimate, float]:
         return oracle.oracle(trial.regression, trial.truth), time.perf_counter() - start
     estimator = construct(choice.name, choice.arguments)
     reason = estimator.skip(trial.context)
+    if reason is not None and not isinstance(reason, str):
+        raise PluginError(f"skip() returned {reason!r}; a reason as text, or None, is expected.")
     if reason is not None:
         raise _Skip(reason)
     if choice.digest not in _compiled:

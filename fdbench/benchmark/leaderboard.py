@@ -48,6 +48,8 @@ half of its {LEVEL:.0%} t interval, in per cent of the true value or, where that
 ERRATA: tuple[tuple[str, str], ...] = ()
 
 DIGITS = 3
+# Scenarios that a line names one by one.
+MOST_NAMED = 4
 # Share of the null's value below which a number is rounding error and printed as 0.
 NEGLIGIBLE = 1e-10
 
@@ -137,7 +139,7 @@ def _lines(scores: "pd.DataFrame", parameters: "pd.DataFrame") -> Iterator[str]:
     yield from ["", "## Failed runs", ""]
     yield from _failures([trouble for trouble in found if trouble.status != SKIPPED])
     yield from ["", "## Skipped runs", ""]
-    yield from _skips([trouble for trouble in found if trouble.status == SKIPPED])
+    yield from _skips([trouble for trouble in found if trouble.status == SKIPPED], scores["scenario"].nunique())
     yield from ["", "## Errata", ""]
     yield from [f"- {version}: {text}" for version, text in ERRATA] or ["None."]
 
@@ -212,12 +214,15 @@ def _failures(found: Sequence[Trouble]) -> Iterator[str]:
         yield "None."
 
 
-def _skips(found: Sequence[Trouble]) -> Iterator[str]:
-    """Yield a line for each reason and set of estimators; the seeds are left out, as a reason holds for all."""
+def _skips(found: Sequence[Trouble], n_scenarios: int) -> Iterator[str]:
+    """Yield a line for each reason and set of estimators; many scenarios are counted, and seeds left out."""
     scenarios: dict[tuple[str, str], list[str]] = {}
     for line in found:
         scenarios.setdefault((public_text(line.reason), line.estimators), []).append(line.scenario)
-    rows = [[reason, names, ", ".join(where)] for (reason, names), where in sorted(scenarios.items())]
+    rows = [
+        [reason, names, ", ".join(where) if len(where) <= MOST_NAMED else f"{len(where)} of {n_scenarios}"]
+        for (reason, names), where in sorted(scenarios.items())
+    ]
     if rows:
         yield from _table(["reason", "estimators", "scenarios"], rows, "lll")
     else:

@@ -27,19 +27,10 @@ from fdbench.version import __version__
 
 PACKAGE = Path(__file__).parent.parent
 
-# Parts of the package that use scores and have no part in making them.
+# Beginnings of the paths, within the package, of what uses scores and has no part in making them.
 USERS_OF_SCORES = (
-    "cli.py",
-    "checks",
-    "envs",
-    "gap",
-    "report",
-    "reproduce",
-    "benchmark/compare.py",
-    "benchmark/compare_text.py",
-    "benchmark/console.py",
-    "benchmark/leaderboard.py",
-    "benchmark/statistics.py",
+    *("cli.py", "checks/", "envs/", "gap/", "report/", "reproduce/"),
+    *("benchmark/compare", "benchmark/console", "benchmark/leaderboard", "benchmark/statistics"),
 )
 
 # Names the runs whose times may be compared, as those that one job of a CI measured one after another.
@@ -68,17 +59,11 @@ def plugin_files(registry: Registry[Any]) -> dict[str, Path]:
     return {name: Path(inspect.getfile(registry.get(name))) for name in by_path}
 
 
-@lru_cache(maxsize=1)
-def _code_of_packages() -> tuple[Path, ...]:
+def _code_of_packages() -> list[Path]:
     outside = {name.split(".")[0] for registry in SIMULATION for name in registry.packages()} - {"fdbench"}
-    files = [path for path in PACKAGE.rglob("*.py") if not _uses_scores(path.relative_to(PACKAGE))]
-    return tuple(sorted(files)) + tuple(
-        path for name in sorted(outside) for path in sorted(_folder(name).rglob("*.py"))
-    )
-
-
-def _uses_scores(path: Path) -> bool:
-    return any(path.as_posix() == part or Path(part) in path.parents for part in USERS_OF_SCORES)
+    own = sorted(PACKAGE.rglob("*.py"))
+    files = [path for path in own if not path.relative_to(PACKAGE).as_posix().startswith(USERS_OF_SCORES)]
+    return files + [path for name in sorted(outside) for path in sorted(_folder(name).rglob("*.py"))]
 
 
 @lru_cache(maxsize=1)

@@ -5,6 +5,7 @@ from typing import final
 
 import numpy as np
 
+from fdbench.errors import SpecError
 from fdbench.motions._motion import Motion, Reference, from_velocity
 from fdbench.specification import nonnegative, positive
 
@@ -29,6 +30,11 @@ class HeldLevels(Motion):
     hold_s: float = positive()
     acceleration_limit_m_per_s2: float = positive()
     rest_s: float = nonnegative(default=0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.levels_m_per_s:
+            raise SpecError("levels_m_per_s: the list is empty; at least one level is needed.")
 
     def reference(self, period_s: float, n_samples: int) -> Reference:
         """Return the (n_samples, 3) reference; the levels change at multiples of the rounded hold time."""

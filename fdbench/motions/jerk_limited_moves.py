@@ -7,6 +7,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.errors import SpecError
 from fdbench.motions._motion import Motion, Reference
 from fdbench.specification import nonnegative, positive
 
@@ -37,6 +38,11 @@ class JerkLimitedMoves(Motion):
     jerk_m_per_s3: float = positive()
     dwell_s: float = nonnegative()
     initial_dwell_s: float = nonnegative(default=0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.stops_m:
+            raise SpecError("stops_m: the list is empty; at least one stop is needed.")
 
     def reference(self, period_s: float, n_samples: int) -> Reference:
         """Return the (n_samples, 3) reference."""

@@ -195,7 +195,8 @@ def _hysteresis(machine: Machine, wrong: Imperfections) -> tuple[FloatArray, Flo
 @njit(cache=True, error_model="numpy")
 def _bend(v: float, v_0: float) -> float:
     """Return a smooth sign of the velocity."""
-    return v / np.sqrt(v * v + v_0 * v_0)
+    ratio: float = v / np.sqrt(v * v + v_0 * v_0)
+    return ratio
 
 
 @njit(cache=True, error_model="numpy")

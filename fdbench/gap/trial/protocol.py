@@ -25,7 +25,7 @@ def joined(*parts: FloatArray) -> FloatArray:
     placed: list[FloatArray] = []
     for part in parts:
         shift = placed[-1][-1, 0] - part[0, 0] if placed else 0.0
-        placed.append(part + (shift, 0.0, 0.0))
+        placed.append(part + np.array((shift, 0.0, 0.0)))
     return np.concatenate(placed)
 
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-import fdbench
 from fdbench.errors import SpecError
 
 NONCE_BYTES = 32
@@ -114,7 +113,7 @@ def read_json(path: Path, what: str) -> Any:
 
 def code_digest() -> str:
     """Return the SHA-256 of the package's Python and TOML files, which says what ran where a commit does not."""
-    root = Path(fdbench.__file__).parent
+    root = Path(__file__).parents[2]
     total = hashlib.sha256()
     for path in sorted(path for path in root.rglob("*") if path.suffix in (".py", ".toml")):
         total.update(hashlib.sha256(path.read_bytes()).digest())
@@ -130,6 +129,6 @@ def code_commit() -> str:
 
 
 def _git(*arguments: str) -> str:
-    folder = Path(fdbench.__file__).parent
+    folder = Path(__file__).parents[2]
     done = subprocess.run(["git", *arguments], cwd=folder, capture_output=True, text=True, timeout=20, check=True)
     return done.stdout.strip()

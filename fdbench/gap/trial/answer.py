@@ -1,0 +1,86 @@
+"""Answer a trial: run a diagnoser on records and model of each case, and hand in its answers with their digest."""
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from fdbench.errors import FdbenchError, SpecError
+from fdbench.gap.nominal import load_nominal
+from fdbench.gap.trial import seal
+from fdbench.gap.trial.diagnoser import Answer, Diagnoser, diagnosers
+from fdbench.gap.trial.make import MANIFEST, MODEL, read_manifest
+from fdbench.reading import read_record
+
+OK, FAILED = "ok", "failed"
+
+
+def answer(folder: Path, diagnoser: str, output: Path, progress: Callable[[str], None] | None = None) -> dict[str, Any]:
+    """Run a diagnoser on every case, write its answers and their SHA-256, and return them.
+
+    Parameters
+    ----------
+    folder : Path
+        Of `fdbench.gap.trial.make.make`.
+    diagnoser : str
+        Registered name.
+    output : Path
+        JSON file; its SHA-256 is written beside it. A file that exists is not overwritten: an answer is final.
+    progress : callable, optional
+
+    Raises
+    ------
+    SpecError
+        If there is no trial in the folder, or the output exists.
+    """
+    if output.exists():
+        raise SpecError(f"{output}: exists already; answers are handed in once. Give another file.")
+    manifest = read_manifest(folder)
+    kind = diagnosers.get(diagnoser)
+    cases: dict[str, Any] = {}
+    for number, (name, case) in enumerate(manifest["cases"].items(), 1):
+        if progress is not None:
+            progress(f"case {number} of {len(manifest['cases'])}")
+        start = time.perf_counter()
+        given = _answer(kind(), folder / name, sorted(case["files"]), manifest["effects"])
+        cases[name] = {**given, "seconds": time.perf_counter() - start}
+    content = {
+        "diagnoser": diagnoser,
+        "constant": kind.constant,
+        "commit": seal.code_commit(),
+        "code_sha256": seal.code_digest(),
+        "manifest_sha256": seal.file_digest(folder / MANIFEST),
+        "cases": cases,
+    }
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        output.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise SpecError(f"{output}: cannot be written: {error.strerror}.") from error
+    seal.write_digest(output)
+    return content
+
+
+def _answer(diagnoser: Diagnoser, place: Path, files: list[str], effects: list[str]) -> dict[str, Any]:
+    """Return what a diagnoser says of one case; a failure is an answer that names nothing."""
+    nominal = load_nominal(place / MODEL)
+    records, holdouts = (
+        [read_record(place / file) for file in files if file.startswith(f"{part}/")] for part in ("records", "holdouts")
+    )
+    try:
+        given, status, message = diagnoser.diagnose(nominal, records, holdouts), OK, ""
+        unlisted = sorted(set(given.effects) - set(effects))
+        if unlisted:
+            raise SpecError(f"{unlisted[0]}: not an effect of this trial.")
+    except Exception as error:  # noqa: BLE001 - a case that fails must not lose the others
+        words = str(error) if isinstance(error, FdbenchError) else repr(error)
+        given, status, message = Answer(), FAILED, words
+    return {
+        "status": status,
+        "message": message,
+        "effects": {name: float(given.effects.get(name, 0.0)) for name in effects},
+        "unknown": float(given.unknown),
+        "none": float(given.none),
+        "closure": None if given.closure is None else float(given.closure),
+    }

@@ -1,0 +1,1 @@
+"""The diagnosers that answer blind trials: the package's own, and simple ones as reference rows."""

@@ -1,0 +1,186 @@
+"""The tiers of a trial: what is drawn for a case, how it is recorded, and the truth that is sealed."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fdbench.errors import SimulationDiverged
+from fdbench.gap.nominal import Nominal
+from fdbench.gap.trial import protocol
+from fdbench.gap.trial.bench import Bench, Planted, Yardstick
+from fdbench.gap.trial.bench_apart import ApartBench
+from fdbench.gap.trial.bench_library import LibraryBench
+from fdbench.record import FloatArray, Record
+from fdbench.specification import load_toml, read
+
+AXIS = Path(__file__).with_name("axis.toml")
+HOW_MANY = (0.15, 0.45, 0.25, 0.15)  # probabilities of 0, 1, 2, 3 listed effects
+OF_TIER_C = {(0, 1): 0.4, (1, 1): 0.25, (1, 0): 0.35}  # probabilities of (listed, unlisted)
+SMALLEST_SIGNATURE = 2.0  # mean square of a planted effect in some motion, in units of the noise
+MOST_UNREST = 4.0  # noise of an axis against that of the healthy one, beyond which it counts as unstable
+MOST_DRAWS = 80
+ERRORS = {"motor_mass": 0.02, "table_mass": 0.02, "motor_viscous": 0.07, "table_viscous": 0.07, "known": 0.04}
+OFFSET_N = 1.5
+
+
+class Tier(StrEnum):
+    """A: the library's forms. B: a second implementation. C: effects the library lacks. D: B with thin data."""
+
+    A = "A"
+    B = "B"
+    C = "C"
+    D = "D"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Case:
+    """One case of a trial.
+
+    Attributes
+    ----------
+    model : mapping
+        Tables of the model on paper.
+    records, holdouts : mapping of str to Record
+    truth : mapping
+        ``listed`` and ``unlisted``: what is planted, with its parameters; ``errors``: by how much paper is off.
+    """
+
+    model: Mapping[str, Any]
+    records: Mapping[str, Record]
+    holdouts: Mapping[str, Record]
+    truth: Mapping[str, Any]
+
+
+def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> Case:
+    """Draw, record and describe one case.
+
+    Parameters
+    ----------
+    tier : Tier
+    effects : sequence of str
+        Names that a diagnosis may give; only these are planted as listed.
+    rng : numpy Generator
+
+    Raises
+    ------
+    SimulationDiverged
+        If no effect that was drawn shows in the motions.
+    """
+    model = model_tables(rng)
+    nominal = read(Nominal, model, "axis.toml: model")
+    motions = protocol.production_cycle(rng) if tier is Tier.D else protocol.full_protocol(rng)
+    errors = {name: size * float(np.clip(rng.standard_normal(), -2.0, 2.0)) for name, size in ERRORS.items()}
+    errors["offset_N"] = OFFSET_N * float(np.clip(rng.standard_normal(), -2.0, 2.0))
+    bench: Bench
+    if tier is Tier.A:
+        bench = LibraryBench(nominal, errors, protocol.PERIOD_S)
+    else:
+        bench = ApartBench(nominal, errors, protocol.PERIOD_S, rng)
+    planted, sizes = _planted(bench, tier, effects, list(motions.records.values()), rng)
+    axis = bench.axis(planted)
+    reads_table = nominal.drive.controller.uses_table
+
+    def recorded(name: str, reference: FloatArray) -> Record:
+        return _record(name, reference, axis.readings(reference, rng), reads_table, thin=tier is Tier.D)
+
+    described = {
+        part: [
+            {"name": name, "parameters": dict(planted[name]), "mean_square": sizes[name]}
+            for name in bench.names(listed=part == "listed")
+            if name in planted
+        ]
+        for part in ("listed", "unlisted")
+    }
+    return Case(
+        model=model,
+        records={
+            f"{name}_{repeat + 1}": recorded(name, reference)
+            for name, reference in motions.records.items()
+            for repeat in range(protocol.REPEATS)
+        },
+        holdouts={name: recorded(name, reference) for name, reference in motions.holdouts.items()},
+        truth={"tier": tier.value, **described, "errors": errors},
+    )
+
+
+def model_tables(rng: np.random.Generator) -> dict[str, Any]:
+    """Return the tables of a model on paper, its values drawn about those of ``axis.toml``."""
+
+    def about(value: float, share: float = 0.25) -> float:
+        return float(f"{value * math.exp(rng.uniform(-share, share)):.4g}")
+
+    tables = load_toml(AXIS)
+    plant = tables["plant"]
+    motor, table, control = plant["motor"], plant["table"], plant["controller"]
+    for part, names in (
+        (motor, ("inertia_kg_m2", "viscous_friction_N_s_per_m")),
+        (table, ("mass_kg", "viscous_friction_N_s_per_m")),
+        (plant["screw"], ("stiffness_N_per_m",)),
+        *((known, [name for name in known if name.endswith("force_N")]) for known in plant["effects"]),
+    ):
+        part |= {name: about(part[name]) for name in names}
+    mass_kg = table["mass_kg"] + motor["inertia_kg_m2"] * (2.0 * math.pi / motor["lead_m"]) ** 2
+    gain = about(110.0 * mass_kg, 0.15)
+    control |= {
+        "position_gain_per_s": about(control["position_gain_per_s"]),
+        "velocity_gain_N_s_per_m": gain,
+        "integral_gain_N_per_m": about(10.0 * gain),
+        "feedback": str(rng.choice(["motor", "table"])),
+    }
+    return tables
+
+
+def _how_many(tier: Tier, rng: np.random.Generator) -> tuple[int, int]:
+    """Return the numbers of listed and unlisted effects."""
+    if tier is Tier.C:
+        kinds = list(OF_TIER_C)
+        return kinds[int(rng.choice(len(kinds), p=list(OF_TIER_C.values())))]
+    return int(rng.choice(len(HOW_MANY), p=HOW_MANY)), 0
+
+
+def _planted(
+    bench: Bench, tier: Tier, effects: Sequence[str], motions: Sequence[FloatArray], rng: np.random.Generator
+) -> tuple[Planted, dict[str, float]]:
+    """Return what is planted, all of it visible in the motions, and the mean square of each signature."""
+    n_listed, n_unlisted = _how_many(tier, rng)
+    listed = [name for name in bench.names(listed=True) if name in effects]
+    wanted = [listed] * n_listed + [bench.names(listed=False)] * n_unlisted
+    yardstick = Yardstick(bench.axis({}), motions, rng)
+    bench.add_clutter(yardstick, rng)
+    planted: dict[str, dict[str, float]] = {}
+    sizes: dict[str, float] = {}
+    for _ in range(MOST_DRAWS):
+        if len(planted) == len(wanted):
+            return planted, sizes
+        offered = [name for name in wanted[len(planted)] if name not in planted]
+        name = str(rng.choice(offered))
+        drawn = bench.draw(name, rng)
+        if any(bench.clash(name, other) for other in planted):
+            continue
+        size = max(yardstick.mean_squares(bench.axis({name: drawn})))
+        together = planted | {name: drawn}
+        if size < SMALLEST_SIGNATURE or not np.isfinite(size):
+            continue
+        if (yardstick.unrest(bench.axis(together), rng) <= MOST_UNREST).all():
+            planted, sizes = together, sizes | {name: size}
+    raise SimulationDiverged(f"tier {tier}: {MOST_DRAWS} draws gave too few effects that show on this axis.")
+
+
+def _record(
+    name: str, reference: FloatArray, readings: Mapping[str, FloatArray], reads_table: bool, thin: bool
+) -> Record:
+    columns = {
+        "time_s": np.arange(len(reference), dtype=np.float64) * protocol.PERIOD_S,
+        "reference_position_m": reference[:, 0],
+        "reference_velocity_m_per_s": reference[:, 1],
+        "reference_acceleration_m_per_s2": reference[:, 2],
+        "position_m": readings["table_position_m" if reads_table else "motor_position_m"],
+        "motor_force_N": readings["motor_force_N"],
+    }
+    sides = () if thin else ("motor_position_m", "table_position_m")
+    return Record(columns | {side: readings[side] for side in sides}, source=name)

@@ -1,0 +1,96 @@
+"""The pages of docs/reference are what their script writes, and say what the code declares."""
+
+import difflib
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from fdbench.catalogue import scenario_ids
+from fdbench.effects import effects
+from fdbench.estimator import estimators
+from fdbench.metrics import metrics
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+SCRIPT = REPOSITORY / "docs" / "make_reference.py"
+FILES = ("effects.md", "estimators.md", "metrics.md", "scenarios.md")
+
+
+@pytest.fixture(scope="module")
+def script() -> ModuleType:
+    specification = importlib.util.spec_from_file_location("make_reference", SCRIPT)
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def pages(script: ModuleType) -> dict[str, str]:
+    found: dict[str, str] = script.pages()
+    return found
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_page_is_up_to_date(name: str, pages: dict[str, str]) -> None:
+    written = (REPOSITORY / "docs" / "reference" / name).read_text("utf-8").splitlines()
+    changes = [*difflib.unified_diff(written, pages[name].splitlines(), "written", "as the code is", lineterm="", n=0)]
+    assert changes == [], "out of date: run python docs/make_reference.py\n" + "\n".join(changes[:20])
+
+
+def test_no_other_page_is_there(pages: dict[str, str]) -> None:
+    assert sorted(pages) == sorted(FILES)
+    assert sorted(path.name for path in (REPOSITORY / "docs" / "reference").iterdir()) == sorted(FILES)
+
+
+@pytest.mark.parametrize(
+    ("page", "names"),
+    [
+        ("effects.md", sorted(effects.modules())),
+        ("estimators.md", sorted(estimators.modules())),
+        ("metrics.md", sorted(metrics.modules())),
+        ("scenarios.md", scenario_ids()),
+    ],
+)
+def test_everything_has_a_section(page: str, names: list[str], pages: dict[str, str]) -> None:
+    assert names
+    assert re.findall(r"^## (\S+)$", pages[page].partition("\n## Keys\n")[0], re.M) == names
+
+
+@pytest.mark.parametrize("name", sorted(effects.modules()))
+def test_effects_state_their_parameters(name: str, pages: dict[str, str]) -> None:
+    section = pages["effects.md"].partition(f"\n## {name}\n")[2].partition("\n## ")[0]
+    assert "```math" in section
+    assert "Source:" in section
+    for item in effects.get(name).parameters():
+        row = (f"`{item.name}`", f"`{item.symbol}`", item.unit, f"{item.low:g}", f"{item.high:g}", f"{item.typical:g}")
+        assert f"| {' | '.join(row)} |" in section
+
+
+def test_keys_state_unit_and_bounds(pages: dict[str, str]) -> None:
+    section = pages["scenarios.md"].partition("\n### screw\n")[2].partition("\n### ")[0]
+    assert "| `stiffness_N_per_m` | N/m | number | above 0 |" in section
+    assert "| `damping_N_s_per_m` | N s/m | number | at least 0 |" in section
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_markdown_is_whole(name: str, pages: dict[str, str]) -> None:
+    text = pages[name]
+    assert text.count("```") % 2 == 0
+    for left in (":math:", ".. math::", "``math", "\n---\n"):
+        assert left not in text.replace("```math", "")
+    anchors = [
+        re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in re.findall(r"^#+ (.+)$", text, re.M)
+    ]
+    assert len(anchors) == len(set(anchors)), "two sections of one name"
+    assert set(re.findall(r"\]\(#([^)]+)\)", text)) <= set(anchors)
+
+
+def test_docstrings_become_markdown(script: ModuleType) -> None:
+    text = "A ``b`` and :math:`c`.\n\n.. math:: F =\n          G\n\nSource: none.\n\n>>> 1 + 1\n2\n\nEnd."
+    assert script.markdown(text) == (
+        "A `b` and $c$.\n\n```math\nF =\nG\n```\n\nSource: none.\n\n```python\n>>> 1 + 1\n2\n```\n\nEnd."
+    )
