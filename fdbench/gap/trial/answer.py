@@ -38,21 +38,20 @@ def answer(folder: Path, diagnoser: str, output: Path, progress: Callable[[str],
         raise SpecError(f"{output}: exists already; answers are handed in once. Give another file.")
     manifest = read_manifest(folder)
     kind = diagnosers.get(diagnoser)
-    cases: dict[str, Any] = {}
+    content: dict[str, Any] = {
+        "diagnoser": diagnoser,
+        "constant": kind.constant,
+        "commit": seal.code_commit(),
+        "code_sha256": seal.code_digest(),
+        "manifest_sha256": seal.file_digest(folder / MANIFEST),
+        "cases": (cases := {}),
+    }
     for number, (name, case) in enumerate(manifest["cases"].items(), 1):
         if progress is not None:
             progress(f"case {number} of {len(manifest['cases'])}")
         start = time.perf_counter()
         given = _answer(kind(), folder / name, sorted(case["files"]), manifest["effects"])
         cases[name] = {**given, "seconds": time.perf_counter() - start}
-    content = {
-        "diagnoser": diagnoser,
-        "constant": kind.constant,
-        "commit": seal.code_commit(),
-        "code_sha256": seal.code_digest(),
-        "manifest_sha256": seal.file_digest(folder / MANIFEST),
-        "cases": cases,
-    }
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
         output.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

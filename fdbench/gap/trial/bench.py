@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -9,6 +10,19 @@ import numpy as np
 from fdbench.record import FloatArray
 
 POSITION_NOISE_M, FORCE_NOISE_N, PROCESS_FORCE_N = 3e-8, 3.0, 3.0  # standard deviations of each sample
+
+# Standard deviations of the errors of the values on paper, as shares; of the force offset in newtons.
+ERRORS: Mapping[str, float] = MappingProxyType(
+    {
+        "motor_mass": 0.02,
+        "table_mass": 0.02,
+        "motor_viscous": 0.07,
+        "table_viscous": 0.07,
+        "known": 0.04,
+        "offset_N": 1.5,
+    }
+)
+NOTHING: Mapping[str, float] = MappingProxyType({})
 
 Planted = Mapping[str, Mapping[str, float]]
 """Parameters of each imperfection by its name."""
@@ -45,8 +59,12 @@ class Bench(ABC):
         """Return whether two imperfections cannot be planted together."""
 
     @abstractmethod
-    def axis(self, planted: Planted) -> Axis:
-        """Return the machine with imperfections."""
+    def is_value_on_paper(self, name: str) -> bool:
+        """Return whether an imperfection is a value of the model on paper that is off."""
+
+    @abstractmethod
+    def axis(self, planted: Planted, change: Mapping[str, float] = NOTHING) -> Axis:
+        """Return the machine with imperfections, and perhaps its values further off paper; see `ERRORS` for those."""
 
     @abstractmethod
     def add_clutter(self, yardstick: "Yardstick", rng: np.random.Generator) -> None:
@@ -54,20 +72,24 @@ class Bench(ABC):
 
 
 class Yardstick:
-    """What counts as visible: signatures are measured in units of the noise of a healthy axis.
+    """What counts as visible: signatures in units of the noise of a machine without imperfections.
 
     Parameters
     ----------
-    healthy : Axis
+    bench : Bench
     motions : sequence of (n_samples, 3) array
     rng : numpy Generator
     """
 
-    def __init__(self, healthy: Axis, motions: Sequence[FloatArray], rng: np.random.Generator) -> None:
+    def __init__(self, bench: Bench, motions: Sequence[FloatArray], rng: np.random.Generator) -> None:
         self.motions = motions
-        self.clean = [channels(healthy.readings(motion, None)) for motion in motions]
         self.noise = np.ones((3, 1))
+        healthy = bench.axis({})
+        self.clean = [np.zeros((3, 1))] * len(motions)
+        self.clean = self._signature(healthy)
         self.noise = self.unrest(healthy, rng)
+        moved = [self._joined(bench.axis({}, {name: size})) for name, size in ERRORS.items()]
+        self.paper, _ = np.linalg.qr(np.stack(moved, axis=1))
 
     def unrest(self, axis: Axis, rng: np.random.Generator) -> FloatArray:
         """Return what noise does to each channel as root mean square in units of that of the healthy axis, (3, 1)."""
@@ -75,10 +97,29 @@ class Yardstick:
         differences = np.concatenate([channels(noisy) - channels(clean) for noisy, clean in pairs], axis=1)
         return np.asarray(np.sqrt(np.mean(differences**2, axis=1, keepdims=True)) / self.noise)
 
-    def mean_squares(self, axis: Axis) -> list[float]:
-        """Return the mean square of what differs from the healthy axis, noise apart, in each motion."""
+    def mean_square(self, axis: Axis, beside_paper: bool) -> float:
+        """Return the largest mean square over the motions of what noise apart differs from the healthy machine.
+
+        Parameters
+        ----------
+        axis : Axis
+        beside_paper : bool
+            Whether what other values on paper could do as well does not count.
+        """
+        joined = self._joined(axis)
+        if not np.isfinite(joined).all():
+            return float("nan")
+        if beside_paper:
+            joined = joined - self.paper @ (self.paper.T @ joined)
+        ends = np.cumsum([3 * len(motion) for motion in self.motions])
+        return max(float(np.mean(part**2)) for part in np.split(joined, ends[:-1]))
+
+    def _signature(self, axis: Axis) -> list[FloatArray]:
         found = [channels(axis.readings(motion, None)) for motion in self.motions]
-        return [float(np.mean(((own - clean) / self.noise) ** 2)) for own, clean in zip(found, self.clean, strict=True)]
+        return [(own - clean) / self.noise for own, clean in zip(found, self.clean, strict=True)]
+
+    def _joined(self, axis: Axis) -> FloatArray:
+        return np.concatenate([part.ravel() for part in self._signature(axis)])
 
 
 def channels(readings: Mapping[str, FloatArray]) -> FloatArray:

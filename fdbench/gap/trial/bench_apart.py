@@ -11,7 +11,16 @@ import numpy as np
 from fdbench.errors import SpecError
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.trial import plants_apart
-from fdbench.gap.trial.bench import FORCE_NOISE_N, POSITION_NOISE_M, PROCESS_FORCE_N, Bench, Planted, Yardstick, between
+from fdbench.gap.trial.bench import (
+    FORCE_NOISE_N,
+    NOTHING,
+    POSITION_NOISE_M,
+    PROCESS_FORCE_N,
+    Bench,
+    Planted,
+    Yardstick,
+    between,
+)
 from fdbench.plants._controllers import Cascade
 from fdbench.plants.feed_drive import RotaryMotor
 from fdbench.record import FloatArray
@@ -33,6 +42,7 @@ class Plant:
     choices: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     signed: tuple[str, ...] = ()
     excludes: tuple[str, ...] = ()
+    value_on_paper: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,25 +95,12 @@ class ApartBench(Bench):
     def __init__(
         self, nominal: Nominal, errors: Mapping[str, float], period_s: float, rng: np.random.Generator
     ) -> None:
-        drive, control = nominal.drive, nominal.drive.controller
-        motor, table, screw = drive.motor, drive.table, drive.screw
-        if not (isinstance(motor, RotaryMotor) and isinstance(control, Cascade) and table and screw):
-            raise SpecError(
-                "plant: the second implementation has a ball screw, a table, an elastic screw and a cascade."
-            )
-        (known,) = drive.effects
-        friction_N, transition_m_per_s = known.values()
-        self.machine = plants_apart.Machine(
-            motor_mass_kg=motor.mass_kg * (1.0 + errors["motor_mass"]),
-            table_mass_kg=table.mass_kg * (1.0 + errors["table_mass"]),
-            motor_viscous_N_s_per_m=motor.viscous_friction_N_s_per_m * (1.0 + errors["motor_viscous"]),
-            table_viscous_N_s_per_m=table.viscous_friction_N_s_per_m * (1.0 + errors["table_viscous"]),
-            stiffness_N_per_m=screw.stiffness_N_per_m,
-            damping_N_s_per_m=screw.damping_N_s_per_m,
-            sliding_friction_N=friction_N * (1.0 + errors["known"]),
-            sliding_velocity_m_per_s=transition_m_per_s * between(rng, *SLIDING),
-            lead_m=motor.lead_m,
-        )
+        control = nominal.drive.controller
+        if not isinstance(control, Cascade):
+            raise SpecError("plant.controller: the second implementation has a cascade.")
+        self.drive = nominal.drive
+        self.errors = errors
+        self.sliding = between(rng, *SLIDING)
         self.loop = plants_apart.Loop(
             position_gain_per_s=control.position_gain_per_s,
             velocity_gain_N_s_per_m=control.velocity_gain_N_s_per_m,
@@ -119,7 +116,6 @@ class ApartBench(Bench):
             latency=between(rng, *LATENCY),
         )
         self.friction_change = between(rng, *FRICTION_CHANGE)
-        self.offset_N = errors["offset_N"]
         self.period_s = period_s
         self.plants = {item.name: item for item in (*plants().listed, *plants().unlisted)}
 
@@ -141,15 +137,38 @@ class ApartBench(Bench):
     def add_clutter(self, yardstick: Yardstick, rng: np.random.Generator) -> None:
         """Add nothing: latency, coloured noise and friction that changes from run to run are there already."""
 
-    def axis(self, planted: Planted) -> ApartAxis:
+    def is_value_on_paper(self, name: str) -> bool:
+        """Return what ``plants_apart.toml`` says."""
+        return self.plants[name].value_on_paper
+
+    def axis(self, planted: Planted, change: Mapping[str, float] = NOTHING) -> ApartAxis:
         """Return the machine with imperfections."""
+        errors = {name: error + change.get(name, 0.0) for name, error in self.errors.items()}
         values = {key: value for parameters in planted.values() for key, value in parameters.items()}
-        weight_N = values.get("weight_N", 0.0) + self.offset_N
+        weight_N = values.get("weight_N", 0.0) + errors["offset_N"]
         return ApartAxis(
-            machine=self.machine,
+            machine=self._machine(errors),
             loop=self.loop,
             sensors=self.sensors,
             wrong=plants_apart.Imperfections(**values | {"weight_N": weight_N}),
             friction_change=self.friction_change,
             period_s=self.period_s,
+        )
+
+    def _machine(self, errors: Mapping[str, float]) -> plants_apart.Machine:
+        motor, table, screw = self.drive.motor, self.drive.table, self.drive.screw
+        if not isinstance(motor, RotaryMotor) or table is None or screw is None:
+            raise SpecError("plant: the second implementation has a rotary motor, a table and an elastic screw.")
+        (known,) = self.drive.effects
+        friction_N, transition_m_per_s = known.values()
+        return plants_apart.Machine(
+            motor_mass_kg=motor.mass_kg * (1.0 + errors["motor_mass"]),
+            table_mass_kg=table.mass_kg * (1.0 + errors["table_mass"]),
+            motor_viscous_N_s_per_m=motor.viscous_friction_N_s_per_m * (1.0 + errors["motor_viscous"]),
+            table_viscous_N_s_per_m=table.viscous_friction_N_s_per_m * (1.0 + errors["table_viscous"]),
+            stiffness_N_per_m=screw.stiffness_N_per_m,
+            damping_N_s_per_m=screw.damping_N_s_per_m,
+            sliding_friction_N=friction_N * (1.0 + errors["known"]),
+            sliding_velocity_m_per_s=transition_m_per_s * self.sliding,
+            lead_m=motor.lead_m,
         )

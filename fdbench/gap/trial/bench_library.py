@@ -13,7 +13,16 @@ import numpy as np
 
 from fdbench.effects import Effect, effects
 from fdbench.gap.nominal import Nominal
-from fdbench.gap.trial.bench import FORCE_NOISE_N, POSITION_NOISE_M, PROCESS_FORCE_N, Bench, Planted, Yardstick, between
+from fdbench.gap.trial.bench import (
+    FORCE_NOISE_N,
+    NOTHING,
+    POSITION_NOISE_M,
+    PROCESS_FORCE_N,
+    Bench,
+    Planted,
+    Yardstick,
+    between,
+)
 from fdbench.motions import Motion
 from fdbench.plants.feed_drive import FeedDrive, RotaryMotor
 from fdbench.record import FloatArray
@@ -91,8 +100,7 @@ class LibraryBench(Bench):
     nominal : Nominal
         The model on paper.
     errors : mapping of str to float
-        By which share ``motor_mass``, ``table_mass``, ``motor_viscous``, ``table_viscous`` and ``known`` effects are
-        off, and ``offset_N``.
+        By how much the values on paper are off; see `fdbench.gap.trial.bench.ERRORS`.
     period_s : float
     """
 
@@ -101,7 +109,7 @@ class LibraryBench(Bench):
         self.errors = errors
         self.period_s = period_s
         self.kinds = [kind for kind in nominal.library if self.drive.screw is not None or not kind.needs_screw]
-        self.clutter = {kind.name: self._silent(kind) for kind in self.kinds}
+        self.clutter = {kind.name: kind.typical().scaled(0.0) for kind in self.kinds}
 
     def add_clutter(self, yardstick: Yardstick, rng: np.random.Generator) -> None:
         """Add a little of every effect, except where a value on paper or a known effect stands for it."""
@@ -112,7 +120,7 @@ class LibraryBench(Bench):
             phases = {item.name: float(rng.uniform(-math.pi, math.pi)) for item in kind.parameters() if item.phase}
             most = kind.typical(**phases).scaled(CLUTTER)
             values = {item.name: float(getattr(most, item.name)) for item in kind.parameters()}
-            visible = max(yardstick.mean_squares(self.axis({kind.name: values})))
+            visible = yardstick.mean_square(self.axis({kind.name: values}), beside_paper=False)
             clutter[kind.name] = most.scaled(float(rng.uniform()) * min(1.0, math.sqrt(TRACE / max(visible, 1e-12))))
         self.clutter = clutter
 
@@ -151,10 +159,19 @@ class LibraryBench(Bench):
             self._replaced(a) is not None and b.calibrates == "known_effects" for a, b in ((one, two), (two, one))
         )
 
-    def axis(self, planted: Planted) -> LibraryAxis:
+    def is_value_on_paper(self, name: str) -> bool:
+        """Return what the effect declares."""
+        return bool(effects.get(name).calibrates)
+
+    def axis(self, planted: Planted, change: Mapping[str, float] = NOTHING) -> LibraryAxis:
         """Return the machine with effects, and clutter of all others."""
-        own = {name: effects.get(name)(**parameters) for name, parameters in planted.items()}
-        drive, errors = self.drive, self.errors
+        drive, errors = self.drive, {name: error + change.get(name, 0.0) for name, error in self.errors.items()}
+        others = self.clutter | {
+            kind.name: kind.typical(**{kind.amplitude: errors["offset_N"]})
+            for kind in self.kinds
+            if kind.calibrates == "force_offset"
+        }
+        own = others | {name: effects.get(name)(**parameters) for name, parameters in planted.items()}
         gone = {self._replaced(effects.get(name)) for name in planted}
         motor: Any = drive.motor
         inertia = "inertia_kg_m2" if isinstance(motor, RotaryMotor) else "mass_kg"
@@ -169,7 +186,7 @@ class LibraryBench(Bench):
         )
         return LibraryAxis(
             drive=dataclasses.replace(drive, motor=motor, table=table, effects=known),
-            unmodelled=tuple(own.get(kind.name, self.clutter[kind.name]) for kind in self.kinds),
+            unmodelled=tuple(own[kind.name] for kind in self.kinds),
             period_s=self.period_s,
         )
 
@@ -177,14 +194,6 @@ class LibraryBench(Bench):
         """Return the index of the known effect that a class takes the place of."""
         known = enumerate(self.drive.effects)
         return next((index for index, item in known if kind.in_place_of(item) is not None), None)
-
-    def _silent(self, kind: type[Effect]) -> Effect:
-        """Return no effect, but the force offset where a class stands for it."""
-        return (
-            kind.typical(**{kind.amplitude: self.errors["offset_N"]})
-            if kind.calibrates == "force_offset"
-            else kind.typical().scaled(0.0)
-        )
 
 
 def _off(part: Any, errors: Mapping[str, float]) -> Any:
