@@ -40,8 +40,10 @@ class Row:
         """Whether the figure holds; figures that cannot be reproduced never count as failed."""
         if self.kind == "not reproducible":
             return True
-        return math.isfinite(self.value) and abs(self.value - self.target) <= self.tolerance
+        return bool(math.isfinite(self.value) and abs(self.value - self.target) <= self.tolerance)
 
     def as_dict(self) -> dict[str, str | float | bool | None]:
         """Return the row with its verdict, for JSON."""
-        return {**dataclasses.asdict(self), "ok": self.ok}
+        paper = None if self.paper_value is None else float(self.paper_value)
+        numbers = {"value": float(self.value), "target": float(self.target), "tolerance": float(self.tolerance)}
+        return {**dataclasses.asdict(self), "paper_value": paper, **numbers, "ok": self.ok}

@@ -38,13 +38,14 @@ def answer(folder: Path, diagnoser: str, output: Path, progress: Callable[[str],
         raise SpecError(f"{output}: exists already; answers are handed in once. Give another file.")
     manifest = read_manifest(folder)
     kind = diagnosers.get(diagnoser)
-    content: dict[str, Any] = {
+    cases: dict[str, Any] = {}
+    content = {
         "diagnoser": diagnoser,
         "constant": kind.constant,
         "commit": seal.code_commit(),
         "code_sha256": seal.code_digest(),
         "manifest_sha256": seal.file_digest(folder / MANIFEST),
-        "cases": (cases := {}),
+        "cases": cases,
     }
     for number, (name, case) in enumerate(manifest["cases"].items(), 1):
         if progress is not None:

@@ -5,16 +5,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from fdbench.errors import SpecError
+from fdbench.errors import SimulationDiverged, SpecError
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.repaired import toml_lines
 from fdbench.gap.trial import seal
-from fdbench.gap.trial.tiers import AXIS, Tier, draw_case
+from fdbench.gap.trial.tiers import AXIS, Case, Tier, draw_case
 from fdbench.specification import load_toml, read
 from fdbench.version import __version__
 
 MANIFEST = "manifest.json"
 MODEL = "model.toml"
+MOST_ATTEMPTS = 5
 
 
 def listed_effects() -> list[str]:
@@ -69,7 +70,7 @@ def make(
         name = f"{number:03d}"
         if progress is not None:
             progress(f"case {number + 1} of {count}")
-        drawn = draw_case(tier, effects, seal.generator(nonce, f"tier {tier} case {name}"))
+        drawn = _case(tier, effects, nonce, name)
         place = folder / name
         place.mkdir(parents=True)
         (place / MODEL).write_text("\n".join(toml_lines(drawn.model)).lstrip() + "\n", encoding="utf-8")
@@ -97,6 +98,16 @@ def make(
     _write(folder / MANIFEST, manifest)
     _write(key, {"nonce": nonce, "manifest_sha256": seal.file_digest(folder / MANIFEST), "cases": truths})
     return manifest
+
+
+def _case(tier: Tier, effects: list[str], nonce: str, name: str) -> Case:
+    """Return a case; an axis on which nothing shows is drawn anew."""
+    for attempt in range(MOST_ATTEMPTS):
+        try:
+            return draw_case(tier, effects, seal.generator(nonce, f"tier {tier} case {name} attempt {attempt}"))
+        except SimulationDiverged as error:
+            message = str(error)
+    raise SimulationDiverged(f"case {name}: {MOST_ATTEMPTS} axes, none of them usable; the last: {message}")
 
 
 def _write(path: Path, content: Any) -> None:

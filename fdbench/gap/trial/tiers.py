@@ -153,7 +153,7 @@ def _planted(
     sizes: dict[str, float] = {}
     for _ in range(MOST_DRAWS):
         if len(planted) == len(wanted):
-            return planted, sizes
+            break
         offered = [name for name in wanted[len(planted)] if name not in planted]
         name = str(rng.choice(offered))
         drawn = bench.draw(name, rng)
@@ -163,6 +163,8 @@ def _planted(
         together = planted | {name: drawn}
         if size >= SMALLEST_SIGNATURE and (yardstick.unrest(bench.axis(together), rng) <= MOST_UNREST).all():
             planted, sizes = together, sizes | {name: size}
+    if len(planted) == len(wanted):
+        return planted, sizes
     raise SimulationDiverged(f"tier {tier}: {MOST_DRAWS} draws gave too few effects that show on this axis.")
 
 
