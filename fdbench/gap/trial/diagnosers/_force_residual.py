@@ -65,7 +65,7 @@ class Motion:
 def smooth(values: FloatArray, period_s: float) -> FloatArray:
     """Return values low-passed without delay, -3 dB at ``CUTOFF_HZ``; the ends are mirrored.
 
-    >>> np.abs(smooth(np.linspace(0.0, 1.0, 1000), 1e-3) - np.linspace(0.0, 1.0, 1000)).max() < 1e-12
+    >>> bool(np.abs(smooth(np.linspace(0.0, 1.0, 1000), 1e-3) - np.linspace(0.0, 1.0, 1000)).max() < 1e-12)
     True
     """
     n = len(values)
