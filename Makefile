@@ -4,7 +4,7 @@ BIN := .venv/bin
 RUNTIME := .venv/.installed
 TEST := .venv/.installed-test
 
-.PHONY: run test check format report leaderboard clean
+.PHONY: run test check format report leaderboard trial clean
 
 run: $(RUNTIME)
 	$(BIN)/fdbench run
@@ -14,6 +14,19 @@ report: $(RUNTIME)
 
 leaderboard: $(RUNTIME)
 	$(BIN)/fdbench leaderboard results
+
+# A trial of the diagnosis beside quick reference rows; what is made or answered already is kept.
+TIER ?= B
+COUNT ?= 10
+DIAGNOSERS ?= null random recalibration_only largest_correlation sparse_regression fdbench
+trial: OUT := results/trials/$(TIER)
+trial: $(RUNTIME)
+	@mkdir -p results/trials
+	@test -e $(OUT) || $(BIN)/fdbench trial make $(OUT) --key $(OUT).key.json --tier $(TIER) --count $(COUNT)
+	@for name in $(DIAGNOSERS); do \
+	  test -e $(OUT).$$name.json || $(BIN)/fdbench trial answer $(OUT) --diagnoser $$name -o $(OUT).$$name.json || exit; \
+	  echo; $(BIN)/fdbench trial score $(OUT) $(OUT).$$name.json --key $(OUT).key.json; \
+	done
 
 test: $(TEST)
 	$(BIN)/python -m pytest -n 2 --dist loadfile

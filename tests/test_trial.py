@@ -4,7 +4,8 @@ import ast
 import dataclasses
 import json
 import math
-from collections.abc import Sequence
+import shutil
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,7 @@ from fdbench.specification import load_toml, read
 NONCE = "5eed" * 16
 PERIOD_S = protocol.PERIOD_S
 NO_ERRORS = dict.fromkeys(ERRORS, 0.0)
+SIDES = ("motor_position_m", "table_position_m")
 
 
 def nominal() -> Nominal:
@@ -100,7 +102,7 @@ def test_listed_forms_are_effects_of_the_library_and_unlisted_ones_are_not() -> 
         ({"uneven_friction_N": 7.0, "uneven_viscous_N_s_per_m": 40.0}, 127.0 + 640.0 * 0.1),
         ({"presliding_distance_m": 1e-5}, 120.0 + 600.0 * 0.1),
         ({"drag_N_at_1_m_per_s": 500.0}, 120.0 + 600.0 * 0.1 + 500.0 * 0.1**1.75),
-        ({"loop_force_N": 25.0}, 145.0 + 600.0 * 0.1),
+        ({"loop_force_N": 25.0}, 120.0 + 600.0 * 0.1),
     ],
 )
 def test_steady_force_at_constant_speed(values: dict[str, float], expected_N: float) -> None:
@@ -197,8 +199,22 @@ def test_fresh_nonces_differ() -> None:
 # ---- the chain ----
 
 
+def short_cycle(rng: np.random.Generator) -> protocol.Protocol:
+    """Return a cycle of two seconds."""
+    speed = float(rng.uniform(0.3, 0.5))
+    return protocol.Protocol(records={"cycle": moves((0.0, 0.1, 0.0), (speed,), 10.0, PERIOD_S, 0.4)}, holdouts={})
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick() -> Iterator[None]:
+    """Record short cycles in this file."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(protocol, "production_cycle", short_cycle)
+        yield
+
+
 @pytest.fixture(scope="module")
-def trial(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def trial(quick: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a trial of thin records in ``trial`` and its key in ``key.json``."""
     folder = tmp_path_factory.mktemp("blind")
     make(folder / "trial", folder / "key.json", Tier.D, 3, NONCE)
@@ -332,6 +348,9 @@ def test_missing_cases_and_impossible_probabilities_are_refused(trial: Path, han
     for change, message in (
         (lambda cases: cases.pop("001"), "case 001"),
         (lambda cases: cases["002"].update(none=1.5), "outside"),
+        (lambda cases: cases["002"].pop("unknown"), "probability of unknown is None"),
+        (lambda cases: cases["002"]["effects"].update(backlsh=0.5), "Did you mean backlash"),
+        (lambda cases: cases.update({"000": []}), "are expected"),
     ):
         copy = json.loads(json.dumps(given))
         change(copy["cases"])
@@ -341,8 +360,8 @@ def test_missing_cases_and_impossible_probabilities_are_refused(trial: Path, han
             score(trial / "trial", handed_in, trial / "key.json")
 
 
-def test_changed_records_are_refused(tmp_path: Path) -> None:
-    make(tmp_path / "trial", tmp_path / "key.json", Tier.D, 1, NONCE)
+def test_changed_records_are_refused(trial: Path, tmp_path: Path) -> None:
+    shutil.copytree(trial / "trial", tmp_path / "trial")
     with next((tmp_path / "trial" / "000" / "records").iterdir()).open("ab") as file:
         file.write(b"\0")
     with pytest.raises(SpecError, match="changed since the trial was made"):
@@ -410,8 +429,8 @@ def plain_case() -> tuple[list[Record], list[Record]]:
     other = moves((0.1, 0.0, 0.12), (0.35, 0.1), 6.0, PERIOD_S)
     rng = np.random.default_rng(0)
     return (
-        [tiers._record("fast", fast, axis.readings(fast, rng), reads_table=False, thin=False) for _ in range(3)],
-        [tiers._record("other", other, axis.readings(other, rng), reads_table=False, thin=False)],
+        [tiers.record_of("fast", fast, axis.readings(fast, rng), SIDES) for _ in range(3)],
+        [tiers.record_of("other", other, axis.readings(other, rng), SIDES)],
     )
 
 
@@ -508,9 +527,10 @@ def test_menu_keeps_to_the_limits_and_starts_and_ends_at_rest() -> None:
         assert np.abs(velocity).max() <= nominal().drive.velocity_limit_m_per_s, item.words
         hardest = nominal().drive.controller.force_limit_N / nominal().drive.mass_kg
         assert np.abs(acceleration).max() <= hardest, item.words
-        assert abs(velocity[0]) < 1e-6 > abs(velocity[-1]), item.words
+        assert abs(velocity[0]) < 1e-4 > abs(velocity[-1]), item.words
         slope = np.diff(position) / PERIOD_S
-        assert np.abs(slope - 0.5 * (velocity[1:] + velocity[:-1])).max() < 2e-3 * np.abs(velocity).max() + 1e-4
+        largest = PERIOD_S * np.abs(acceleration).max()
+        assert np.abs(slope - 0.5 * (velocity[1:] + velocity[:-1])).max() < largest, item.words
 
 
 @pytest.fixture(scope="module")

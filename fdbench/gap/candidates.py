@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from fdbench.effects import Effect, Port
-from fdbench.gap.hypothesis import Hypothesis
+from fdbench.gap.hypothesis import Hypothesis, calibrations
 
 QUARTER_TURN = math.pi / 2.0
 LARGEST_CHANGE = 4.0
@@ -78,20 +78,21 @@ def phase_of(kind: type[Effect]) -> str | None:
 def candidates(base: Hypothesis, located: Mapping[str, Sequence[float]]) -> list[Candidate]:
     """Return all candidates that may be added to a hypothesis.
 
+    Not those whose size is a value on paper: re-calibration moves it in every hypothesis.
+
     Parameters
     ----------
     located : mapping
         Values found in the residual for parameters to be located: ``"frequency"`` (Hz), ``"wavelength"`` (m).
     """
-    present = {type(effect) for effect in base.effects}
-    known = {type(effect) for effect in base.nominal.drive.effects}
+    drive = base.nominal.drive
+    present = {type(effect) for effect in (*base.effects, *drive.effects)}
+    covered = {item.cause(base.nominal) for item in calibrations(base.nominal)}
     found: list[Candidate] = []
     for kind in base.nominal.library:
-        if kind in present or (kind in known and not kind.calibrates):
-            continue
-        if kind.port is Port.TABLE_SCALE and base.nominal.drive.screw is None:
-            continue
-        found += _of_kind(base, kind, located)
+        unseen = drive.screw is None and (kind.port is Port.TABLE_SCALE or kind.needs_screw)
+        if kind not in present and kind.name not in covered and not unseen:
+            found += _of_kind(base, kind, located)
     return found
 
 

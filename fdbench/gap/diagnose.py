@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,13 +10,14 @@ import numpy as np
 from fdbench.effects import Effect
 from fdbench.errors import RecordError
 from fdbench.gap.align import check_alignment, check_record
-from fdbench.gap.evidence import Split, gather
-from fdbench.gap.floor import Floor, floors
-from fdbench.gap.hypothesis import Hypothesis, calibrations, start
+from fdbench.gap.evidence import Scores, Split, gather
+from fdbench.gap.floor import Floor, floors, raised
+from fdbench.gap.hypothesis import Hypothesis, adjustables, calibrations, start
 from fdbench.gap.nominal import Nominal
+from fdbench.gap.readings import Mark, bridged, grid_mark, held_mark
 from fdbench.gap.replay import Replay
 from fdbench.gap.runs import Run, merged, prepare, same_command
-from fdbench.gap.search import SMALLEST_GAIN, Search, Stage, numbers_of
+from fdbench.gap.search import NOISE_ALONE, SMALLEST_GAIN, Search, Stage, numbers_of
 from fdbench.gap.shrink import Closure, closure, shapley
 from fdbench.gap.where import Gaps, where
 from fdbench.record import FloatArray, Record
@@ -25,8 +26,7 @@ from fdbench.units import unit_of
 HELD_OUT_SHARE = 1.0 / 3.0
 TOO_SMALL = 1.3  # mean squared gap in units of the floor below which nothing is named
 ALIKE = 0.9  # a rival that removes this share of what the best removes cannot be told apart
-EFFECTIVE_SAMPLES = 60.0  # independent samples that a misfit ratio is worth, as far as probabilities go
-CLOSES_ENOUGH = 0.5
+LEFT_UNEXPLAINED, UNKNOWN_STEEPNESS = 0.2, 2.0  # share left at which an unknown cause is as likely as not
 BEYOND_DOUBT = 2.5  # standard deviations of a value on paper beyond which it is a cause
 
 
@@ -109,30 +109,40 @@ def diagnose(
     if not records:
         raise RecordError("no records: at least one is needed, better three repeats of several motions.")
     drive = nominal.drive
-    runs, others = ([prepare(item, drive) for item in group] for group in (records, holdouts))
-    check_alike([*runs, *others])
-    for run in (*runs, *others):
+    raw_runs = [prepare(item, drive) for item in (*records, *holdouts)]
+    check_alike(raw_runs)
+    for run in raw_runs:
         check_record(run, drive)
-    split, judged_on = split_runs(runs, others)
-    replay = Replay(drive, nominal.library, nominal.simulation.substeps)
+    replay, paper = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
+    runs, counts, warnings = [], [], list[str]()
+    for run in raw_runs:
+        on_paper = {name: values[0] for name, values in replay.simulate(run, [paper.variant()]).items()}
+        warnings += check_alignment(run, on_paper)
+        mended, n_held = bridged(run, on_paper)
+        runs.append(mended)
+        counts.append(n_held)
+    split, judged_on = split_runs(runs[: len(records)], runs[len(records) :])
+    marks = [held_mark(raw_runs, runs, counts)]
+    if (grid := grid_mark(runs, replay)) is not None and mean_energy(grid, split.floors) > SMALLEST_GAIN:
+        split = dataclasses.replace(split, floors=raised(split.floors, grid.energy))
+        marks.append(grid)
     search = Search(replay, split, progress)
-    paper = start(nominal)
     raw = mean_gap(replay, split, paper)
-    warnings = []
-    for run in split.runs:
-        on_paper = replay.simulate(run, [paper.variant()])
-        warnings += check_alignment(run, {name: values[0] for name, values in on_paper.items()})
+    search.progress("re-calibrating the values on paper")
     calibrated = search.refine(paper)
+    split = search.split = split.beside(gather(replay, split, calibrated, ()))
     final, stages = search.run(calibrated)
+    final, contests = search.review(final, stages)
     shut = closure(replay, split, calibrated, final)
     simulated = [
         {name: values[0] for name, values in replay.simulate(run, [calibrated.variant()]).items()} for run in split.runs
     ]
+    seen = [mark for mark in marks if mark is not None and mean_energy(mark, split.floors) > SMALLEST_GAIN]
     answer = {
         "gap": {"channels": channels_of(replay, split, paper, calibrated, final)},
         "where": where(Gaps.of(split.runs, simulated, split.floors)),
-        **verdict(replay, split, stages, final, shut, raw),
-        "shrinkage": shrinkage(shut, final, judged_on, raw),
+        **verdict(search, contests, calibrated, final, shut, seen, raw),
+        "shrinkage": shrinkage(shut, final, seen, split, judged_on, raw),
         "next_experiment": None,
         "warnings": warnings,
         "parametric": parametric(raw, shut, calibrated),
@@ -197,50 +207,116 @@ def channels_of(
     return result
 
 
+def mean_energy(mark: Mark, floors: Mapping[str, Floor]) -> float:
+    """Return the mean square that an effect brings into the channels, in units of the floor."""
+    return float(np.mean([mark.energy[name] / floor.rms**2 for name, floor in floors.items()]))
+
+
 def verdict(
-    replay: Replay, split: Split, stages: Sequence[Stage], final: Hypothesis, shut: Closure, raw: float
+    search: Search,
+    contests: Sequence[Stage],
+    calibrated: Hypothesis,
+    final: Hypothesis,
+    shut: Closure,
+    seen: Sequence[Mark],
+    raw: float,
 ) -> dict[str, Any]:
     """Return causes with probabilities and shares, and the probabilities of an unknown cause and of no gap."""
     means = shut.mean()
+    total = float(means[0]) + sum(mean_energy(mark, search.split.floors) for mark in seen if mark.bridged)
     n = len(final.effects)
     closed = dict(zip(shut.subsets, (means[0] - means).tolist(), strict=True))
-    excess = max(float(means[0]) - 1.0, 1e-12)
     values = shapley(closed, n)
     everything = tuple(range(n))
+    bounds = intervals(search, final)
     causes = []
-    for index, effect in enumerate(final.effects):
-        stage = next(item for item in stages if any(rival.kind is type(effect) for rival in item.rivals[:1]))
+    for index, (effect, contest) in enumerate(zip(final.effects, contests, strict=True)):
         alone = tuple(other for other in everything if other != index)
         causes.append(
             {
                 "effect": effect.name,
-                "probability": probability(stage),
-                "share": max(values[index], 0.0) / float(means[0]),
-                "unique_share": max(closed[everything] - closed[alone], 0.0) / float(means[0]),
-                "parameters": parameters(effect),
-                "indistinguishable_from": alike(stage),
+                "probability": contest.probability_of(type(effect)),
+                "share": max(values[index], 0.0) / total,
+                "unique_share": max(closed[everything] - closed[alone], 0.0) / total,
+                "parameters": parameters(effect, bounds[index]),
+                "indistinguishable_from": alike(contest, type(effect)),
             }
         )
-    on_paper = parametric_causes(replay, split, final, raw)
+    on_paper = parametric_causes(search.replay, search.split, final, raw)
     causes += on_paper
+    causes += [marked(mark, min(mean_energy(mark, search.split.floors) / total, 1.0)) for mark in seen]
     causes.sort(key=lambda cause: -float(cause["share"]))
-    fraction = closed[everything] / excess
-    structural = 1.0 - 1.0 / (1.0 + math.exp(min(60.0, 20.0 * (float(means[0]) - TOO_SMALL))))
-    none = (1.0 - structural) * math.prod(1.0 - float(cause["probability"]) for cause in on_paper)
-    unknown = structural / (1.0 + math.exp(8.0 * (fraction - CLOSES_ENOUGH)))
+    structural = 1.0 / (1.0 + math.exp(-20.0 * (min(float(means[0]), 4.0) - TOO_SMALL)))
+    parts = [*(float(cause["probability"]) for cause in on_paper), *(mark.probability for mark in seen)]
+    none = (1.0 - structural) * math.prod(1.0 - part for part in parts)
     return {
         "causes": causes,
-        "unknown_probability": unknown,
+        "unknown_probability": structural * unknown_probability(search, calibrated, final),
         "no_gap_probability": none,
         "summary": "",
     }
+
+
+def marked(mark: Mark, share: float) -> dict[str, Any]:
+    """Return the cause that is seen in the readings themselves."""
+    amplitude = mark.kind.amplitude
+    unit = next(item.unit for item in mark.kind.parameters() if item.name == amplitude)
+    return {
+        "effect": mark.kind.name,
+        "probability": mark.probability,
+        "share": share,
+        "unique_share": share,
+        "parameters": {amplitude: {"value": mark.value, "ci95": [mark.low, mark.high], "unit": unit}},
+        "indistinguishable_from": [],
+    }
+
+
+def unknown_probability(search: Search, calibrated: Hypothesis, final: Hypothesis) -> float:
+    """Return the probability that something is missing that none of the effects explains.
+
+    It depends on the share of the excess misfit that is left beside all effects that were found.
+    """
+    before = search.compared(calibrated, [(Effect, final, True)])
+    left = max(before.rivals[0].misfit - NOISE_ALONE, 0.0) / max(before.misfit - 1.0, 1e-12)
+    return float(left**UNKNOWN_STEEPNESS / (left**UNKNOWN_STEEPNESS + LEFT_UNEXPLAINED**UNKNOWN_STEEPNESS))
+
+
+def intervals(search: Search, final: Hypothesis) -> list[dict[str, list[float]]]:
+    """Return the 95 % interval of each fitted parameter of each effect.
+
+    From the normal matrix and the scatter of its right-hand sides from segment to segment, which counts what is
+    left as it is, correlated in time or not (White 1980; segments as clusters).
+    """
+    numbers = numbers_of(final)
+    evidence = search.probed(final)
+    inside = ~evidence.held_out
+    n = len(numbers)
+    normal = Scores(evidence, dict(enumerate(final.shifts, start=1))).normal(range(1, 1 + n))
+    groups, place = np.unique(evidence.group[inside], return_inverse=True)
+    sums = np.zeros((len(groups), n))
+    np.add.at(sums, place, evidence.products[inside, 0, 1:])
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+    inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
+    spread = sums.T @ sums * len(groups) / max(len(groups) - n, 1)
+    deviations = 1.96 * np.sqrt(np.diag(inverse @ (spread + np.eye(n)) @ inverse))
+    found, first = [], len(final.shifts)
+    for effect in final.effects:
+        items = adjustables(effect)
+        own: dict[str, list[float]] = {}
+        for item, deviation in zip(items, deviations[first : first + len(items)].tolist(), strict=True):
+            value = float(getattr(effect, item.name))
+            half = deviation * item.step
+            own[item.name] = [max(value - half, item.low), min(value + half, item.high)]
+        found.append(own)
+        first += len(items)
+    return found
 
 
 def parametric_causes(replay: Replay, split: Split, final: Hypothesis, raw: float) -> list[dict[str, Any]]:
     """Return the effects whose size is a value on paper that moved further than it should be wrong.
 
     A kind of value that is corrected on both sides of the screw counts once, with the sum of its changes. It is a
-    cause only if the gap on paper grows by as much without its correction as another effect would have to close.
+    cause only if it closes as much of the gap that is there without its correction as another effect would have to.
     """
     scale = calibrations(final.nominal)
     groups: dict[str, list[int]] = {}
@@ -256,8 +332,9 @@ def parametric_causes(replay: Replay, split: Split, final: Hypothesis, raw: floa
         if distance <= BEYOND_DOUBT or not name or name in {item.name for item in final.effects}:
             continue
         shifts = tuple(0.0 if place in places else shift for place, shift in enumerate(final.shifts))
-        share = (mean_gap(replay, split, dataclasses.replace(final, shifts=shifts)) - closed) / raw
-        if share < SMALLEST_GAIN:
+        without = mean_gap(replay, split, dataclasses.replace(final, shifts=shifts))
+        share = max(without - closed, 0.0) / raw
+        if without - closed < SMALLEST_GAIN * without:
             continue
         found.append(
             {
@@ -273,34 +350,28 @@ def parametric_causes(replay: Replay, split: Split, final: Hypothesis, raw: floa
     return found
 
 
-def probability(stage: Stage) -> float:
-    """Return the tempered probability of the best class of a stage against its rivals and against none."""
-    logs = [-0.5 * EFFECTIVE_SAMPLES * math.log(max(rival.misfit, 1e-9)) for rival in stage.rivals]
-    logs.append(-0.5 * EFFECTIVE_SAMPLES * math.log(max(stage.misfit, 1e-9)))
-    top = max(logs)
-    weights = [math.exp(value - top) for value in logs]
-    return weights[0] / sum(weights)
+def alike(contest: Stage, kind: type[Effect]) -> list[str]:
+    """Return the names of rivals that explain nearly as much as an effect."""
+    gains = {rival.kind: contest.gain(rival) for rival in contest.rivals}
+    return [rival.name for rival, gain in gains.items() if rival is not kind and gain >= ALIKE * gains[kind]]
 
 
-def alike(stage: Stage) -> list[str]:
-    """Return the names of rivals that explain nearly as much as the best."""
-    best = stage.gain(stage.rivals[0])
-    return [rival.kind.name for rival in stage.rivals[1:] if stage.gain(rival) >= ALIKE * best]
-
-
-def parameters(effect: Effect) -> dict[str, Any]:
-    """Return the parameters of an effect with units."""
+def parameters(effect: Effect, bounds: Mapping[str, list[float]]) -> dict[str, Any]:
+    """Return the parameters of an effect with units; those that no fit moves have no interval."""
     return {
-        item.name: {"value": getattr(effect, item.name), "ci95": None, "unit": item.unit}
+        item.name: {"value": getattr(effect, item.name), "ci95": bounds.get(item.name), "unit": item.unit}
         for item in type(effect).parameters()
     }
 
 
-def shrinkage(shut: Closure, final: Hypothesis, judged_on: str, raw: float) -> dict[str, Any]:
+def shrinkage(
+    shut: Closure, final: Hypothesis, seen: Sequence[Mark], split: Split, judged_on: str, raw: float
+) -> dict[str, Any]:
     """Return how the held-out mean squared gap falls as the effects are added one by one, with intervals."""
     means, draws = shut.mean(), shut.mean(shut.draws())
     place = {subset: index for index, subset in enumerate(shut.subsets)}
-    steps = []
+    by_channel = {name: shut.of_channel(index) for index, name in enumerate(split.floors)}
+    steps = [held_step(mark, float(means[0]), by_channel, split.floors) for mark in seen if mark.bridged]
     for count, effect in enumerate(final.effects):
         before, after = place[tuple(range(count))], place[tuple(range(count + 1))]
         steps.append(
@@ -310,6 +381,7 @@ def shrinkage(shut: Closure, final: Hypothesis, judged_on: str, raw: float) -> d
                 "after": float(means[after]),
                 "reduction": 1.0 - float(means[after] / means[before]),
                 "ci95": _interval(1.0 - draws[:, after] / draws[:, before]),
+                "channels": {name: 1.0 - float(own[after] / own[before]) for name, own in by_channel.items()},
             }
         )
     total = 1.0 - draws[:, -1] / draws[:, 0]
@@ -322,6 +394,23 @@ def shrinkage(shut: Closure, final: Hypothesis, judged_on: str, raw: float) -> d
         "ci95": _interval(total),
         "reducible_left": max(0.0, 1.0 - 1.0 / max(float(means[-1]), 1e-12)),
         "noise_floor": 1.0,
+    }
+
+
+def held_step(
+    mark: Mark, after: float, by_channel: Mapping[str, FloatArray], floors: Mapping[str, Floor]
+) -> dict[str, Any]:
+    """Return the step from the samples as they were logged to those that are compared."""
+    energy = mean_energy(mark, floors)
+    own = {name: mark.energy[name] / floor.rms**2 for name, floor in floors.items()}
+    low, high = (energy * bound / mark.value for bound in (mark.low, mark.high))
+    return {
+        "added": mark.kind.name,
+        "before": after + energy,
+        "after": after,
+        "reduction": energy / (after + energy),
+        "ci95": [low / (after + low), high / (after + high)],
+        "channels": {name: own[name] / (own[name] + float(means[0])) for name, means in by_channel.items()},
     }
 
 

@@ -1,5 +1,6 @@
 """Evidence: responses of variants beside the gap, summed over segments; every fit is made on these sums."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,7 +14,9 @@ from fdbench.gap.runs import Run
 from fdbench.record import FloatArray
 
 MODEL_ERROR = 0.03
+EXPLAINED_ERROR = 1e-3  # of what effects explain, which are not exactly of the library's form
 SEGMENT_S = 0.25
+DIVERGED = 1e6  # gap, in units of the floor, of a simulation that diverges
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,6 +26,18 @@ class Split:
     runs: Sequence[Run]
     held_out: Sequence[NDArray[np.bool_]]
     floors: Mapping[str, Floor]
+    explained: Sequence[Mapping[str, FloatArray]] = ()
+
+    def beside(self, evidence: "Evidence") -> "Split":
+        """Return the split with the gaps of a model without effects, which is what effects explain at most."""
+        explained = [
+            {
+                name: evidence.gaps[(evidence.run == place) & (evidence.channel == index)]
+                for index, name in enumerate(run.channels)
+            }
+            for place, run in enumerate(self.runs)
+        ]
+        return dataclasses.replace(self, explained=explained)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,8 +47,9 @@ class Evidence:
     Attributes
     ----------
     products : (n_segments, n_columns, n_columns) array
-        Weighted by :math:`1 / (1 + \kappa (g - 1))` with the segment's gap g in units of the floor: an error of the
-        responses in proportion to the gap is not read as evidence.
+        Weighted by :math:`w = 1 / (1 + \kappa (g - 1) + \kappa_0 (g_0 - 1))` with the segment's gap g in units of the
+        floor, and that of the model without effects: an error of the responses in proportion to the gap, or of
+        effects in proportion to what they explain, is not read as evidence.
     gaps : (n_segments,) array
         Squared gap without weights.
     counts : (n_segments,) array
@@ -42,6 +58,8 @@ class Evidence:
     held_out : (n_segments,) array of bool
     group : (n_segments,) array of int
         The same stretch of time has one group over all channels, for the bootstrap.
+    run, channel : (n_segments,) array of int
+        Place in those of the split, and in those of the run.
     """
 
     products: FloatArray
@@ -50,6 +68,26 @@ class Evidence:
     weights: FloatArray
     held_out: NDArray[np.bool_]
     group: NDArray[np.intp]
+    run: NDArray[np.intp]
+    channel: NDArray[np.intp]
+
+    def misfits(self, held_out: bool) -> FloatArray:
+        r"""Return the misfit of the base and of each variant on one part, (n_columns,).
+
+        .. math:: M = 1 + \sum_s w_s (g_s - n_s) / \sum_s n_s
+
+        so that 1 is noise alone, and nothing exceeds :math:`1 + 1 / \kappa`.
+        """
+        part = self.held_out == held_out
+        sums = self.products[part].sum(axis=0)
+        own = np.diagonal(sums).copy()
+        own[0] = 0.0
+        return misfit(sums[0, 0] - 2.0 * np.r_[0.0, sums[0, 1:]] + own, self.weights[part], self.counts[part])
+
+
+def misfit(squares: FloatArray | float, weights: FloatArray, counts: FloatArray) -> FloatArray:
+    """Return the misfit of weighted squares that are summed over segments."""
+    return np.asarray(1.0 + (squares - np.sum(weights * counts)) / max(float(counts.sum()), 1.0))
 
 
 def gather(
@@ -57,35 +95,43 @@ def gather(
 ) -> Evidence:
     """Simulate the base and its variants on every run, and sum the products over segments.
 
-    ``fitted_only`` leaves out the runs of which nothing is fitted.
+    ``fitted_only`` leaves out the runs of which nothing is fitted. A variant that diverges counts as the base.
     """
     lanes = [base.variant(), *(item.variant() for item in variants)]
-    products, gaps, counts, outs, groups = [], [], [], [], []
+    products, gaps, counts, outs, groups, owners, channels, known = [], [], [], [], [], [], [], []
     offset = 0
-    for run, out in zip(split.runs, split.held_out, strict=True):
+    for number, (run, out) in enumerate(zip(split.runs, split.held_out, strict=True)):
         if fitted_only and out.all():
             continue
         simulated = replay.simulate(run, lanes)
         length = max(8, round(SEGMENT_S / run.period_s))
         n_segments = -(-run.n_samples // length)
-        filling = n_segments * length - run.n_samples
-        for name, measured in run.channels.items():
-            signals = simulated[name] - simulated[name][0]
-            signals[0] = measured - simulated[name][0]
-            signals[~np.isfinite(signals).all(axis=1)] = 0.0
-            signals *= np.sqrt(run.repeats) / split.floors[name].rms
-            signals = np.pad(signals, ((0, 0), (0, filling)))
+        count = np.full(n_segments, float(length))
+        count[-1] -= n_segments * length - run.n_samples
+        for place, (name, measured) in enumerate(run.channels.items()):
+            scale = np.sqrt(run.repeats) / split.floors[name].rms
+            signals = np.zeros((len(lanes), n_segments * length))
+            inside = signals[:, : run.n_samples]
+            np.subtract(simulated[name][1:], simulated[name][0], out=inside[1:])
+            np.subtract(measured, simulated[name][0], out=inside[0])
+            inside *= scale
+            if not np.isfinite(inside[0]).all():
+                inside[:] = 0.0
+                inside[0] = DIVERGED
+            inside[~np.isfinite(inside).all(axis=1)] = 0.0
             pieces = signals.reshape(len(lanes), n_segments, length).transpose(1, 0, 2)
             products.append(pieces @ pieces.transpose(0, 2, 1))
-            count = np.full(n_segments, float(length))
-            count[-1] -= filling
             gaps.append(products[-1][:, 0, 0].copy())
             counts.append(count)
             outs.append(out[np.arange(n_segments) * length])
             groups.append(offset + np.arange(n_segments))
+            owners.append(np.full(n_segments, number))
+            channels.append(np.full(n_segments, place))
+            known.append(split.explained[number][name] if split.explained else count)
         offset += n_segments
     gap, count = np.concatenate(gaps), np.concatenate(counts)
-    weight = 1.0 / (1.0 + MODEL_ERROR * np.maximum(gap / count - 1.0, 0.0))
+    excess, explained = (np.maximum(item / count - 1.0, 0.0) for item in (gap, np.concatenate(known)))
+    weight = 1.0 / (1.0 + MODEL_ERROR * excess + EXPLAINED_ERROR * explained)
     return Evidence(
         products=np.concatenate(products) * weight[:, None, None],
         gaps=gap,
@@ -93,6 +139,8 @@ def gather(
         weights=weight,
         held_out=np.concatenate(outs),
         group=np.concatenate(groups),
+        run=np.concatenate(owners),
+        channel=np.concatenate(channels),
     )
 
 
@@ -104,7 +152,9 @@ class Fit:
     ----------
     coefficients : (n_chosen,) array
     train, misfit : float
-        Mean squared distance on the training and on the held-out segments, weighted; 1 is noise alone.
+        On the training and on the held-out segments; 1 is noise alone.
+    squares : float
+        Weighted squared distance on the training segments.
     penalty : float
         Squared distance of the values on paper in standard deviations.
     """
@@ -112,6 +162,7 @@ class Fit:
     coefficients: FloatArray
     train: float
     misfit: float
+    squares: float
     penalty: float
 
 
@@ -129,26 +180,31 @@ class Scores:
         self.priors = dict(priors)
         inside = ~evidence.held_out
         self.train, self.test = evidence.products[inside].sum(axis=0), evidence.products[~inside].sum(axis=0)
-        self.train_count = float(np.sum((evidence.weights * evidence.counts)[inside]))
-        self.test_count = float(np.sum((evidence.weights * evidence.counts)[~inside]))
+        self._parts = [(evidence.weights[part], evidence.counts[part]) for part in (inside, ~inside)]
 
     def fit(self, columns: Sequence[int]) -> Fit:
         """Fit the columns by regularised least squares."""
         chosen = list(columns)
-        normal = self.train[np.ix_(chosen, chosen)].copy()
-        right = self.train[chosen, 0].copy()
+        normal, right = self.normal(chosen), self.train[chosen, 0].copy()
         for place, column in enumerate(chosen):
-            if column in self.priors:
-                normal[place, place] += 1.0
-                right[place] -= self.priors[column]
+            right[place] -= self.priors.get(column, 0.0)
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
         theta = np.linalg.solve(normal / np.outer(scale, scale) + 1e-9 * np.eye(len(chosen)), right / scale) / scale
+        fitted, judged = (self._distance(sums, chosen, theta) for sums in (self.train, self.test))
         return Fit(
             coefficients=theta,
-            train=self._distance(self.train, chosen, theta) / max(self.train_count, 1.0),
-            misfit=self._distance(self.test, chosen, theta) / max(self.test_count, 1.0),
+            train=float(misfit(fitted, *self._parts[0])),
+            misfit=float(misfit(judged, *self._parts[1])),
+            squares=fitted,
             penalty=self._penalty(chosen, theta),
         )
+
+    def normal(self, columns: Sequence[int]) -> FloatArray:
+        """Return the normal matrix of the columns, priors included."""
+        chosen = list(columns)
+        normal: FloatArray = self.train[np.ix_(chosen, chosen)].copy()
+        normal[np.diag_indices(len(chosen))] += [float(column in self.priors) for column in chosen]
+        return normal
 
     def _penalty(self, chosen: list[int], theta: FloatArray) -> float:
         moved = dict(zip(chosen, theta.tolist(), strict=True))

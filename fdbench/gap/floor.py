@@ -51,3 +51,11 @@ def noise_floor(runs: Sequence[Run], channel: str) -> Floor:
 def floors(runs: Sequence[Run]) -> Mapping[str, Floor]:
     """Return the floor of each channel."""
     return {channel: noise_floor(runs, channel) for channel in runs[0].channels}
+
+
+def raised(found: Mapping[str, Floor], energy: Mapping[str, float]) -> Mapping[str, Floor]:
+    """Return floors that mean squares are added to, of what cannot be simulated sample by sample."""
+    return {
+        name: Floor(rms=float(np.sqrt(floor.rms**2 + energy[name])), measured=floor.measured)
+        for name, floor in found.items()
+    }

@@ -9,8 +9,10 @@ from fdbench.effects import Effect
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.replay import Variant
 from fdbench.plants.feed_drive import FeedDrive, RotaryMotor, Table
+from fdbench.record import FloatArray
 
 SMALLEST_RATIO = 0.05
+LINE_STEP = 3e-4  # relative; a record holds hundreds of periods
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +68,15 @@ class Hypothesis:
         for index in self.replaced:
             drive = without(drive, index)
         return Variant(plant=drive, extra=merged(offsets, self.effects))
+
+    def penalty(self) -> float:
+        """Return the squared distance from the values on paper, in standard deviations."""
+        return float(sum(shift**2 for shift in self.shifts))
+
+    def moved(self, change: Sequence[float] | FloatArray) -> "Hypothesis":
+        """Return the hypothesis with its values on paper moved further; what follows in ``change`` is not for them."""
+        shifts = tuple(float(old + new) for old, new in zip(self.shifts, change, strict=False))
+        return dataclasses.replace(self, shifts=shifts)
 
     def with_effect(self, effect: Effect, replaces: int | None = None) -> "Hypothesis":
         """Return the hypothesis with one more effect, or with another one of the same class."""
@@ -210,7 +221,8 @@ def adjustables(effect: Effect) -> list[Adjustable]:
         if not (is_amplitude or item.phase or item.grid or item.locate):
             continue
         value = getattr(effect, item.name)
-        step = 0.3 if item.phase else 0.1 * (abs(value) or abs(item.typical))
+        share = LINE_STEP if item.locate else 0.1
+        step = 0.3 if item.phase else share * (abs(value) or abs(item.typical))
         low, high = (-math.inf, math.inf) if item.phase else (item.low, item.high)
         found.append(Adjustable(name=item.name, step=step, low=low, high=high, prior=False))
     return found

@@ -48,9 +48,9 @@ class Nominal:
 
     @cached_property
     def library(self) -> tuple[type[Effect], ...]:
-        """Every registered effect that a drive of itself can have: no process force, nothing random."""
+        """Every registered effect that can be simulated: nothing random, no process force of unknown course."""
         known = (effects.get(name) for name in effects.names())
-        return tuple(kind for kind in known if not (kind.disturbance or kind.random))
+        return tuple(kind for kind in known if not kind.random and (not kind.disturbance or _is_located(kind)))
 
     @property
     def drive(self) -> FeedDrive:
@@ -58,6 +58,11 @@ class Nominal:
         if not isinstance(self.plant, FeedDrive):
             raise SpecError(f"plant.kind: only a feed_drive can be diagnosed, found {type(self.plant).name}.")
         return self.plant
+
+
+def _is_located(kind: type[Effect]) -> bool:
+    """Return whether the diagnosis finds the effect's period in the records."""
+    return any(item.locate for item in kind.parameters())
 
 
 def load_nominal(path: str | Path) -> Nominal:

@@ -14,7 +14,7 @@ from fdbench.simulate import layout
 from fdbench.simulate.axis import ROW
 from fdbench.simulate.compose import block_rows, compose, slots
 
-WIDTH = 16  # few effects in a block beat many lanes in it
+WIDTH = 8  # few effects in a block beat many lanes in it
 PIECE = 4096  # samples simulated at once, which bounds the memory
 
 

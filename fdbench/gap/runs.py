@@ -5,10 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import FeedDrive
-from fdbench.record import FloatArray, Record
+from fdbench.record import FloatArray, Record, held_samples
 
 SAME_COMMAND = 1e-5  # largest relative difference between the commands of repeats
 SHORTEST_LAP_S = 0.5
@@ -30,6 +31,8 @@ class Run:
         distance between motor and table.
     lap : int or None
         Samples after which the command repeats, where it does within the record.
+    held : (n_samples,) array of bool or None
+        Samples that repeat the last one in every measured channel.
     repeats : int
         How many records of one command the channels are the mean of.
     """
@@ -39,6 +42,7 @@ class Run:
     reference: FloatArray
     channels: dict[str, FloatArray]
     lap: int | None
+    held: NDArray[np.bool_] | None = None
     repeats: int = 1
 
     @property
@@ -89,6 +93,7 @@ def prepare(record: Record, drive: FeedDrive) -> Run:
         reference=np.column_stack((position, velocity, acceleration)),
         channels={name: np.asarray(values, dtype=np.float64) for name, values in channels.items()},
         lap=lap_length(position, period),
+        held=held_samples(record),
     )
 
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,12 +18,14 @@ from fdbench.record import FloatArray
 MOST_EFFECTS = 4
 RESCALED = 10  # classes that are simulated again at their fitted size
 REFINED = 3  # classes that are refined in closed loop before one is chosen, at most
-SERIOUS = 0.4  # share of the best gain that makes a class worth refining
+SERIOUS = 0.5  # share of the best gain that makes a class worth refining
 SMALLEST_GAIN = 0.04  # share of the excess misfit that an effect must remove
 NOISE_ALONE = 1.05  # misfit below which nothing is left to explain
-ITERATIONS = 6
-CONVERGED = 1e-3  # relative fall of the objective below which a refinement ends
-STEPS = (1.0, 0.4, 0.1)
+EFFECTIVE_SAMPLES = 60.0  # independent samples that a misfit is worth at most, as far as probabilities go
+ITERATIONS = 8
+CONVERGED = 3e-4  # relative fall of the objective below which a refinement ends
+STEPS = (1.0, 0.3, 0.1)
+REVIEWS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,19 +53,53 @@ class Rival:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stage:
-    """One round: the misfit without another effect, and what each class would make of it, best first."""
+    r"""One round: the misfit without another effect, and what each class would make of it, best first.
+
+    Attributes
+    ----------
+    base : Hypothesis
+    misfit, penalty : float
+        Of the base; all misfits of a stage have the weights of its base.
+    test_count : float
+        Weighted samples that are judged on.
+    rivals : tuple of Rival
+    effective : float
+        Independent samples :math:`n` that a misfit M is worth in the tempered log evidence
+        :math:`-\tfrac12 [n \ln M + \text{penalty}]`.
+    """
 
     base: Hypothesis
     misfit: float
     penalty: float
     test_count: float
     rivals: tuple[Rival, ...]
+    effective: float = EFFECTIVE_SAMPLES
 
     def gain(self, rival: Rival) -> float:
-        """Return the share of the excess misfit, penalty included, that a rival removes."""
-        excess = self.misfit - 1.0 + self.penalty / self.test_count
-        removed = self.misfit - rival.misfit + (self.penalty - rival.penalty) / self.test_count
-        return removed / max(excess, 1e-12)
+        """Return the share of the excess misfit that a rival removes."""
+        return (self.misfit - rival.misfit) / max(self.misfit - 1.0, 1e-12)
+
+    def log_evidence(self, misfit: float, penalty: float) -> float:
+        """Return the tempered log evidence of a misfit."""
+        return -0.5 * (self.effective * math.log(max(misfit, 1e-9)) + penalty)
+
+    def probabilities(self) -> list[float]:
+        """Return the probability of each rival; what is missing to 1 is that there is none.
+
+        That one of the library is present is taken to be as likely beforehand as that none is.
+        """
+        logs = [self.log_evidence(rival.misfit, rival.penalty) for rival in self.rivals]
+        logs.append(self.log_evidence(self.misfit, self.penalty) + math.log(max(len(self.base.nominal.library), 1)))
+        weights = [math.exp(log - max(logs)) for log in logs]
+        return [weight / sum(weights) for weight in weights[:-1]]
+
+    def probability_of(self, kind: type[Effect]) -> float:
+        """Return the probability of one class."""
+        return next(p for p, rival in zip(self.probabilities(), self.rivals, strict=True) if rival.kind is kind)
+
+    def present(self) -> float:
+        """Return the probability that one of the rivals is there."""
+        return sum(self.probabilities())
 
 
 class Search:
@@ -84,124 +120,156 @@ class Search:
 
     def run(self, base: Hypothesis) -> tuple[Hypothesis, list[Stage]]:
         """Return the final hypothesis and the stages that led to it."""
-        self.progress("re-calibrating the values on paper")
-        base = self.refine(base)
         stages: list[Stage] = []
         while len(base.effects) < MOST_EFFECTS:
             self.progress(f"looking for effect {len(base.effects) + 1}")
             stage = self.stage(base)
+            if stage is None:
+                break
             stages.append(stage)
-            if stage.misfit < NOISE_ALONE or not stage.rivals or stage.gain(stage.rivals[0]) < SMALLEST_GAIN:
+            if stage.present() < 0.5 or stage.gain(stage.rivals[0]) < SMALLEST_GAIN:
                 break
             base = stage.rivals[0].hypothesis
         return base, stages
 
-    def stage(self, base: Hypothesis) -> Stage:
-        """Rank all classes of effects as the next one."""
+    def stage(self, base: Hypothesis) -> Stage | None:
+        """Rank all classes of effects as the next one; None where the base leaves noise alone."""
         every = candidates(base, located(self.replay, self.split, base))
-        scores, alone, fits = self._screen(base, every)
-        best = self._best_of_class(base, every, fits, scores)
-        order = sorted(best, key=lambda kind: best[kind][1])
+        alone, fits = self._screen(base, every, fitted_only=True)
+        if alone.train < NOISE_ALONE:
+            return None
+        best = self._best_of_class(base, every, fits)
+        order = sorted(best, key=lambda kind: best[kind][1].train)
         again = [best[kind][0] for kind in order[:RESCALED]]
-        scores, alone, fits = self._screen(base, again)
-        ranked = self._best_of_class(base, again, fits, scores)
-        order = sorted(ranked, key=lambda kind: ranked[kind][1])
-        rivals = []
-        most = max((self._value(alone, scores) - ranked[kind][1] for kind in order[:1]), default=0.0)
+        alone, fits = self._screen(base, again)
+        ranked = self._best_of_class(base, again, fits)
+        order = sorted(ranked, key=lambda kind: ranked[kind][1].misfit)
+        most = max((alone.misfit - fit.misfit for _, fit in ranked.values()), default=0.0)
+        hypotheses = []
         for place, kind in enumerate(order):
-            candidate, value = ranked[kind]
-            hypothesis = base.with_effect(candidate.members[0], candidate.replaces)
-            serious = place == 0 or (place < REFINED and self._value(alone, scores) - value > SERIOUS * most)
+            candidate, fit = ranked[kind]
+            hypothesis = base.with_effect(candidate.members[0], candidate.replaces).moved(fit.coefficients)
+            serious = place < REFINED and alone.misfit - fit.misfit >= SERIOUS * most > 0.0
             if serious:
                 self.progress(f"refining {kind.name}")
                 hypothesis = self.refine(hypothesis)
-            rivals.append(self._judged(kind, hypothesis, scores, refined=serious))
-        rivals.sort(key=lambda rival: rival.misfit + rival.penalty / scores.test_count)
-        return Stage(
-            base=base,
-            misfit=alone.misfit,
-            penalty=alone.penalty,
-            test_count=scores.test_count,
-            rivals=tuple(rivals),
-        )
+            hypotheses.append((kind, hypothesis, serious))
+        return self.compared(base, hypotheses)
 
-    def _judged(self, kind: type[Effect], hypothesis: Hypothesis, scores: "StageScores", refined: bool) -> Rival:
-        evidence = gather(self.replay, self.split, hypothesis, ())
-        weight = scores.weights
+    def compared(self, base: Hypothesis, hypotheses: Sequence[tuple[type[Effect], Hypothesis, bool]]) -> Stage:
+        """Judge hypotheses beside a base on the held-out segments, with the weights of the base."""
+        evidence = gather(self.replay, self.split, base, [hypothesis for _, hypothesis, _ in hypotheses])
+        alone, *misfits = evidence.misfits(held_out=True).tolist()
         outside = evidence.held_out
-        misfit = float(np.sum((weight * evidence.gaps)[outside]) / max(scores.test_count, 1.0))
-        penalty = float(np.sum(np.square(hypothesis.shifts)))
-        return Rival(kind=kind, hypothesis=hypothesis, misfit=misfit, penalty=penalty, refined=refined)
+        rivals = [
+            Rival(kind=kind, hypothesis=hypothesis, misfit=misfit, penalty=hypothesis.penalty(), refined=refined)
+            for (kind, hypothesis, refined), misfit in zip(hypotheses, misfits, strict=True)
+        ]
+        stage = Stage(
+            base=base,
+            misfit=alone,
+            penalty=base.penalty(),
+            test_count=float(np.sum(evidence.counts[outside])),
+            rivals=tuple(rivals),
+            effective=min(EFFECTIVE_SAMPLES, float(len(np.unique(evidence.group[outside])))),
+        )
+        rivals.sort(key=lambda rival: -stage.log_evidence(rival.misfit, rival.penalty))
+        return dataclasses.replace(stage, rivals=tuple(rivals))
 
-    def _screen(self, base: Hypothesis, every: Sequence[Candidate]) -> tuple["StageScores", Fit, list[Fit]]:
-        shifted = self._shifted(base)
+    def review(self, final: Hypothesis, stages: Sequence[Stage]) -> tuple[Hypothesis, list[Stage]]:
+        """Pit each effect against its rivals beside all others; what is superfluous goes, what is worse is replaced.
+
+        Returns
+        -------
+        final : Hypothesis
+        contests : list of Stage
+            One for each effect of the final hypothesis: the model without it, and what rivals make of that.
+        """
+        origin = {rival.kind: stage for stage in reversed(stages) for rival in stage.rivals}
+        contests = self._contests(final, origin)
+        for _ in range(REVIEWS):
+            weak = [item for item in contests if item.present() < 0.5]
+            beaten = [
+                contest
+                for contest, effect in zip(contests, final.effects, strict=True)
+                if contest.rivals[0].kind is not type(effect)
+            ]
+            if not weak and not beaten:
+                break
+            final = min(weak, key=Stage.present).base if weak else beaten[0].rivals[0].hypothesis
+            contests = self._contests(final, origin)
+        return final, contests
+
+    def _contests(self, final: Hypothesis, origin: Mapping[type[Effect], Stage]) -> list[Stage]:
+        return [self._contest(final, type(effect), origin[type(effect)]) for effect in final.effects]
+
+    def _contest(self, final: Hypothesis, kind: type[Effect], origin: Stage) -> Stage:
+        present = {type(effect) for effect in final.effects}
+        if {type(effect) for effect in origin.base.effects} == present - {kind}:
+            return origin
+        self.progress(f"doing without {kind.name}")
+        others = self.refine(final.without_effect(kind))
+        found = [(kind, final, True)]
+        for rival in origin.rivals:
+            if rival.refined and rival.kind not in present:
+                replaced = set(rival.hypothesis.replaced) - set(origin.base.replaced)
+                tried = others.with_effect(rival.hypothesis.effects[-1], *replaced)
+                found.append((rival.kind, self.refine(tried), True))
+        return self.compared(others, found)
+
+    def _screen(self, base: Hypothesis, every: Sequence[Candidate], fitted_only: bool = False) -> tuple[Fit, list[Fit]]:
+        shifted = [base.moved(row) for row in np.eye(len(base.shifts))]
         columns: list[tuple[int, ...]] = []
         variants = list(shifted)
         for candidate in every:
             first = 1 + len(variants)
             variants += candidate.hypotheses(base)
             columns.append(tuple(range(first, 1 + len(variants))))
-        evidence = gather(self.replay, self.split, base, variants)
+        evidence = gather(self.replay, self.split, base, variants, fitted_only)
         nuisances = list(range(1, 1 + len(shifted)))
-        scores = StageScores(evidence, dict(zip(nuisances, base.shifts, strict=True)))
-        return scores, scores.fit(nuisances), [scores.fit([*nuisances, *own]) for own in columns]
+        scores = Scores(evidence, dict(zip(nuisances, base.shifts, strict=True)))
+        return scores.fit(nuisances), [scores.fit([*nuisances, *own]) for own in columns]
 
     def _best_of_class(
-        self, base: Hypothesis, every: Sequence[Candidate], fits: Sequence[Fit], scores: "StageScores"
-    ) -> dict[type[Effect], tuple[Candidate, float]]:
-        best: dict[type[Effect], tuple[Candidate, float]] = {}
+        self, base: Hypothesis, every: Sequence[Candidate], fits: Sequence[Fit]
+    ) -> dict[type[Effect], tuple[Candidate, Fit]]:
+        best: dict[type[Effect], tuple[Candidate, Fit]] = {}
         for candidate, fit in zip(every, fits, strict=True):
             scaled = candidate.scaled(fit.coefficients[len(base.shifts) :].tolist())
-            value = self._value(fit, scores)
-            if scaled is not None and (candidate.kind not in best or value < best[candidate.kind][1]):
-                best[candidate.kind] = (scaled, value)
+            if scaled is not None and (candidate.kind not in best or fit.train < best[candidate.kind][1].train):
+                best[candidate.kind] = (scaled, fit)
         return best
-
-    @staticmethod
-    def _value(fit: Fit, scores: "StageScores") -> float:
-        return fit.misfit + fit.penalty / scores.test_count
-
-    def _shifted(self, base: Hypothesis) -> list[Hypothesis]:
-        unit = np.eye(len(base.shifts))
-        return [dataclasses.replace(base, shifts=tuple(np.add(base.shifts, row).tolist())) for row in unit]
 
     def refine(self, hypothesis: Hypothesis) -> Hypothesis:
         """Fit all numbers of a hypothesis on the training segments by guarded Gauss-Newton steps in closed loop."""
+        evidence = self.probed(hypothesis)
         for _ in range(ITERATIONS):
             numbers = numbers_of(hypothesis)
-            values = read(hypothesis)
-            unit = np.array([item.step for item in numbers])
-            probes = [write(hypothesis, values + row) for row in np.diag(unit)]
-            evidence = gather(self.replay, self.split, hypothesis, probes, fitted_only=True)
-            priors = {1 + index: value for index, value in enumerate(hypothesis.shifts)}
-            scores = StageScores(evidence, priors)
-            step = scores.fit(range(1, 1 + len(numbers))).coefficients * unit
-            low = np.array([item.low for item in numbers])
-            high = np.array([item.high for item in numbers])
-            trials = [write(hypothesis, np.clip(values + share * step, low, high)) for share in STEPS]
-            judged = gather(self.replay, self.split, hypothesis, trials, fitted_only=True)
-            inside = ~judged.held_out
-            sums = np.diagonal(judged.products, axis1=1, axis2=2)
-            cross = judged.products[:, 0, :]
-            distance = (sums[:, :1] - 2.0 * cross + sums)[inside].sum(axis=0)
-            distance[0] = sums[inside, 0].sum()
-            penalty = np.array([np.sum(np.square(item.shifts)) for item in (hypothesis, *trials)])
-            objective = distance + penalty
-            best = int(np.argmin(objective))
-            if best == 0:
+            columns = range(1, 1 + len(numbers))
+            fit = Scores(evidence, dict(enumerate(hypothesis.shifts, start=1))).fit(columns)
+            step = fit.coefficients * np.array([item.step for item in numbers])
+            inside = ~evidence.held_out
+            before = float(evidence.products[inside, 0, 0].sum()) + hypothesis.penalty()
+            if before - fit.squares - fit.penalty < CONVERGED * before:
                 return hypothesis
-            hypothesis = trials[best - 1]
-            if objective[0] - objective[best] < CONVERGED * objective[0]:
+            for share in STEPS:
+                trial = write(hypothesis, read(hypothesis) + share * step)
+                probed = self.probed(trial)
+                after = float((evidence.weights * probed.gaps)[inside].sum()) + trial.penalty()
+                if after < before:
+                    break
+            else:
+                return hypothesis
+            hypothesis, evidence = trial, probed
+            if before - after < CONVERGED * before:
                 return hypothesis
         return hypothesis
 
-
-class StageScores(Scores):
-    """Scores that remember the weights of their evidence, so that refined rivals are judged by the same ones."""
-
-    def __init__(self, evidence: Evidence, priors: dict[int, float]) -> None:
-        super().__init__(evidence, priors)
-        self.weights = evidence.weights
+    def probed(self, hypothesis: Hypothesis) -> Evidence:
+        """Return the responses to a step of each number of a hypothesis, on the runs of which something is fitted."""
+        values = read(hypothesis)
+        probes = [write(hypothesis, values + row) for row in np.diag([item.step for item in numbers_of(hypothesis)])]
+        return gather(self.replay, self.split, hypothesis, probes, fitted_only=True)
 
 
 def numbers_of(hypothesis: Hypothesis) -> list[Adjustable]:

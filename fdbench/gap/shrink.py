@@ -1,12 +1,12 @@
 """How far the gap shrinks as effects are added, and which part of it each one explains."""
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdbench.effects import Effect
 from fdbench.gap.evidence import Split, gather
@@ -29,12 +29,20 @@ class Closure:
         Squared gap of each held-out segment.
     counts : (n_segments,) array
     groups : (n_segments,) array of int
+    channel : (n_segments,) array of int
+        Place of the segment's channel in those of the runs.
     """
 
     subsets: list[tuple[int, ...]]
     by_segment: FloatArray
     counts: FloatArray
     groups: FloatArray
+    channel: NDArray[np.intp]
+
+    def of_channel(self, place: int) -> FloatArray:
+        """Return the mean squared gap of each subset in one channel."""
+        inside = self.channel == place
+        return np.asarray(self.by_segment[inside].sum(axis=0) / self.counts[inside].sum())
 
     def mean(self, draws: FloatArray | None = None) -> FloatArray:
         """Return the mean squared gap of each subset, or of each bootstrap draw and subset."""
@@ -59,10 +67,7 @@ def closure(replay: Replay, split: Split, base: Hypothesis, final: Hypothesis) -
     effects = list(final.effects)
     subsets = [c for n in range(len(effects) + 1) for c in itertools.combinations(range(len(effects)), n)]
     variants = [_subset(base, final, [effects[index] for index in subset]) for subset in subsets]
-    shifted = [
-        dataclasses.replace(final, shifts=tuple(np.add(final.shifts, row).tolist()))
-        for row in np.eye(len(final.shifts))
-    ]
+    shifted = [final.moved(row) for row in np.eye(len(final.shifts))]
     evidence = gather(replay, split, variants[0], [*variants, *shifted])
     outside = evidence.held_out
     train = evidence.products[~outside].sum(axis=0)
@@ -84,6 +89,7 @@ def closure(replay: Replay, split: Split, base: Hypothesis, final: Hypothesis) -
         by_segment=np.array(gaps).T,
         counts=evidence.counts[outside],
         groups=evidence.group[outside].astype(np.float64),
+        channel=evidence.channel[outside],
     )
 
 

@@ -78,23 +78,28 @@ class Yardstick:
     ----------
     bench : Bench
     motions : sequence of (n_samples, 3) array
+    sides : tuple of str
+        Columns of the positions that are recorded, first the one that closes the loop.
     rng : numpy Generator
     """
 
-    def __init__(self, bench: Bench, motions: Sequence[FloatArray], rng: np.random.Generator) -> None:
+    def __init__(
+        self, bench: Bench, motions: Sequence[FloatArray], sides: tuple[str, ...], rng: np.random.Generator
+    ) -> None:
         self.motions = motions
-        self.noise = np.ones((3, 1))
+        self.sides = sides
+        self.noise = np.ones((1 + len(sides), 1))
         healthy = bench.axis({})
-        self.clean = [np.zeros((3, 1))] * len(motions)
+        self.clean = [np.zeros((1 + len(sides), 1))] * len(motions)
         self.clean = self._signature(healthy)
         self.noise = self.unrest(healthy, rng)
         moved = [self._joined(bench.axis({}, {name: size})) for name, size in ERRORS.items()]
         self.paper, _ = np.linalg.qr(np.stack(moved, axis=1))
 
     def unrest(self, axis: Axis, rng: np.random.Generator) -> FloatArray:
-        """Return what noise does to each channel as root mean square in units of that of the healthy axis, (3, 1)."""
+        """Return what noise does to each channel as root mean square in units of that of the healthy axis."""
         pairs = [(axis.readings(motion, rng), axis.readings(motion, None)) for motion in self.motions]
-        differences = np.concatenate([channels(noisy) - channels(clean) for noisy, clean in pairs], axis=1)
+        differences = np.concatenate([self._channels(noisy) - self._channels(clean) for noisy, clean in pairs], axis=1)
         return np.asarray(np.sqrt(np.mean(differences**2, axis=1, keepdims=True)) / self.noise)
 
     def mean_square(self, axis: Axis, beside_paper: bool) -> float:
@@ -111,21 +116,21 @@ class Yardstick:
             return float("nan")
         if beside_paper:
             joined = joined - self.paper @ (self.paper.T @ joined)
-        ends = np.cumsum([3 * len(motion) for motion in self.motions])
+        ends = np.cumsum([len(self.noise) * len(motion) for motion in self.motions])
         return max(float(np.mean(part**2)) for part in np.split(joined, ends[:-1]))
 
     def _signature(self, axis: Axis) -> list[FloatArray]:
-        found = [channels(axis.readings(motion, None)) for motion in self.motions]
+        found = [self._channels(axis.readings(motion, None)) for motion in self.motions]
         return [(own - clean) / self.noise for own, clean in zip(found, self.clean, strict=True)]
 
     def _joined(self, axis: Axis) -> FloatArray:
         return np.concatenate([part.ravel() for part in self._signature(axis)])
 
-
-def channels(readings: Mapping[str, FloatArray]) -> FloatArray:
-    """Return force, table position and stretch, (3, n_samples)."""
-    motor, table = readings["motor_position_m"], readings["table_position_m"]
-    return np.stack((readings["motor_force_N"], table, motor - table))
+    def _channels(self, readings: Mapping[str, FloatArray]) -> FloatArray:
+        """Return what the diagnosis compares: force, position of the loop, and the stretch where it is recorded."""
+        positions = [readings[side] for side in self.sides]
+        stretch = [positions[0] - other for other in positions[1:]]
+        return np.stack((readings["motor_force_N"], positions[0], *stretch))
 
 
 def between(rng: np.random.Generator, low: float, high: float) -> float:

@@ -127,6 +127,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         If there is no trial in the folder, or a file is missing or not the one that was made.
     """
     manifest: dict[str, Any] = seal.read_json(folder / MANIFEST, "the manifest of a trial")
+    if not {"cases", "effects", "nonce_sha256", "tier"} <= set(manifest):
+        raise SpecError(f"{folder / MANIFEST}: not the manifest of a trial.")
     for name, case in manifest["cases"].items():
         for file, digest in case["files"].items():
             if seal.file_digest(folder / name / file) != digest:

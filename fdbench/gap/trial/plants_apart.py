@@ -113,7 +113,7 @@ class Imperfections(NamedTuple):
     bump_place_m: float = 0.05
     bump_width_m: float = 2e-3
     filter_s: float = 0.0
-    reading_delay_s: float = 0.0
+    scale_delay_s: float = 0.0
     feedforward_loss: float = 0.0
 
 
@@ -180,7 +180,7 @@ def _hysteresis(machine: Machine, wrong: Imperfections) -> tuple[FloatArray, Flo
     stiffness, limit = np.zeros(N_STOPS), np.zeros(N_STOPS)
     if wrong.presliding_distance_m > 0.0:
         spread = np.geomspace(0.25, 2.5, CABLE - GUIDE)
-        limit[GUIDE:CABLE] = machine.sliding_friction_N / len(spread)
+        limit[GUIDE:CABLE] = (machine.sliding_friction_N - wrong.loop_force_N) / len(spread)
         stiffness[GUIDE:CABLE] = limit[GUIDE:CABLE] / (wrong.presliding_distance_m * spread)
     if wrong.chain_force_N > 0.0:
         spread = np.array([0.4, 1.0, 2.0])
@@ -244,7 +244,7 @@ def _derivative(t, y, dy, x_0, m, w, force, process, stops, stiffness, limit, s)
         guide = w.presliding_damping_N_s_per_m * v_t / (1.0 + abs(v_t) / m.sliding_velocity_m_per_s)
         lift = 1.0 + (w.breakaway_ratio - 1.0) / (1.0 + abs(v_t) / 2e-3)
     else:
-        guide = s * m.sliding_friction_N * np.tanh(v_t / m.sliding_velocity_m_per_s)
+        guide = s * (m.sliding_friction_N - w.loop_force_N) * np.tanh(v_t / m.sliding_velocity_m_per_s)
         lift = 1.0
     guide += s * m.table_viscous_N_s_per_m * v_t + w.grease_N_s_per_m * v_t / (1.0 + 0.3 * abs(v_t))
     guide += w.falling_force_N * np.exp(-abs(v_t) / w.falling_velocity_m_per_s) * rub
@@ -293,11 +293,9 @@ def march(machine, loop, wrong, reference, period, noise, latency, stiffness, li
     delay = max(1, int(np.ceil((latency * period + wrong.late_s) / h)))
     n_late = delay + STEPS + 1
     asked = np.zeros(n_late)
-    n_past = int(np.ceil(wrong.reading_delay_s / h)) + 2
-    past = np.empty((n_past, 2))
-    past[:, 0] = y[0]
-    past[:, 1] = y[2]
-    back = wrong.reading_delay_s / h
+    n_past = int(np.ceil(wrong.scale_delay_s / h)) + 2
+    past = np.full(n_past, y[2])
+    back = wrong.scale_delay_s / h
     whole, part = int(back), back - int(back)
     late = (latency * period + wrong.late_s) / h
     late_whole, late_part = int(late), late - int(late)
@@ -307,8 +305,8 @@ def march(machine, loop, wrong, reference, period, noise, latency, stiffness, li
     force = 0.0
     for k in range(n):
         a, b = (count - whole) % n_past, (count - whole - 1) % n_past
-        motor = past[a, 0] * (1.0 - part) + past[b, 0] * part
-        table = past[a, 1] * (1.0 - part) + past[b, 1] * part
+        motor = y[0]
+        table = past[a] * (1.0 - part) + past[b] * part
         angle = TURN * motor / wrong.division_period_m + wrong.division_phase_rad
         motor += wrong.division_error_m * (np.sin(angle) + 0.3 * np.sin(2.0 * angle))
         motor += noise[k, 0]
@@ -354,6 +352,5 @@ def march(machine, loop, wrong, reference, period, noise, latency, stiffness, li
                 top = limit[i] * lift if i < CABLE else limit[i]
                 stops[i] = min(max(stops[i] + stiffness[i] * (y[2] - x_0), -top), top)
             count += 1
-            past[count % n_past, 0] = y[0]
-            past[count % n_past, 1] = y[2]
+            past[count % n_past] = y[2]
     return out

@@ -1,7 +1,7 @@
 """Score the answers to a trial: open the key, check every seal, and print the score sheet with intervals."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.errors import SpecError
+from fdbench.errors import SpecError, did_you_mean
 from fdbench.gap.trial import seal
 from fdbench.gap.trial.answer import FAILED
 from fdbench.gap.trial.make import MANIFEST, read_manifest
@@ -191,16 +191,16 @@ def score(folder: Path, answers: Path, key: Path) -> dict[str, Any]:
         raise SpecError(f"{answers}: answers to another trial than the one in {folder}.")
     table = table_of(manifest, opened, given, answers)
     check_varies(table, bool(given.get("constant")), answers)
-    cases = given["cases"]
+    cases = given["cases"].values()
     return {
-        "diagnoser": given["diagnoser"],
+        "diagnoser": str(given.get("diagnoser", answers.stem)),
         "constant_reference": bool(given.get("constant")),
         "tier": manifest["tier"],
         "cases": len(table.none),
-        "failed": sum(case["status"] == FAILED for case in cases.values()),
-        "seconds_per_case": float(np.median([case["seconds"] for case in cases.values()])),
+        "failed": sum(case.get("status") == FAILED for case in cases),
+        "seconds_per_case": float(np.median([case.get("seconds", np.nan) for case in cases])),
         "made_by_commit": manifest["commit"],
-        "answered_by_commit": given["commit"],
+        "answered_by_commit": given.get("commit", ""),
         "quantities": sheet(table),
         "effects": per_effect(table),
         "unlisted": per_unlisted(table, manifest, opened),
@@ -209,8 +209,9 @@ def score(folder: Path, answers: Path, key: Path) -> dict[str, Any]:
 
 def check_key(folder: Path, manifest: Mapping[str, Any], opened: Mapping[str, Any], key: Path) -> None:
     """Raise a SpecError unless each truth is the one that was committed to."""
-    nonce = opened.get("nonce", "")
-    if manifest["nonce_sha256"] != seal.commitment(seal.check_nonce(nonce), "nonce"):
+    if not {"nonce", "cases"} <= set(opened):
+        raise SpecError(f"{key}: not a key; a trial's key has its nonce and its cases.")
+    if manifest["nonce_sha256"] != seal.commitment(seal.check_nonce(opened["nonce"]), "nonce"):
         raise SpecError(f"{key}: not the key of the trial in {folder}; its nonce has another SHA-256.")
     if set(opened["cases"]) != set(manifest["cases"]):
         raise SpecError(f"{key}: holds other cases than the trial in {folder}.")
@@ -229,27 +230,37 @@ def table_of(manifest: Mapping[str, Any], opened: Mapping[str, Any], given: Mapp
         If a case is missing, or a probability is not between 0 and 1.
     """
     names, effects = list(manifest["cases"]), list(manifest["effects"])
-    missing = sorted(set(names) ^ set(given["cases"]))
+    missing = sorted(set(names) ^ set(given.get("cases", ())))
     if missing:
         raise SpecError(f"{answers}: case {missing[0]} is missing or not one of the trial; every case is answered.")
     truths = [opened["cases"][name]["truth"] for name in names]
-    cases = [given["cases"][name] for name in names]
+    cases = [checked(given["cases"][name], effects, f"{answers}: case {name}") for name in names]
     present = [
         [float(any(item["name"] == effect for item in truth["listed"])) for effect in effects] for truth in truths
     ]
-    table = Table(
+    return Table(
         effects=effects,
-        chances=np.array([[float(case["effects"].get(effect, 0.0)) for effect in effects] for case in cases]),
+        chances=np.array([[case["effects"].get(effect, 0.0) for effect in effects] for case in cases]),
         present=np.array(present),
-        unknown=np.array([float(case["unknown"]) for case in cases]),
-        none=np.array([float(case["none"]) for case in cases]),
+        unknown=np.array([case["unknown"] for case in cases]),
+        none=np.array([case["none"] for case in cases]),
         has_unknown=np.array([float(bool(truth["unlisted"])) for truth in truths]),
-        closure=np.array([np.nan if case["closure"] is None else float(case["closure"]) for case in cases]),
+        closure=np.array([np.nan if case.get("closure") is None else case["closure"] for case in cases]),
     )
-    for name, values in (("effects", table.chances), ("unknown", table.unknown), ("none", table.none)):
-        if not ((values >= 0.0) & (values <= 1.0)).all():
-            raise SpecError(f"{answers}: a probability of {name} is outside [0, 1].")
-    return table
+
+
+def checked(case: Any, effects: Sequence[str], where: str) -> dict[str, Any]:
+    """Return the answer to a case, or raise a SpecError where it has not the form that is asked."""
+    if not isinstance(case, dict) or not isinstance(case.get("effects"), dict):
+        raise SpecError(f'{where}: "effects", "unknown" and "none" are expected.')
+    for name, value in {**case["effects"], "unknown": case.get("unknown"), "none": case.get("none")}.items():
+        if name not in (*effects, "unknown", "none"):
+            raise SpecError(f"{where}: '{name}' is not an effect of this trial.{did_you_mean(name, effects)}")
+        if not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
+            raise SpecError(f"{where}: the probability of {name} is {value!r}, outside [0, 1].")
+    if not isinstance(case.get("closure", 0.0), int | float | None):
+        raise SpecError(f"{where}: closure: a number or null is expected.")
+    return case
 
 
 def check_varies(table: Table, constant: bool, answers: Path) -> None:

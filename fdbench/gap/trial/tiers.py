@@ -78,12 +78,14 @@ def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> C
         bench = LibraryBench(nominal, errors, protocol.PERIOD_S)
     else:
         bench = ApartBench(nominal, errors, protocol.PERIOD_S, rng)
-    planted, sizes = _planted(bench, tier, effects, list(motions.records.values()), rng)
+    sides = ("table_position_m", "motor_position_m")
+    sides = sides if nominal.drive.controller.uses_table else sides[::-1]
+    sides = sides[:1] if tier is Tier.D else sides
+    planted, sizes = _planted(bench, tier, effects, list(motions.records.values()), sides, rng)
     axis = bench.axis(planted)
-    reads_table = nominal.drive.controller.uses_table
 
     def recorded(name: str, reference: FloatArray) -> Record:
-        return _record(name, reference, axis.readings(reference, rng), reads_table, thin=tier is Tier.D)
+        return record_of(name, reference, axis.readings(reference, rng), sides)
 
     described = {
         part: [
@@ -141,13 +143,18 @@ def _how_many(tier: Tier, rng: np.random.Generator) -> tuple[int, int]:
 
 
 def _planted(
-    bench: Bench, tier: Tier, effects: Sequence[str], motions: Sequence[FloatArray], rng: np.random.Generator
+    bench: Bench,
+    tier: Tier,
+    effects: Sequence[str],
+    motions: Sequence[FloatArray],
+    sides: tuple[str, ...],
+    rng: np.random.Generator,
 ) -> tuple[Planted, dict[str, float]]:
     """Return what is planted, all of it visible in the motions, and the mean square of each signature."""
     n_listed, n_unlisted = _how_many(tier, rng)
     listed = [name for name in bench.names(listed=True) if name in effects]
     wanted = [listed] * n_listed + [bench.names(listed=False)] * n_unlisted
-    yardstick = Yardstick(bench, motions, rng)
+    yardstick = Yardstick(bench, motions, sides, rng)
     bench.add_clutter(yardstick, rng)
     planted: dict[str, dict[str, float]] = {}
     sizes: dict[str, float] = {}
@@ -168,16 +175,15 @@ def _planted(
     raise SimulationDiverged(f"tier {tier}: {MOST_DRAWS} draws gave too few effects that show on this axis.")
 
 
-def _record(
-    name: str, reference: FloatArray, readings: Mapping[str, FloatArray], reads_table: bool, thin: bool
-) -> Record:
+def record_of(name: str, reference: FloatArray, readings: Mapping[str, FloatArray], sides: tuple[str, ...]) -> Record:
+    """Return the record of a motion; the first of ``sides`` closes the loop, both are in it if both are given."""
     columns = {
         "time_s": np.arange(len(reference), dtype=np.float64) * protocol.PERIOD_S,
         "reference_position_m": reference[:, 0],
         "reference_velocity_m_per_s": reference[:, 1],
         "reference_acceleration_m_per_s2": reference[:, 2],
-        "position_m": readings["table_position_m" if reads_table else "motor_position_m"],
+        "position_m": readings[sides[0]],
         "motor_force_N": readings["motor_force_N"],
     }
-    sides = () if thin else ("motor_position_m", "table_position_m")
-    return Record(columns | {side: readings[side] for side in sides}, source=name)
+    both = sorted(sides) if len(sides) > 1 else []
+    return Record(columns | {side: readings[side] for side in both}, source=name)

@@ -1,6 +1,5 @@
 """What the answers of the package's own diagnosis and of its untempered twin have in common."""
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,15 +13,6 @@ def accepted(found: Diagnosis) -> list[Stage]:
     """Return the stages of the search whose best rival was added."""
     added = {type(effect) for effect in found.final.effects}
     return [stage for stage in found.stages if stage.rivals and stage.rivals[0].kind in added]
-
-
-def rotated(stage: Stage) -> list[Stage]:
-    """Return a stage with each of its rivals in turn as the first."""
-    rivals = stage.rivals
-    return [
-        dataclasses.replace(stage, rivals=(rivals[place], *rivals[:place], *rivals[place + 1 :]))
-        for place in range(len(rivals))
-    ]
 
 
 def weights(logs: Sequence[float]) -> list[float]:

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from typing import final
 
-from fdbench.gap.diagnose import diagnose, probability
+from fdbench.gap.diagnose import diagnose
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.trial.diagnoser import Answer, Diagnoser
-from fdbench.gap.trial.diagnosers._search import accepted, closure_of, rotated
+from fdbench.gap.trial.diagnosers._search import accepted, closure_of
 from fdbench.record import Record
 
 
@@ -18,9 +18,8 @@ class Fdbench(Diagnoser):
         found = diagnose(nominal, records, holdouts)
         chances: dict[str, float] = {}
         for stage in accepted(found):
-            for turned in rotated(stage):
-                name = turned.rivals[0].kind.name
-                chances[name] = max(chances.get(name, 0.0), probability(turned))
+            for rival, probability in zip(stage.rivals, stage.probabilities(), strict=True):
+                chances[rival.kind.name] = max(chances.get(rival.kind.name, 0.0), probability)
         chances |= {cause["effect"]: float(cause["probability"]) for cause in found.answer["causes"]}
         return Answer(
             effects=chances,

@@ -1,0 +1,69 @@
+"""The diagnosis names the hidden effect, says nothing where there is none, and never reads what is hidden."""
+
+import json
+from pathlib import Path
+
+import pytest
+from axis_lab import case
+from conftest import shared_file
+
+from fdbench.effects import effects
+from fdbench.gap.diagnose import diagnose
+from fdbench.gap.nominal import load_nominal
+from fdbench.reading import read_record
+from fdbench.scenario import scenario_folder
+
+
+@pytest.mark.parametrize(
+    "name", ["backlash", "cogging", "current_loop_lag", "direction_dependent_friction", "lead_error", "quadratic_drag"]
+)
+def test_a_hidden_effect_is_named_first(name: str) -> None:
+    answer = diagnose(*case((effects.get(name).typical(),), seed=1)).answer
+    assert answer["causes"], answer
+    first = answer["causes"][0]
+    assert name == first["effect"] or name in first["indistinguishable_from"]
+    assert first["probability"] > 0.5
+    assert answer["no_gap_probability"] < 0.5
+    assert answer["shrinkage"]["total"] > 0.5
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_nothing_is_named_where_nothing_is_hidden(seed: int) -> None:
+    answer = diagnose(*case((), seed)).answer
+    assert answer["no_gap_probability"] + answer["unknown_probability"] > 0.9
+    assert not [cause for cause in answer["causes"] if cause["probability"] > 0.5]
+
+
+def test_shares_add_up_to_one() -> None:
+    answer = diagnose(*case((effects.get("cogging").typical(),), seed=4)).answer
+    where = answer["where"]
+    for part in (where["motion"].values(), where["channel"].values()):
+        assert sum(part) == pytest.approx(1.0)
+    for name in ("frequency", "position", "velocity", "time"):
+        assert sum(cell["share"] for cell in where[name]) == pytest.approx(1.0)
+
+
+def test_hidden_truth_of_a_scenario_file_is_not_read(tmp_path: Path) -> None:
+    text = (scenario_folder() / "BallScrewAxis-v0.toml").read_text()
+    other = tmp_path / "Other-v0.toml"
+    other.write_text(text.replace("axial_depth_m = 1e-3", "axial_depth_m = 9e-3").replace("1e-8", "1e-5"))
+    assert load_nominal(other) == load_nominal(scenario_folder() / "BallScrewAxis-v0.toml")
+
+
+def test_the_documented_cause_of_emps_comes_first() -> None:
+    folder = shared_file("data", "emps", "DATA_EMPS.mat").parent
+    record = read_record(Path(__file__).parent.parent / "examples" / "emps" / "emps.toml", folder)
+    answer = diagnose(load_nominal(scenario_folder() / "EMPS-v0.toml"), [record]).answer
+    json.dumps(answer, allow_nan=False)
+    first, second = answer["causes"][:2]
+    assert first["effect"] == "direction_dependent_friction"
+    assert first["parameters"]["viscous_asymmetry_N_s_per_m"]["value"] == pytest.approx(-36.8, abs=2.0)
+    assert second["effect"] == "cogging"
+    assert second["parameters"]["pitch_m"]["value"] == pytest.approx(2.5e-3, rel=0.01)
+    reductions = answer["shrinkage"]["steps"][0]["channels"]
+    assert reductions["motor_force_N"] == pytest.approx(0.38, abs=0.04)
+    assert reductions["position_m"] == pytest.approx(0.47, abs=0.04)
+    assert not {"stribeck_friction", "position_dependent_friction", "periodic_force"} & {
+        cause["effect"] for cause in answer["causes"]
+    }
+    assert answer["unknown_probability"] > 0.5
