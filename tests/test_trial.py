@@ -102,6 +102,7 @@ def test_listed_forms_are_effects_of_the_library_and_unlisted_ones_are_not() -> 
         ({"uneven_friction_N": 7.0, "uneven_viscous_N_s_per_m": 40.0}, 127.0 + 640.0 * 0.1),
         ({"presliding_distance_m": 1e-5}, 120.0 + 600.0 * 0.1),
         ({"drag_N_at_1_m_per_s": 500.0}, 120.0 + 600.0 * 0.1 + 500.0 * 0.1**1.75),
+        ({"line_force_N": 20.0, "line_frequency_Hz": 50.0}, 120.0 + 600.0 * 0.1),
         ({"loop_force_N": 25.0}, 120.0 + 600.0 * 0.1),
     ],
 )
@@ -304,7 +305,7 @@ def handed_in(trial: Path, tmp_path: Path) -> Path:
 
 def test_changed_answers_are_refused(trial: Path, handed_in: Path) -> None:
     text = handed_in.read_text("utf-8")
-    handed_in.write_text(text.replace('"none": 0', '"none": 1', 1), "utf-8")
+    handed_in.write_text(text.replace('"none": ', '"none":  ', 1), "utf-8")
     with pytest.raises(SpecError, match="changed since it was handed in"):
         score(trial / "trial", handed_in, trial / "key.json")
 

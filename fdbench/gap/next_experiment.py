@@ -20,12 +20,11 @@ from fdbench.gap.hypothesis import Hypothesis
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.replay import Replay
 from fdbench.gap.runs import Run
-from fdbench.gap.search import Stage
+from fdbench.gap.search import EFFECTIVE_SAMPLES, Stage
 from fdbench.motions import motions
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray, Record
 
-EFFECTIVE_SAMPLES = 60.0  # independent samples that a misfit ratio is worth, as in the diagnosis
 MOST_CANDIDATES = 5
 SMALLEST_PROBABILITY = 0.02
 DECIDED = 0.99
@@ -259,13 +258,9 @@ class Proposal:
 
 def candidates_of(stage: Stage) -> list[Candidate]:
     """Return the serious rivals of a stage, most probable first; what is missing to 1 is that it is none of them."""
-    misfits = np.array([stage.misfit, *(rival.misfit for rival in stage.rivals)])
-    logs = -0.5 * EFFECTIVE_SAMPLES * np.log(np.maximum(misfits, 1e-9))
-    weights = np.exp(logs - logs.max())
-    chances = weights[1:] / weights.sum()
     every = [
-        Candidate(name=rival.kind.name, probability=float(chance), hypothesis=rival.hypothesis)
-        for rival, chance in zip(stage.rivals, chances, strict=True)
+        Candidate(name=rival.kind.name, probability=chance, hypothesis=rival.hypothesis)
+        for rival, chance in zip(stage.rivals, stage.probabilities(), strict=True)
     ]
     every.sort(key=lambda item: -item.probability)
     return [item for item in every[:MOST_CANDIDATES] if item.probability >= SMALLEST_PROBABILITY]

@@ -107,6 +107,9 @@ class Imperfections(NamedTuple):
     payload_kg: float = 0.0
     grease_N_s_per_m: float = 0.0
     preload_friction_N: float = 0.0
+    line_force_N: float = 0.0
+    line_frequency_Hz: float = 50.0
+    line_phase_rad: float = 0.0
     loop_force_N: float = 0.0
     loop_distance_m: float = 5e-5
     bump_force_N: float = 0.0
@@ -256,6 +259,8 @@ def _derivative(t, y, dy, x_0, m, w, force, process, stops, stiffness, limit, s)
     guide += w.cold_force_N / (1.0 + t / w.cold_time_s) * rub
     guide += w.drag_N_at_1_m_per_s * abs(v_t) ** 0.75 * v_t
     guide += w.chain_stiffness_N_per_m * x_t + w.weight_N
+    angle = TURN * w.line_frequency_Hz * t + w.line_phase_rad
+    guide += w.line_force_N * (np.sin(angle) + 0.15 * np.cos(2.0 * angle))
     away = (x_t - w.bump_place_m) / w.bump_width_m
     guide += w.bump_force_N / (1.0 + away * away) ** 2 * rub
     for i in range(stops.shape[0]):

@@ -78,7 +78,7 @@ def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> C
         bench = LibraryBench(nominal, errors, protocol.PERIOD_S)
     else:
         bench = ApartBench(nominal, errors, protocol.PERIOD_S, rng)
-    sides = ("table_position_m", "motor_position_m")
+    sides: tuple[str, ...] = ("table_position_m", "motor_position_m")
     sides = sides if nominal.drive.controller.uses_table else sides[::-1]
     sides = sides[:1] if tier is Tier.D else sides
     planted, sizes = _planted(bench, tier, effects, list(motions.records.values()), sides, rng)
