@@ -1,5 +1,6 @@
 """The diagnosis names the hidden effect, says nothing where there is none, and never reads what is hidden."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -11,7 +12,10 @@ from fdbench.effects import effects
 from fdbench.gap.diagnose import diagnose
 from fdbench.gap.nominal import load_nominal
 from fdbench.reading import read_record
+from fdbench.record import Record
 from fdbench.scenario import scenario_folder
+
+ENCODERS = ("motor_position_m", "table_position_m")
 
 
 @pytest.mark.parametrize(
@@ -32,6 +36,19 @@ def test_nothing_is_named_where_nothing_is_hidden(seed: int) -> None:
     answer = diagnose(*case((), seed)).answer
     assert answer["no_gap_probability"] + answer["unknown_probability"] > 0.9
     assert not [cause for cause in answer["causes"] if cause["probability"] > 0.5]
+
+
+def test_a_log_of_the_scale_and_the_force_alone_is_diagnosed() -> None:
+    nominal, fitted, judged = case((effects.get("cogging").typical(),), seed=5)
+    drive = nominal.drive
+    on_scale = dataclasses.replace(drive, controller=dataclasses.replace(drive.controller, feedback="table"))
+    thin = [
+        [Record({name: item[name] for name in item if name not in ENCODERS}, {}, item.source) for item in group]
+        for group in (fitted, judged)
+    ]
+    answer = diagnose(dataclasses.replace(nominal, plant=on_scale), *thin).answer
+    assert set(answer["gap"]["channels"]) == {"motor_force_N", "position_m"}
+    json.dumps(answer, allow_nan=False)
 
 
 def test_shares_add_up_to_one() -> None:

@@ -108,7 +108,9 @@ def grid_mark(runs: Sequence[Run], replay: Replay) -> Mark | None:
     best: tuple[float, Effect] | None = None
     for kind in replay.library:
         if kind.port in (Port.MOTOR_ENCODER, Port.TABLE_SCALE) and not kind.states:
-            readings = _readings(runs, replay.drive, kind.port)
+            readings = list(_readings(runs, replay.drive, kind.port))
+            if not readings:
+                continue
             differences = np.concatenate([np.abs(np.diff(values)) for values in readings])
             found = _coarsest_grid(kind, np.sort(differences[differences > 0.0]))
             if found is not None and (best is None or found[0] < best[0]):
