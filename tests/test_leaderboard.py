@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import REPOSITORY
+from joblib.externals.loky import get_reusable_executor
 from rich.console import Console
 from scipy.stats import trim_mean
 
@@ -349,10 +350,13 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FDBENCH_DATA", str(folder))
+        # Workers kept from an earlier test would still see the folder of that time.
+        get_reusable_executor().shutdown(wait=True)
         patch.setattr(estimators, "_files", {})
         for out, jobs in (("out", 1), ("again", 2)):
             names = ["least_squares", "pl_lssvm", str(folder / "sometimes.py")]
             run([folder / "Short-v0.toml", "EMPS-v0"], names, 3, folder / out, jobs=jobs)
+    get_reusable_executor().shutdown(wait=True)
     return folder
 
 
