@@ -95,7 +95,8 @@ def locally_periodic_inputs(t: FloatArray, sigma_1: float, sigma_2: float, psi: 
 
     References
     ----------
-    McPherson (2024), eq. 2.11, with the pi that the print lacks; MacKay (1998) for the map to the circle.
+    McPherson (2024), eq. 2.11, with the pi that the print lacks and the square on the sine; MacKay (1998), Introduction
+    to Gaussian processes, for the map to the circle.
     """
     x = np.empty((t.size, 3))
     for n in range(t.size):

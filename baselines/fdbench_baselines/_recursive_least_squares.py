@@ -11,8 +11,9 @@ and stays positive definite under rounding.
 
 References
 ----------
-Haykin, Adaptive Filter Theory, section 10.3; Chou, Duan, Okwudire, A linear hybrid model for enhanced servo error
-pre-compensation of feed drives with unmodeled nonlinear dynamics, CIRP Annals, eqs. (4) to (6).
+Haykin, Adaptive Filter Theory, on the exponentially weighted RLS algorithm; Chou, Duan, Okwudire, A linear hybrid
+model for enhanced servo error pre-compensation of feed drives with unmodeled nonlinear dynamics, CIRP Annals, eqs. (4)
+to (6).
 """
 
 import math

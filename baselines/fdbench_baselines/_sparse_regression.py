@@ -94,7 +94,7 @@ def threshold_sequentially(regressors: FloatArray, targets: FloatArray, threshol
 
     References
     ----------
-    Brunton, Proctor, Kutz (2016), PNAS 113; Qu and Vogl, figure 1, where the test lacks the magnitude.
+    Brunton, Proctor, Kutz (2016), PNAS 113; Qu and Vogl (2021), figure 1, where the test lacks the magnitude.
     """
     result = np.zeros((regressors.shape[1], targets.shape[1]))
     solves = np.zeros(targets.shape[1], dtype=np.intp)

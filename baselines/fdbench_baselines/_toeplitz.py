@@ -104,7 +104,7 @@ def conjugate_gradients(column: FloatArray, right_hand_sides: FloatArray) -> tup
 
     References
     ----------
-    T. F. Chan, An optimal circulant preconditioner for Toeplitz systems, SIAM J. Sci. Stat. Comput. 9 (1988), eq. 5.
+    T. F. Chan, An optimal circulant preconditioner for Toeplitz systems, SIAM J. Sci. Stat. Comput. 9 (1988), 766-771.
     """
     multiply, precondition = _product(column), _preconditioner(column)
     residual = np.array(right_hand_sides.T, order="C")

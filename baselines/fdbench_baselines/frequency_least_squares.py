@@ -33,9 +33,9 @@ class FrequencyLeastSquares(BatchEstimator):
     r"""Fit the plant's transfer function to :math:`G_n = Y_n / U_n`, the ratio of discrete Fourier transforms.
 
     The noise of a bin that is not used does no harm, but what leaks from it into the others does: a period that does
-    not divide the record spreads over all bins. The covariance of the coefficients is
-    :math:`(X^T X)^{-1} E^T E / (2N - p)`, that of the model's parameters follows by the Jacobian of their map. It takes
-    the errors of the equations for independent.
+    not divide the record spreads over all bins. The covariance of the p coefficients is
+    :math:`(X^T X)^{-1} E^T E / (2N - p)`, with two equations X for each of N bins and their errors E; that of the
+    model's parameters follows by the Jacobian of their map. It takes the errors of the equations for independent.
 
     Parameters
     ----------

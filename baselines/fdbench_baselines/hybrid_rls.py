@@ -52,7 +52,7 @@ class HybridRLS(OnlineEstimator):
     References
     ----------
     Chou, Duan, Okwudire, A linear hybrid model for enhanced servo error pre-compensation of feed drives with unmodeled
-    nonlinear dynamics, CIRP Annals, eqs. (3) to (6). The regularisation is ours: the paper gives none.
+    nonlinear dynamics, CIRP Annals, eqs. (3) to (6). The size of the regularisation is ours: the paper states none.
     """
 
     def __init__(

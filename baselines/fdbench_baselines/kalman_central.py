@@ -22,7 +22,7 @@ class KalmanCentral(FusionFilter):
 
     References
     ----------
-    Salehi, thesis, 2013, eqs. (5.1) to (5.6).
+    Salehi, thesis, 2013, eqs. (5.1) to (5.6); the covariance here in the form of Joseph.
     """
 
     def claims(self, net: Network, y: FloatArray) -> tuple[FloatArray, FloatArray | None]:

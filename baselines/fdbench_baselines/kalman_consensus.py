@@ -27,8 +27,9 @@ class KalmanConsensus(FusionFilter):
 
     References
     ----------
-    Olfati-Saber, Distributed Kalman filter with embedded consensus filters, 44th IEEE CDC (2005); Salehi, thesis, 2013,
-    eqs. (5.28) to (5.34), where the sum runs over the node in place of its neighbours.
+    Salehi, thesis, 2013, eqs. (5.28) to (5.34), where the sum runs over the node in place of its neighbours, after
+    Olfati-Saber, Distributed Kalman filtering and sensor fusion in sensor networks, Lecture Notes in Control and
+    Information Sciences 331 (2006).
     """
 
     def __init__(

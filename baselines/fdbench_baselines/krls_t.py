@@ -65,7 +65,7 @@ class KRLST(OnlineEstimator):
     ----------
     Van Vaerenbergh, Lázaro-Gredilla and Santamaría, Kernel recursive least-squares tracker for time-varying regression,
     IEEE Trans. Neural Networks and Learning Systems 23 (2012); McPherson, thesis, 2024, eq. 2.11 to 2.22 with
-    :math:`(v - \hat v)^2` in eq. 2.20 (defaults: shaker trials; the budget is ours).
+    :math:`(v - \hat v)^2` in eq. 2.20, and table 4.5 (defaults: shaker trials; the budget is ours).
     """
 
     expected_failures: ClassVar[Mapping[str, str]] = {

@@ -24,7 +24,8 @@ class LinearRegression(BatchEstimator):
 
     References
     ----------
-    Qu and Vogl, sparse regression with nonlinear function basis, section 4.2.
+    Qu and Vogl (2021), Estimating dynamic cutting forces of machine tools from measured vibrations using sparse
+    regression with nonlinear function basis, section 4.2.
     """
 
     def skip(self, context: Context) -> str | None:

@@ -35,7 +35,8 @@ class LrNfb(BatchEstimator):
 
     References
     ----------
-    Qu and Vogl, sparse regression with nonlinear function basis, eq. 8; the cosine is that of section 4.3.
+    Qu and Vogl (2021), Estimating dynamic cutting forces of machine tools from measured vibrations using sparse
+    regression with nonlinear function basis, eq. 8, and section 4.3 for the cosine.
     """
 
     def __init__(self, functions: Sequence[str] = NONLINEAR) -> None:

@@ -77,7 +77,7 @@ def partially_linear(system: System, basis: FloatArray, target: FloatArray) -> F
     References
     ----------
     Espinoza, Suykens and De Moor, Kernel based partially linear models and nonlinear identification, IEEE Trans.
-    Automatic Control 50 (2005), eq. 8; McPherson, thesis, 2024, eq. 2.9.
+    Automatic Control 50 (2005), 1602-1606; McPherson, thesis, 2024, eq. 2.9.
     """
     degrees = len(target) - basis.shape[1]
     if degrees < 1:
@@ -133,7 +133,8 @@ def locally_periodic(lag_s: FloatArray, sigma_1_s: float, sigma_2: float, period
 
     .. math:: K(\tau) = e^{-\tau^2 / 2 \sigma_1^2} e^{-\sin^2(\pi \tau / \psi) / 2 \sigma_2^2}
 
-    McPherson, thesis, 2024, eq. 2.11, with the square and the pi that make it positive definite and of period psi.
+    McPherson, thesis, 2024, eq. 2.11, with the square on the sine and the pi that make it positive definite and of
+    period psi.
 
     >>> float(locally_periodic(np.array([0.0]), 0.59, 0.42, 0.02)[0])
     1.0

@@ -37,8 +37,9 @@ class SlrNfb(BatchEstimator):
 
     References
     ----------
-    Qu and Vogl, sparse regression with nonlinear function basis, section 2.3, which does not state gamma;
-    Brunton, Proctor, Kutz (2016), PNAS 113.
+    Qu and Vogl (2021), Estimating dynamic cutting forces of machine tools from measured vibrations using sparse
+    regression with nonlinear function basis, section 2.3, which does not state gamma; Brunton, Proctor, Kutz (2016),
+    PNAS 113.
     """
 
     def __init__(self, threshold: float = 0.2, iterations: int = 10, functions: Sequence[str] = NONLINEAR) -> None:

@@ -5,6 +5,7 @@ The simulator and the diagnosis call the same kernel. Nothing outside this packa
 
 import dataclasses
 import enum
+import functools
 import inspect
 from abc import ABC
 from collections.abc import Callable, Mapping
@@ -169,9 +170,7 @@ class Effect(ABC):
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
         """Return the declared parameters in the order of the kernel's arguments."""
-        if not dataclasses.is_dataclass(cls):
-            raise PluginError(f"{cls.__module__}: {cls.__name__} must be a frozen keyword-only dataclass.")
-        return tuple(Parameter(field.name, **field.metadata) for field in dataclasses.fields(cls))
+        return _parameters(cls)
 
     @classmethod
     def arguments(cls) -> tuple[str, ...]:
@@ -218,6 +217,13 @@ class Effect(ABC):
     def values(self) -> tuple[float, ...]:
         """Return the parameter values in the order of the kernel's arguments."""
         return tuple(float(getattr(self, item.name)) for item in self.parameters())
+
+
+@functools.cache
+def _parameters(kind: type[Effect]) -> tuple[Parameter, ...]:
+    if not dataclasses.is_dataclass(kind):
+        raise PluginError(f"{kind.__module__}: {kind.__name__} must be a frozen keyword-only dataclass.")
+    return tuple(Parameter(field.name, **field.metadata) for field in dataclasses.fields(kind))
 
 
 effects: Registry[Effect] = Registry("effect", Effect)

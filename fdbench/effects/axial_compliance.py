@@ -11,12 +11,13 @@ from fdbench.effects._effect import Effect, Port, kernel, parameter
 class AxialCompliance(Effect):
     r"""Loss of stiffness of screw, nut and bearings; a negative value means that they are stiffer.
 
-    .. math:: k' = (1 - s) k, \quad c' = (1 - s) c \qquad \Leftrightarrow \qquad g = s\, u, \quad u = x_m - x_t
+    .. math:: k' = (1 - s/100)\, k, \quad c' = (1 - s/100)\, c \qquad \Leftrightarrow \qquad
+              g = s\, u / 100, \quad u = x_m - x_t
 
-    where g is the part of the stretch that the nominal spring and damper do not see. On a rigid axis there is no
-    stiffness to lose.
+    with s in per cent. The screw's stiffness k and damping c on paper act on the motor side's position x_m minus the
+    table's x_t; g is the part of that stretch which they do not see. On a rigid axis there is no stiffness to lose.
 
-    Source: Altintas, Manufacturing Automation (2012), section 5.6, the axial mode of a ball screw drive.
+    Source: Kamalzadeh, Erkorkmaz (2007), CIRP Annals 56(1), on the axial mode of a ball screw drive.
 
     Examples
     --------

@@ -13,10 +13,14 @@ class Backlash(Effect):
 
     .. math:: F_s = k (u - g) + c (\dot u - \dot g), \qquad g = \min(\max(u, -b/2), b/2)
 
-    with u = x_m - x_t. On a rigid axis the table stands still until the gap is crossed (play), so that its scale
+    F_s: force that the screw passes on; k and c: its stiffness and damping; u = x_m - x_t: position of the motor side
+    minus that of the table. On a rigid axis the table stands still until the gap is crossed (play), so that its scale
     lags behind the motor by b/2 and each reversal loses b. The gap starts centred.
 
-    Source: Nordin, Gutman (2002), Automatica 38(10), section 3.1 (dead zone) and section 3.3 (play).
+    Validity: with damping the flanks pull for a moment where they part; Nordin, Galic, Gutman (1997), Int. J. Adaptive
+    Control and Signal Processing 11, avoid that.
+
+    Source: Nordin, Gutman (2002), Automatica 38(10), a survey of models of backlash.
 
     Examples
     --------

@@ -10,13 +10,13 @@ from fdbench.effects._functions import exp
 @final
 @dataclass(frozen=True, kw_only=True)
 class CableStiffness(Effect):
-    r"""Spring to the origin and Dahl friction of the bending chain, whose state is z.
+    r"""Spring to the origin and Dahl friction of the bending chain.
 
     .. math:: F = k x + F_d z, \qquad \dot z = (v - |v| z) / x_d
 
-    At constant velocity over a substep z relaxes exactly; the force is its mean.
+    with the state z, between -1 and 1. At constant velocity over a substep z relaxes exactly; its mean gives the force.
 
-    Source: Dahl (1968), A solid friction model, eq. (4) with exponent 1.
+    Source: Dahl (1968), A solid friction model, The Aerospace Corporation, with exponent 1.
 
     Examples
     --------

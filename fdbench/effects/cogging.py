@@ -17,9 +17,10 @@ class Cogging(Effect):
 
     .. math:: F(x_m) = A \sin(2 \pi x_m / \lambda + \varphi)
 
-    For a rotary motor the pitch is the lead divided by the order (6, 12, 24, 36).
+    x_m: position of the motor side; lambda: pitch. For a rotary motor the pitch is the lead divided by the order (6,
+    12, 24, 36).
 
-    Source: Altintas, Verl, Brecher, Uriarte, Pritschow (2011), CIRP Annals 60(2), section 4.2.
+    Source: Altintas, Verl, Brecher, Uriarte, Pritschow (2011), CIRP Annals 60(2), on linear drives.
 
     Examples
     --------

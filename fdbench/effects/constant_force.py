@@ -13,7 +13,7 @@ class ConstantForce(Effect):
 
     .. math:: F = F_0
 
-    Source: Janot, Gautier, Brunot (2019), the offset of the EMPS model.
+    Source: Janot, Gautier, Brunot (2019), Data Set and Reference Models of EMPS, the offset.
 
     Examples
     --------

@@ -14,10 +14,11 @@ class CoulombFriction(Effect):
 
     .. math:: F(v) = F_c \tanh(v / v_0)
 
-    The slope handed to the integrator is the secant F/v, so that the axis creeps to a stop and never chatters.
+    A negative value means that the friction known on paper is too large. The slope handed to the integrator is the
+    secant F/v, so that the axis creeps to a stop and never chatters.
 
-    Source: Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30, section 2.1; smoothing as in
-    McPherson (2024) with v_0 = 1 mm/s.
+    Source: Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7); smoothing: Andersson, Soderberg,
+    Bjorklund (2007), Tribology International 40.
 
     Examples
     --------

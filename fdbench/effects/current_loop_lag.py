@@ -14,9 +14,10 @@ class CurrentLoopLag(Effect):
 
     .. math:: \tau \dot F = F_{asked} - F
 
-    The command is constant over a substep, so that the force relaxes exactly; its mean is delivered.
+    F_asked: force asked of the motor; F: state, the force that it gives. The command is constant over a substep, so
+    that F relaxes exactly; its mean is delivered.
 
-    Source: Altintas, Manufacturing Automation (2012), section 5.4, the current loop as a first-order lag.
+    Source: Altintas, Manufacturing Automation (2012), on the loops of a feed drive.
 
     Examples
     --------

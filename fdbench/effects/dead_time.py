@@ -27,10 +27,12 @@ class DeadTime(Effect):
 
     .. math:: F(t) = F_{asked}(t - t_d)
 
-    The last six changes of the command are kept with their times; the force is the exact mean over the substep.
+    F: force delivered; F_asked: force asked of the motor. The last six changes of the command are kept with their
+    times; the force is the exact mean over the substep.
+
     Validity: a delay that spans more than six changes gives no number (NaN), and the axis counts as diverged.
 
-    Source: Astrom, Wittenmark (1997), Computer-Controlled Systems, section 2.6 (delays of any fraction of a period).
+    Source: Astrom, Wittenmark (1997), Computer-Controlled Systems, on sampled systems with a time delay.
 
     Examples
     --------

@@ -14,11 +14,11 @@ class DirectionDependentFriction(Effect):
 
     .. math:: F(v) = B_a v \tanh(v / v_0) + C_a \tanh^2(v / v_0)
 
-    Beside nominal friction B v + C sgn v the axis has B + B_a and C + C_a forwards, B - B_a and C - C_a backwards.
+    Beside friction B v + C sgn v on paper the axis has B + B_a and C + C_a forwards, B - B_a and C - C_a backwards.
     Unlike a constant force it is none at rest.
 
-    Source: Janot, Gautier, Brunot (2019), the directional model of the EMPS; Armstrong-Helouvry, Dupont, Canudas de
-    Wit (1994), Automatica 30, section 2.1, on friction that depends on direction.
+    Source: Janot, Gautier, Brunot (2019), Data Set and Reference Models of EMPS, the model with direction-dependent
+    friction: four parameters, viscous and Coulomb in each direction.
 
     Examples
     --------

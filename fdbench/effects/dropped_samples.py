@@ -13,8 +13,10 @@ class DroppedSamples(Effect):
 
     .. math:: y_k = y_{k-1} \text{ with probability } p
 
-    The drive itself is not affected, only its record. Source: Sinopoli et al. (2004), IEEE Trans. Automatic
-    Control 49(9), the Bernoulli arrival process.
+    y_k: all readings of sample k that are logged. Commanded position and velocity go on, the first sample is never
+    lost, and the drive itself is not affected, only its record.
+
+    Source: Sinopoli et al. (2004), IEEE Trans. Automatic Control 49(9), the Bernoulli arrival process.
 
     Examples
     --------

@@ -17,7 +17,9 @@ class EncoderInterpolationError(Effect):
 
     .. math:: y = x + A \sin(2 \pi x / p + \varphi)
 
-    Source: Heydemann (1981), Applied Optics 20(19), the error of sine and cosine signals with an offset.
+    x: true position; y: reading.
+
+    Source: Heydemann (1981), Applied Optics 20(19), 3382-3384, on errors of sine and cosine signals.
 
     Examples
     --------

@@ -15,7 +15,9 @@ class EncoderQuantisation(Effect):
 
     .. math:: y = q \lfloor x / q + 1/2 \rfloor
 
-    Source: Widrow, Kollar, Quantization Noise (2008), eq. (1.1).
+    x: position before rounding; y: reading.
+
+    Source: Widrow, Kollar, Quantization Noise (2008), the rounding quantiser.
 
     Examples
     --------

@@ -15,10 +15,10 @@ class ForceSaturation(Effect):
     .. math:: F = \frac{F_{asked}}{\sqrt{1 + (\kappa F_{asked})^2}} \approx F_{asked} (1 - \beta F_{asked}^2), \quad
               \beta = \kappa^2 / 2
 
-    The force grows with the command everywhere, unlike the cubic that it is for small commands.
+    F: force delivered; F_asked: force asked of the motor. The force grows with the command everywhere, unlike the cubic
+    that it is for small commands.
 
-    Source: Slemon (1992), Electric Machines and Drives, section 1.5 (saturation of iron); form of the curve: Chua,
-    Stromsmoe (1970), IEEE Trans. Circuit Theory 17(4).
+    Source: Slemon (1992), Electric Machines and Drives, on saturation of iron; the form of the curve is ours.
 
     Examples
     --------

@@ -14,10 +14,10 @@ class FrictionDrift(Effect):
 
     .. math:: F(t, v) = F_w\, e^{-t/\tau} \tanh(v / v_0)
 
-    A negative force is friction that grows. Re-calibration absorbs the mean, so only the change counts.
+    t: time from the start of the record. A negative force is friction that grows. Re-calibration absorbs the mean, so
+    only the change counts.
 
-    Source: Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30, section 2.1 (drift with temperature);
-    Erkorkmaz, Altintas (2001), Int. J. Machine Tools and Manufacture 41, part II, on the warm-up of a screw.
+    Source: Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7); the law in time is ours.
 
     Examples
     --------

@@ -13,10 +13,11 @@ class InertiaMismatch(Effect):
 
     .. math:: F = \Delta m\, a
 
+    a: acceleration of the table. A negative mass is a lighter table.
+
     Validity: lighter by less than the table's mass.
 
-    Source: Newton's second law; workpiece masses in Altintas, Verl, Brecher, Uriarte, Pritschow (2011), CIRP Annals
-    60(2), section 3.
+    Source: Newton's second law.
 
     Examples
     --------

@@ -17,9 +17,10 @@ class LeadError(Effect):
 
     .. math:: x_t - x_m = A [\sin(2 \pi x_m / p + \varphi) - \sin\varphi] + \varepsilon x_m
 
-    without load; the table really moves so, and its scale sees it.
+    x_t: position of the table without load; x_m: that of the motor side; epsilon in m/m. The table really moves so, and
+    its scale sees it.
 
-    Source: ISO 3408-3 (2006), travel deviation of ball screws: wobble and specified travel.
+    Source: ISO 3408-3 (2006), travel deviation and travel variation of ball screws.
 
     Examples
     --------

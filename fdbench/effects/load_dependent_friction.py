@@ -14,10 +14,10 @@ class LoadDependentFriction(Effect):
 
     .. math:: F(v) = \mu |F_s| \tanh(v / v_0)
 
-    On a rigid axis F_s is the force that the motor delivers.
+    F_s: that force; on a rigid axis the one that the motor delivers.
 
-    Source: Duclusaud et al. (2025), Extended Friction Models for the Physics Simulation of Servo Actuators, the
-    load-dependent term.
+    Source: Duclusaud, Passault, Padois, Ly (2025), Extended Friction Models for the Physics Simulation of Servo
+    Actuators, IEEE ICRA, the load-dependent term.
 
     Examples
     --------

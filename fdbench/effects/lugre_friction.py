@@ -17,10 +17,11 @@ class LugreFriction(Effect):
         \dot z = v - \frac{\sigma_0 |v|}{g(v)} z, \qquad
         g(v) = F_c + (F_s - F_c)\, e^{-(v/v_s)^2}, \qquad F = \sigma_0 z + \sigma_1 \dot z
 
-    At constant velocity over a substep z relaxes exactly, so no speed or stiffness makes the bristle unstable;
-    the force is its mean over the substep. Viscous friction is an effect of its own.
+    F_c: Coulomb force; F_s: static force; v_s: Stribeck velocity; sigma_0 and sigma_1: stiffness and damping of the
+    bristles; g in N, sigma_0 times that of the paper. At constant velocity over a substep z relaxes exactly, so no
+    speed or stiffness makes the bristle unstable; the force is its mean. Viscous friction is an effect of its own.
 
-    Source: Canudas de Wit, Olsson, Astrom, Lischinsky (1995), IEEE Trans. Automatic Control 40(3), eqs. (1)-(4).
+    Source: Canudas de Wit, Olsson, Astrom, Lischinsky (1995), IEEE Trans. Automatic Control 40(3), 419-425.
 
     Examples
     --------

@@ -17,10 +17,9 @@ class PositionDependentFriction(Effect):
 
     .. math:: F(x, v) = a \sin(2 \pi x / L + \varphi) \tanh(v / v_0)
 
-    Validity: a below the Coulomb force of the nominal axis, or the guideway would push.
+    x: position of the table. Validity: a below the Coulomb force on paper, or the guideway would push.
 
-    Source: Armstrong-Helouvry (1991), Control of Machines with Friction, section 3.2; Erkorkmaz, Kamalzadeh (2006),
-    Int. J. Machine Tools and Manufacture 46, on the ball passing of a screw.
+    Source: Armstrong-Helouvry (1991), Control of Machines with Friction; one harmonic is our choice.
 
     Examples
     --------

@@ -13,8 +13,8 @@ class QuadraticDrag(Effect):
 
     .. math:: F(v) = c\, v |v|
 
-    Source: Chou, Duan, Okwudire, A linear hybrid model for enhanced servo error pre-compensation, eq. (12): 0.1 mN at
-    1 mm/s is 100 N s^2/m^2.
+    Source: Chou, Duan, Okwudire, A linear hybrid model for enhanced servo error pre-compensation, eq. (12), whose 0.1
+    is read in mN, mm and s, though N is printed: 0.1 mN at 1 mm/s is 100 N s^2/m^2.
 
     Examples
     --------

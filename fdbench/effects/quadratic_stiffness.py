@@ -9,12 +9,12 @@ from fdbench.effects._effect import Effect, Port, kernel, parameter
 @final
 @dataclass(frozen=True, kw_only=True)
 class QuadraticStiffness(Effect):
-    r"""Restoring force that stiffens with the distance from the middle of the travel.
+    r"""Restoring force that stiffens with the distance from the origin.
 
     .. math:: F(x) = \kappa\, x |x|
 
-    Source: Chou, Duan, Okwudire, A linear hybrid model for enhanced servo error pre-compensation, eq. (12): 1 mN at
-    1 mm is 1000 N/m^2.
+    Source: Chou, Duan, Okwudire, A linear hybrid model for enhanced servo error pre-compensation, eq. (12), whose 1 is
+    read in mN and mm, though N is printed: 1 mN at 1 mm is 1000 N/m^2.
 
     Examples
     --------

@@ -14,18 +14,28 @@ from fdbench.effects.tooth_passing_force import TURN, cutting_force
 class RunoutForce(Effect):
     r"""Milling force with run-out minus the force without it.
 
-    Even teeth cut a chip thicker by e, odd teeth one thinner by e,
+    Teeth 0, 2, ... cut a chip thicker by e, teeth 1, 3, ... one thinner by e,
 
-    .. math:: h_j = \max(f_t \sin\varphi_j \pm e, 0), \qquad F = \sum_j [F(h_j) - F(h_j)|_{e = 0}]
+    .. math:: h_j = f_t \sin\varphi_j \pm e, \qquad F = \sum_{h_j > 0} F(h_j) - \sum_j F(h_j)|_{e = 0}
 
-    so the force repeats once per turn and no longer once per tooth. Its cutting parameters are those of the
-    tooth-passing force that it modifies. Source: Kline, DeVor (1983), Int. J. Machine Tool Design and Research 23.
+    over the engaged teeth, with the feed per tooth :math:`f_t = |v| / (f_s N_t)`, the angle :math:`\varphi_j` of tooth
+    j and its force F(h) as in ``tooth_passing_force``, whose cutting parameters these are. So the force repeats with
+    every second tooth, for two teeth once per turn.
+
+    Validity: two teeth. With more, a tool that runs out off centre thickens each chip by another amount; a chip that
+    a tooth misses is not left for the next one.
+
+    Source: Kline, DeVor (1983), Int. J. Machine Tool Design and Research 23, on run-out in end milling.
 
     Examples
     --------
-    >>> effect = RunoutForce.typical(radial_runout_m=0.0)
-    >>> RunoutForce.kernel(0.003, 1e-5, 0.0, 0.01, 0.0, *effect.values())
-    (0.0, 0.0)
+    Tooth 0 at 90 degrees, tooth 1 out of the cut: minus axial depth times radial coefficient times run-out,
+    1.5 mm * 168.8 MPa * 10 um.
+
+    >>> effect = RunoutForce.typical(teeth=2.0, spindle_frequency_Hz=50.0, radial_runout_m=1e-5)
+    >>> force, slope = RunoutForce.kernel(0.005, 1e-5, 0.0, 0.01, 0.0, *effect.values())
+    >>> round(force, 6)
+    -2.532
     """
 
     port = Port.TABLE_FORCE

@@ -15,7 +15,7 @@ class StepForce(Effect):
 
     The kernel returns the mean over its substep, so that the impulse is right wherever the step falls.
 
-    Source: Salehi (2013), sections 3.7 and 4.1: 100 N.
+    Source: Salehi (2013), sections 3.7 and 4.4: 100 N.
 
     Examples
     --------

@@ -12,15 +12,20 @@ from fdbench.effects._functions import exp, tanh
 class StribeckFriction(Effect):
     r"""The part of steady friction above the Coulomb level.
 
-    .. math:: F(v) = (F_s - F_c)\, e^{-(v/v_s)^2} \tanh(v / v_0)
+    .. math:: F(v) = F_d\, e^{-(v/v_s)^2} \tanh(v / v_0), \qquad F_d = F_s - F_c
 
-    Source: Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30, eq. (6) with exponent 2.
+    F_d: by how much the static force F_s exceeds the Coulomb force F_c, which is an effect of its own.
+
+    Source: Stribeck (1902), Z. Verein Deutscher Ingenieure 46; Armstrong-Helouvry, Dupont, Canudas de Wit (1994),
+    Automatica 30(7), for the curve, here with exponent 2.
 
     Examples
     --------
+    At v_s, 20 times v_0, hardly less than 40 N / e is left.
+
     >>> effect = StribeckFriction.typical(stribeck_force_N=40.0, stribeck_velocity_m_per_s=0.01)
     >>> force, slope = StribeckFriction.kernel(0.0, 1e-4, 0.0, 0.01, 0.0, *effect.values())
-    >>> round(force, 4)  # 40 / e
+    >>> round(force, 4)
     14.7152
     """
 

@@ -19,11 +19,12 @@ class StructuralMode(Effect):
         \dot q = p - v, \qquad \dot p = -2 \zeta \omega (p - v) - \omega^2 q, \qquad F = m \dot p,
         \qquad \omega = 2 \pi f
 
-    At constant velocity of the table over a substep the mode is advanced exactly, and the force is its mean. The
-    table stands still at f (antiresonance); far below, the mass rides along and adds to the table's.
+    v: velocity of the table; f, zeta: natural frequency and damping ratio of the mass on a table that stands still. At
+    constant v over a substep the mode is advanced exactly, and the force is its mean. Without damping the table stands
+    still at f (antiresonance); far below, the mass rides along and adds to the table's.
 
-    Source: Preumont (2018), Vibration Control of Active Structures, section 2.6 (antiresonances of appended modes);
-    Den Hartog (1956), Mechanical Vibrations, section 3.2.
+    Source: Den Hartog (1956), Mechanical Vibrations, the dynamic absorber; Preumont (2018), Vibration Control of Active
+    Structures, on antiresonances.
 
     Examples
     --------

@@ -14,8 +14,11 @@ class ThermalExpansion(Effect):
 
     .. math:: x_t - x_m = \alpha\, \Delta T\, (1 - e^{-t/\tau})\, (x_m - x_b)
 
-    Source: Altintas, Verl, Brecher, Uriarte, Pritschow (2011), CIRP Annals 60(2), section 3.4; 11.5 um/(m K) for
-    steel.
+    x_t: position of the table; x_m: that of the motor side; t: time from the start of the record; Delta T: rise of the
+    screw's temperature in the end. Steel expands by 11.5 um/(m K).
+
+    Source: Weck, McKeown, Bonse, Herbst (1995), CIRP Annals 44(2), on thermal errors of machine tools; one time
+    constant is our choice.
 
     Examples
     --------

@@ -17,9 +17,10 @@ class TorqueRipple(Effect):
 
     .. math:: F = F_{asked}\, [1 + a \sin(2 \pi x_m / \lambda + \varphi)]
 
-    taken in the middle of the substep. For a rotary motor the pitch is the lead divided by the order.
+    F: force delivered; F_asked: force asked of the motor; x_m: position of the motor side in the middle of the substep;
+    lambda: pitch. For a rotary motor the pitch is the lead divided by the order.
 
-    Source: Holtz, Springob (1996), IEEE Trans. Industrial Electronics 43(2), section II.
+    Source: Holtz, Springob (1996), IEEE Trans. Industrial Electronics 43(2), on torque ripple.
 
     Examples
     --------

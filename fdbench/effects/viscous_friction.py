@@ -13,7 +13,7 @@ class ViscousFriction(Effect):
 
     .. math:: F(v) = B v
 
-    Source: Erkorkmaz, Altintas (2001), Int. J. Machine Tools and Manufacture 41, part II, eq. (3).
+    Source: Erkorkmaz, Altintas (2001), High speed CNC system design, part II, Int. J. Machine Tools and Manufacture 41.
 
     Examples
     --------

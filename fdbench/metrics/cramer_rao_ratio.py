@@ -30,8 +30,9 @@ class CramerRaoRatio(Metric):
 
     ``worst`` is a standard deviation a thousand times that of the bound.
 
-    Source: Ljung, System Identification (1999), section 7.4, for the bound; Bar-Shalom, Li, Kirubarajan, Estimation
-    (2001), section 5.4, for the normalised estimation error squared, of which this is the part on the diagonal.
+    Source: Ljung, System Identification (1999), chapter 9, for the bound; Bar-Shalom, Li, Kirubarajan, Estimation with
+    Applications to Tracking and Navigation (2001), section 5.4, for the normalised estimation error squared, of which
+    this is the part on the diagonal.
     """
 
     unit = ""

@@ -20,7 +20,8 @@ class ForceMeanAbsoluteError(Metric):
 
     ``worst``, 40 N, is the highest force level of the published measurements.
 
-    Source: Qu and Vogl, sparse regression with nonlinear function basis, section 4.2, MAE.
+    Source: Qu and Vogl (2021), Estimating dynamic cutting forces of machine tools from measured vibrations using sparse
+    regression with nonlinear function basis, section 4.2, MAE.
     """
 
     unit = "N"

@@ -18,7 +18,8 @@ class MeanRmsError(Metric):
 
     Validity and ``worst`` as for ``force_mean_absolute_error``.
 
-    Source: Qu and Vogl, sparse regression with nonlinear function basis, section 4.2, M-RMSE.
+    Source: Qu and Vogl (2021), Estimating dynamic cutting forces of machine tools from measured vibrations using sparse
+    regression with nonlinear function basis, section 4.2, M-RMSE.
     """
 
     unit = "N"

@@ -23,7 +23,7 @@ class ParameterError(Metric):
 
     ``worst`` is ten times the error of learning nothing.
 
-    Source: definition; the weights are those of the covariance of output errors, Ljung (1999), eq. (9.41).
+    Source: definition. For uncorrelated regressors the numerator is the mean square of the error in the output.
     """
 
     unit = "%"

@@ -22,7 +22,7 @@ class PhysicalParameterError(Metric):
 
     ``worst`` is ten times the error of learning nothing.
 
-    Source: McPherson, thesis, 2024, eqs. 2.2 to 2.6, for the conversion.
+    Source: McPherson, thesis, 2024, eqs. 2.1 to 2.6, for the conversion.
     """
 
     unit = "%"

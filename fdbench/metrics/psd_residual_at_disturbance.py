@@ -17,8 +17,9 @@ class PsdResidualAtDisturbance(Metric):
 
     S: one-sided Welch density of :math:`y - \hat y` in the scenario's window (Hann, segments of 1024 rows or, in short
     windows, of the largest power of two that leaves three, overlapping by half); :math:`f_d`: reciprocal of
-    ``disturbance_period_s``, folded at Nyquist; :math:`\sigma`: equation noise per sample. A sinusoid of amplitude a
-    gives :math:`a^2 / 6 \Delta f` within 0.1 dB, wherever it lies between the bins.
+    ``disturbance_period_s``, folded at Nyquist; :math:`\sigma`: equation noise per sample; :math:`T_s`: sampling time;
+    :math:`\Delta f`: spacing of the bins. A sinusoid of amplitude a gives :math:`a^2 / 6 \Delta f` within 0.1 dB,
+    wherever it lies between the bins.
 
     0 dB, ``ideal``, is a model that predicts all but the noise. Below 0 the estimator has fitted the noise as well:
     a smoother in sample such as PL-LSSVM reaches -30 dB and knows no more for it. The value is kept, as differences

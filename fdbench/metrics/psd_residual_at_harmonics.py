@@ -15,9 +15,9 @@ class PsdResidualAtHarmonics(Metric):
     .. math:: 10 \log_{10} \frac{\bar S}{2 \sigma^2 T_s}, \quad
               k_h = \mathrm{round}(|h f_d - f_s\, \mathrm{round}(h f_d / f_s)| / \Delta f), \quad h = 2 \dots 5
 
-    :math:`\bar S` is the mean density of the bins :math:`k_h - 1, k_h, k_h + 1`; harmonics above Nyquist appear at
-    their alias. One that falls on the fundamental or on zero, to four bins, is left out. Density, window, sign and
-    ranking are those of ``psd_residual_at_disturbance``.
+    :math:`\bar S` is the mean density of the bins :math:`k_h - 1, k_h, k_h + 1` and :math:`f_s` the sampling rate;
+    harmonics above Nyquist appear at their alias. One nearer than four bins to the fundamental or to zero is left out.
+    Density, window, other symbols, sign and ranking are those of ``psd_residual_at_disturbance``.
 
     Example: of 50 Hz at 333.33 Hz harmonics 2 and 3 lie at 100 and 150 Hz, 4 and 5 at 133.3 and 83.3 Hz.
 

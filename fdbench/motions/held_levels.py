@@ -17,7 +17,8 @@ class HeldLevels(Motion):
 
     The last level is kept until the end; the command is zero during the first and last ``rest_s``.
 
-    Source: Erkorkmaz, Altintas (2001), part II, section 3; McPherson (2024), figures 3.2 and 3.4.
+    Source: Erkorkmaz, Altintas (2001), High speed CNC system design, part II, Int. J. Machine Tools and Manufacture 41;
+    McPherson (2024), figures 3.2 and 3.4.
 
     Examples
     --------

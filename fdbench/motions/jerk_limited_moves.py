@@ -25,7 +25,8 @@ class JerkLimitedMoves(Motion):
 
     Examples
     --------
-    A 10 mm move at 80 mm/s, 8 m/s^2 and 1000 m/s^3 lasts 143 ms.
+    A 10 mm move at 80 mm/s, 8 m/s^2 and 1000 m/s^3 lasts 143 ms: four jerk phases of 8 ms, two of 2 ms at constant
+    acceleration, 107 ms of cruise.
 
     >>> limits = dict(velocity_m_per_s=0.08, acceleration_m_per_s2=8.0, jerk_m_per_s3=1000.0)
     >>> round(move_time(0.01, *limits.values()), 9)

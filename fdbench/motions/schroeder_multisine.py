@@ -18,7 +18,8 @@ class SchroederMultisine(Motion):
         v(t) = \bar v + s \sum_{k=1}^{N} \sqrt{p_k / 2}\, \cos(k \omega_0 t + \theta_k), \quad p_k = 1/N, \qquad
         \theta_k = \theta_1 - 2 \pi \sum_{j=1}^{k-1} \sum_{l=1}^{j} p_l = \theta_1 - \pi k (k - 1) / N
 
-    The deviation's root mean square is s/2. The reference is the exact signal at any sampling time; position and
+    v-bar: mean velocity; s: scale; N: number of harmonics; omega_0: fundamental; p_k: share of the power. The
+    deviation's root mean square is s/2. The reference is the exact signal at any sampling time; position and
     acceleration are its integral, which starts at zero, and its derivative.
 
     Source: Schroeder (1970), IEEE Transactions on Information Theory 16; Turkay and Ulsoy (1988), eqs. (10) and (11),
