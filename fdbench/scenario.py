@@ -98,7 +98,8 @@ class Environment:
     action_scale : float
         Deviation from the command at action 1, in the unit of the controller's command.
     reward : str
-        Column whose difference to its reference column is squared: ``velocity_m_per_s`` or ``position_m``.
+        Column whose difference to its reference column is squared, such as ``velocity_m_per_s``; for a plant with
+        several axes ``position_m`` stands for ``x_position_m`` and ``y_position_m``, and the squares are added.
     """
 
     action_scale: float = positive()

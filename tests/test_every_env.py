@@ -22,6 +22,7 @@ from fdbench.envs.drive_env import DriveEnv
 from fdbench.envs.drive_vector_env import DriveVectorEnv
 from fdbench.errors import PluginError, SpecError, UnknownName
 from fdbench.scenario import Scenario, load_scenario, scenario_ids
+from fdbench.simulate.axis import CHUNK, ROW, Axis
 
 IDS = environment_ids()
 QUICK = "fdbench/ShakerConstant-v0"
@@ -77,6 +78,26 @@ def test_picture_shows_the_table_where_it_is() -> None:
     (x_0, p_0), (x_1, p_1), (x_2, p_2) = centres
     assert (x_1 - x_0) / (p_1 - p_0) == pytest.approx((x_2 - x_0) / (p_2 - p_0), rel=0.05)
     assert x_1 > x_0
+
+
+def test_picture_of_two_axes_shows_the_table_on_its_path() -> None:
+    env = DriveEnv("ServoSpiral-v0", render_mode="rgb_array")
+    env.reset(seed=0)
+    pixels, positions = [], []
+    for _ in range(4):
+        for _ in range(900):
+            observation, *_ = env.step(np.zeros(2, dtype=np.float32))
+        picture: Any = env.render()
+        blue = (picture == (44, 97, 176)).all(axis=2)
+        # The table is the only square of 7 x 7 dots; the path is three dots wide.
+        solid = np.lib.stride_tricks.sliding_window_view(blue | (picture == (196, 57, 50)).all(axis=2), (7, 7))
+        row, column = np.argwhere(solid.all(axis=(2, 3))).mean(axis=0)
+        pixels.append([column, -row])
+        positions.append([float(observation[env.columns.index(f"{axis}_position_m")]) for axis in "xy"])
+    moved, shown = np.diff(positions, axis=0), np.diff(pixels, axis=0)
+    scale = float(np.vdot(moved, shown) / np.vdot(moved, moved))
+    np.testing.assert_allclose(shown, scale * moved, rtol=0.0, atol=2.0)
+    assert scale > 0.0
 
 
 def test_every_character_has_five_rows() -> None:
@@ -153,6 +174,36 @@ def test_reward_is_the_squared_error() -> None:
         assert reward == -(error**2)
 
 
+def test_the_xy_stage_has_an_action_for_each_axis() -> None:
+    env = DriveEnv("ServoSpiral-v0")
+    columns = env.columns
+    assert env.system.action_names == ("x_position_m", "y_position_m")
+    scale = env.interface.action_scale
+    runs = []
+    for action in ([0.0, 0.0], [1.0, 0.0], [0.0, -1.0]):
+        env.reset(seed=3)
+        runs.append([env.step(np.array(action, dtype=np.float32)) for _ in range(2500)])
+    still, x_alone, y_alone = (np.array([step[0] for step in run]) for run in runs)
+    for moved, name, by in ((x_alone, "x_position_m", scale), (y_alone, "y_position_m", -scale)):
+        difference = moved - still
+        column = columns.index(name)
+        assert not difference[0, column]
+        assert difference[1, column]
+        assert difference[-100:, column].mean() == pytest.approx(by, rel=0.05)
+        assert not np.delete(difference, column, axis=1).any(), "the other axis and both references stay as they are"
+
+
+def test_reward_of_the_xy_stage_is_the_sum_of_squared_errors() -> None:
+    env = DriveEnv("ServoSpiral-v0")
+    env.reset(seed=0)
+    for _ in range(200):
+        observation, reward, *_ = env.step(env.action_space.sample())
+        seen = dict(zip(env.columns, observation, strict=True))
+        errors = [seen[f"{axis}_reference_position_m"] - seen[f"{axis}_position_m"] for axis in "xy"]
+        assert reward == pytest.approx(-(errors[0] ** 2) - errors[1] ** 2, rel=1e-12)
+        assert min(np.abs(errors)) > 0.0
+
+
 def test_leaving_the_travel_terminates() -> None:
     scenario = load_scenario("ShakerConstant-v0")
     narrow = dataclasses.replace(scenario, plant=dataclasses.replace(scenario.plant, travel_m=0.02))
@@ -172,6 +223,48 @@ def test_leaving_the_travel_terminates() -> None:
         env.step(ZERO)
     with pytest.raises(ResetNeeded, match="reset"):
         envs.step(np.zeros((2, 1), dtype=np.float32))
+
+
+@pytest.mark.parametrize("name", [name for name in scenario_ids() if load_scenario(name).measured is None])
+def test_a_system_ends_with_its_episode(name: str) -> None:
+    system = load_scenario(name).system()
+    system.start([0])
+    with pytest.raises(SpecError, match=f"ends after {system.n_samples} samples"):
+        system.advance(system.n_samples + 1)
+
+
+def test_an_axis_ends_with_the_first_of_its_lanes() -> None:
+    one, many = shaker(duration_s=0.6).system(), shaker(duration_s=0.6).system(70)
+    n = one.n_samples
+    assert n % CHUNK
+    for _ in range(2):
+        one.start([0])
+        for _ in range(n):
+            one.advance_one(0.0)
+        with pytest.raises(SpecError, match=f"ends after {n} samples"):
+            one.advance_one(0.0)
+    many.start(range(70))
+    many.advance(n - 10)
+    for done in range(n - 10, n - 1):
+        first = 7 * (done - n + 10)
+        many.start(range(7), np.arange(first, first + 7))
+        with pytest.raises(SpecError, match=f"ends after {n} samples"):
+            many.advance(n + 1 - done)
+        many.advance(1)
+    many.start(range(7), np.arange(63, 70))
+    with pytest.raises(SpecError, match=f"ends after {n} samples"):
+        many.advance(n - 8)
+    many.advance(n - 9)
+
+
+def test_lanes_that_only_fill_a_block_stay_within_the_reference() -> None:
+    system = shaker(duration_s=0.05).system(70)
+    assert isinstance(system, Axis)
+    rows = system._blocks[:, ROW["INDEX"]]
+    for _ in range(3):
+        system.start(range(70))
+        system.advance(system.n_samples)
+        assert rows.min() == rows.max() == system.n_samples
 
 
 def test_truth_is_not_observed() -> None:
@@ -221,6 +314,18 @@ def test_actions_outside_their_space_are_refused(value: float) -> None:
         envs.step(np.array([[0.0], [value]], dtype=np.float32))
     with pytest.raises(InvalidAction, match="shape"):
         envs.step(np.zeros(2, dtype=np.float32))
+    plane, planes = DriveEnv("ServoSpiral-v0"), DriveVectorEnv("ServoSpiral-v0", 3)
+    plane.reset(seed=0)
+    planes.reset(seed=0)
+    with pytest.raises(InvalidAction, match="outside"):
+        plane.step(np.array([0.0, value], dtype=np.float32))
+    with pytest.raises(InvalidAction, match="within"):
+        planes.step(np.array([[0.0, 0.0], [0.0, value], [0.0, 0.0]], dtype=np.float32))
+    for shape in ((1,), (3,), (2, 1)):
+        with pytest.raises(InvalidAction, match=r"shape is not \(2,\)"):
+            plane.step(np.zeros(shape, dtype=np.float32))
+    with pytest.raises(InvalidAction, match=r"shape \(3, 2\)"):
+        planes.step(np.zeros((2, 3), dtype=np.float32))
 
 
 def test_a_step_before_the_reset_is_refused() -> None:
@@ -280,7 +385,8 @@ class Faulty(gymnasium.Env[Any, Any]):
         return self.inner.reset(seed=0 if self.fault == "ignores the seed" else seed, options=options)
 
     def step(self, action: Any) -> Any:
-        observation, reward, terminated, truncated, info = self.inner.step(action)
+        given = np.zeros_like(action) if self.fault == "ignores the action" else action
+        observation, reward, terminated, truncated, info = self.inner.step(given)
         self.count += 1
         if self.fault == "random after ten steps" and self.count > 10:
             observation[4] += 1e-9 * self.noise.random()
@@ -321,6 +427,7 @@ class Faulty(gymnasium.Env[Any, Any]):
         ("numpy bool", "follows_gymnasium: .*truncates"),
         ("never ends", "zero_action_is_the_record"),
         ("moves the record", "zero_action_is_the_record: step 299: velocity_m_per_s is"),
+        ("ignores the action", "every_action_is_seen: action 0 gives the same observations as no action in 200 steps"),
         ("ignores the seed", "depends_on_the_seed: .*seeds 1 and 2 give the same"),
         ("forgets when copied", "can_be_copied: a deep copy: step 0"),
     ],

@@ -161,6 +161,28 @@ def test_lanes_have_the_bits_of_a_single_one(scenario: Scenario) -> None:
     assert not several.diverged.any()
 
 
+def test_each_axis_has_an_action_of_its_own() -> None:
+    action = 1e-4 * np.array([[0.0, 1.0, 0.0, 1.0], [0.0, 0.0, -2.0, -2.0]])
+    rows = {}
+    for name, given in (("own", action), ("x", action[:, :1]), ("common", action[0])):
+        n_lanes = 1 if name == "x" else 4
+        system = SPIRAL.system(n_lanes)
+        system.start([9] * n_lanes)
+        rows[name] = system.advance(300, given)
+    own = rows["own"]
+    for axis, other in ((slice(0, 3), slice(3, 6)), (slice(3, 6), slice(0, 3))):
+        moved, still = (1, 2) if axis.start == 0 else (2, 1)
+        assert (own[-1, axis, moved] != own[-1, axis, 0]).any()
+        np.testing.assert_array_equal(own[:, axis, still], own[:, axis, 0])
+        np.testing.assert_array_equal(own[:, axis, 3], own[:, axis, moved])
+        np.testing.assert_array_equal(own[:, other, moved], own[:, other, 0])
+    np.testing.assert_array_equal(rows["x"][:, :, 0], own[:, :, 0])
+    np.testing.assert_array_equal(rows["common"][:, :3], own[:, :3][:, :, [0, 1, 0, 1]])
+    one = SPIRAL.system()
+    one.start([9])
+    np.testing.assert_array_equal([one.advance_one(1e-4) for _ in range(300)], rows["common"][:, :, 1])
+
+
 def test_actions_move_the_table_and_not_the_reference() -> None:
     system = SILENT.system()
     system.start([0])

@@ -209,7 +209,7 @@ def test_split_advances_give_the_same_bits() -> None:
 def test_actions_are_force_or_feed() -> None:
     scenario = quiet(load_scenario("SpindleStep-v0"))
     system = scenario.system(2)
-    assert system.action_name == "force_N"
+    assert system.action_names == ("force_N",)
     system.start([0, 0])
     rows = system.advance(900, np.array([0.0, 20.0]))
     columns = (*system.columns, *system.truth_columns)
@@ -218,7 +218,7 @@ def test_actions_are_force_or_feed() -> None:
     np.testing.assert_allclose(settled, [0.0, 20.0 * STATIC], rtol=1e-4, atol=1e-12)
 
     system = load_scenario("SpindleMilling-v0").system(2)
-    assert system.action_name == "feedrate_m_per_s"
+    assert system.action_names == ("feedrate_m_per_s",)
     system.start([0, 0])
     rows = system.advance(500, np.array([0.0, 0.005]))
     columns = (*system.columns, *system.truth_columns)

@@ -262,6 +262,19 @@ def zero_action_is_the_record(s: Subject) -> None:
     raise PluginError(f"a step after the end of the episode, step {n_samples}, was accepted.")
 
 
+def every_action_is_seen(s: Subject) -> None:
+    """Each action alone changes what is observed, and no two of them in the same way."""
+    space: Any = s.make().action_space
+    alone = np.diag(np.ravel(space.high)).reshape(-1, *space.shape).astype(space.dtype)
+    zero = np.zeros(space.shape, space.dtype)
+    runs = [[step[0] for step in run(s.make(), 0, [action] * STEPS)] for action in (zero, *alone)]
+    for n, second in enumerate(runs):
+        for m, first in enumerate(runs[:n]):
+            if all(np.array_equal(a, b) for a, b in zip(first, second, strict=False)):
+                other = f"action {m - 1}" if m else "no action"
+                raise PluginError(f"action {n - 1} gives the same observations as {other} in {STEPS} steps.")
+
+
 def lanes_equal_single_runs(s: Subject) -> None:
     """Lane i of a vector environment equals the environment with seed + i, bit for bit."""
     for n, compared in MANY_LANES.items():
@@ -315,6 +328,7 @@ CHECKS: tuple[Callable[[Subject], None], ...] = (
     leaves_global_random_state,
     stays_in_its_space,
     zero_action_is_the_record,
+    every_action_is_seen,
     lanes_equal_single_runs,
     resets_by_mask,
 )

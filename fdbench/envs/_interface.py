@@ -1,6 +1,7 @@
 """What scalar and vector environment share: the scenario, its spaces, and which columns are seen and rewarded."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,15 @@ from fdbench.simulate.system import FloatArray, System
 
 # Noise and errors of the encoders carry a reading past a limit of the plant before the episode ends.
 OBSERVATION_MARGIN = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Rewarded:
+    """A measured column, its place in a row of the system, and its reference (n_samples,)."""
+
+    name: str
+    place: int
+    reference: FloatArray
 
 
 class Interface:
@@ -44,18 +54,25 @@ class Interface:
         ahead = [name for name in system.commanded if name not in system.columns]
         self.columns: tuple[str, ...] = (*ahead, *system.columns)
         self.commanded = np.column_stack([system.commanded[name] for name in ahead]) if ahead else None
-        self.reward = environment.reward
-        rewardable = [name for name in system.columns if f"reference_{name}" in system.commanded]
-        if self.reward not in rewardable:
-            raise SpecError(
-                f"{self.scenario.id}: environment.reward: '{self.reward}' is not measured beside its reference."
-                f"{did_you_mean(self.reward, rewardable)}"
-            )
-        self.measured_column = system.columns.index(self.reward)
-        self.reference = system.commanded[f"reference_{self.reward}"]
+        self.rewarded = self._rewarded(environment.reward)
         high = OBSERVATION_MARGIN * np.array([system.limits[name] for name in self.columns])
         self.observation_space = Box(-high, high, dtype=np.float64)
-        self.action_space = Box(-1.0, 1.0, (1,), dtype=np.float32)
+        self.action_space = Box(-1.0, 1.0, (len(system.action_names),), dtype=np.float32)
+
+    def _rewarded(self, reward: str) -> tuple[Rewarded, ...]:
+        """Return the measured columns of all axes that ``reward`` names, each with its reference."""
+        columns, found = self.system.columns, dict[str, list[Rewarded]]()
+        for name, reference in self.system.commanded.items():
+            axis, _, quantity = name.partition("reference_")
+            measured = f"{axis}{quantity}"
+            if quantity and measured in columns:
+                found.setdefault(quantity, []).append(Rewarded(measured, columns.index(measured), reference))
+        if reward not in found:
+            raise SpecError(
+                f"{self.scenario.id}: environment.reward: '{reward}' is not measured beside its reference."
+                f"{did_you_mean(reward, found)}"
+            )
+        return tuple(found[reward])
 
     def at_rest(self) -> FloatArray:
         """Return a new observation of the drive before its first sample."""

@@ -1,5 +1,6 @@
-"""The picture of an environment, drawn into an array: drive on its rail, command at the motor, two strip charts."""
+"""The picture of an environment, drawn into an array: drive on its rail or path, and strip charts."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -57,9 +58,9 @@ def write(image: Image, text: str, x: int, y: int, colour: Colour = INK) -> None
         target[dots[: target.shape[0], : target.shape[1]]] = colour
 
 
-def plot(image: Image, trace: Trace, top: int, height: int, n_samples: int) -> None:
+def plot(image: Image, trace: Trace, top: int, height: int, n_samples: int, left: int = MARGIN) -> None:
     """Draw a strip chart, with zero in the middle, whose right end is now and whose width holds ``n_samples``."""
-    panel = image[top : top + height, MARGIN : WIDTH - MARGIN]
+    panel = image[top : top + height, left : WIDTH - MARGIN]
     panel[:] = 255
     panel[height // 2] = LINE
     n, width = len(trace.values), panel.shape[1]
@@ -70,9 +71,14 @@ def plot(image: Image, trace: Trace, top: int, height: int, n_samples: int) -> N
     rows = np.arange(height)[:, None]
     drawn = (rows >= np.minimum(y, before)) & (rows <= np.maximum(y, before)) & (sample >= 0)
     panel[drawn] = trace.colour
+    frame(panel)
+    write(image, f"{trace.label(scaled[-1] * trace.largest)}   SCALE {trace.largest:.3g}".upper(), left, top - 14)
+
+
+def frame(panel: Image) -> None:
+    """Draw a line around a panel."""
     panel[[0, -1]] = LINE
     panel[:, [0, -1]] = LINE
-    write(image, f"{trace.label(scaled[-1] * trace.largest)}   SCALE {trace.largest:.3g}".upper(), MARGIN, top - 14)
 
 
 def place_on_rail(image: Image, position: float, reference: float, span: tuple[float, float]) -> None:
@@ -89,6 +95,57 @@ def place_on_rail(image: Image, position: float, reference: float, span: tuple[f
     image[54:62, at - 10 : at + 10] = BLUE
     for row in range(10):
         image[94 + row, wanted - row // 2 : wanted + row // 2 + 1] = RED
+
+
+def place_on_path(panel: Image, path: FloatArray, reference: FloatArray, sample: int) -> None:
+    """Draw the reference (n_samples, 2), the ``path`` (n, 2) of the last seconds, and table and marker at its end.
+
+    Both axes have one scale; the panel is square.
+    """
+    side, room = len(panel), 10
+    middle = 0.5 * (reference.min(axis=0) + reference.max(axis=0))
+    per_metre = (side - 2 * room) / (float(np.ptp(reference, axis=0).max()) or 1.0)
+
+    def mark(points: FloatArray, radius: int, colour: Colour) -> None:
+        xy = 0.5 * side + (np.nan_to_num(points) - middle) * per_metre
+        column, row = np.clip(np.rint(xy), radius, side - 1 - radius).astype(int).T
+        for step in range(-radius, radius + 1):
+            for across in range(-radius, radius + 1):
+                panel[side - 1 - row + step, column + across] = colour
+
+    def joined(points: FloatArray) -> FloatArray:
+        longest = float(np.abs(np.diff(points, axis=0)).max(initial=0.0)) * per_metre
+        at = np.linspace(0.0, len(points) - 1.0, 1 + (len(points) - 1) * min(max(1, math.ceil(longest)), side))
+        return np.column_stack([np.interp(at, np.arange(len(points)), axis) for axis in points.T])
+
+    panel[:] = 255
+    frame(panel)
+    mark(joined(reference), 0, RED)
+    mark(joined(np.nan_to_num(path)), 1, BLUE)
+    mark(path[-1:], 5, BLUE)
+    mark(reference[sample : sample + 1], 2, RED)
+
+
+def draw_plane(title: str, place: tuple[FloatArray, FloatArray, int], traces: Sequence[Trace], n_samples: int) -> Image:
+    """Return the picture of two axes as a (360, 640, 3) array.
+
+    Parameters
+    ----------
+    title : str
+    place : path (n, 2) of the last seconds, whole reference (n_samples, 2), and the present sample
+    traces : sequence of Trace
+        Two strip charts.
+    n_samples : int
+        Samples over the width of a chart.
+    """
+    image = np.empty((HEIGHT, WIDTH, 3), dtype=np.uint8)
+    image[:] = PAPER
+    write(image, title.upper(), MARGIN, 16)
+    side = 224
+    place_on_path(image[74 : 74 + side, MARGIN : MARGIN + side], *place)
+    for index, trace in enumerate(traces):
+        plot(image, trace, 74 + 130 * index, 94, n_samples, 2 * MARGIN + side)
+    return image
 
 
 def draw(title: str, place: tuple[float, float, tuple[float, float]], traces: Sequence[Trace], n_samples: int) -> Image:

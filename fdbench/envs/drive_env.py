@@ -10,7 +10,7 @@ from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
 from fdbench.envs._interface import Interface, check_options, next_seed
-from fdbench.envs._picture import AMBER, GREEN, RED, WINDOW_S, Trace, draw
+from fdbench.envs._picture import AMBER, GREEN, RED, WINDOW_S, Trace, draw, draw_plane
 from fdbench.errors import SpecError, did_you_mean
 from fdbench.scenario import Scenario
 from fdbench.simulate.system import FloatArray
@@ -30,11 +30,12 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
     sample's action has moved anything; an action is seen in the readings one step later.
 
     ## Action Space
-    `Box(-1, 1, (1,), float32)`
+    `Box(-1, 1, (n_actions,), float32)`, with one action for each command of ``system.action_names``: two for the XY
+    stage, else one.
 
     | number | action | min | max | 1 means |
     | --- | --- | --- | --- | --- |
-    | 0 | deviation of the command ``system.action_name`` | -1 | 1 | ``environment.action_scale`` of the scenario |
+    | i | deviation of the command ``system.action_names[i]`` | -1 | 1 | ``environment.action_scale`` of the scenario |
 
     ## Observation Space
     `Box(-h, h, (n,), float64)` in SI units; the names are in ``columns``, h is twice the limit of the plant for each.
@@ -47,7 +48,8 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
     | ``motor_force_N``, ``motor_torque_Nm`` or ``motor_current_A``: command at the motor | force limit |
 
     ## Rewards
-    :math:`-(r_k - y_k)^2` for the column that ``environment.reward`` of the scenario names, in its unit squared.
+    :math:`-(r_k - y_k)^2` for the column that ``environment.reward`` of the scenario names, in its unit squared; the
+    XY stage has the sum over both axes.
 
     ## Starting State
     At rest at the start of the reference. The seed of ``reset`` is that of every random stream of the episode; without
@@ -66,7 +68,7 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
     scenario : str, path or Scenario
         Id, TOML file, or the scenario itself.
     render_mode : {"rgb_array"}, optional
-        A picture of 640 x 360 pixels: drive, command at the motor, and the last two seconds.
+        A picture of 640 x 360 pixels: drive or path, command at the motor, and the last two seconds.
 
     ## Version History
     The version of an id is that of its scenario. v0: initial release.
@@ -94,8 +96,10 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         n = self._n_measured = len(self.system.columns)
         self._truths = [(name, n + index) for index, name in enumerate(self.system.truth_columns)]
         self._diverged = n + self.system.truth_columns.index("diverged")
-        self._measured = self.interface.measured_column
-        self._reference: list[float] = self.interface.reference.tolist()
+        self._rewarded: list[tuple[list[float], int]] = [
+            (rewarded.reference.tolist(), rewarded.place) for rewarded in self.interface.rewarded
+        ]
+        self._one_action = len(self.system.action_names) == 1
         self._commanded = self.interface.commanded
         self._action_scale = self.interface.action_scale
         self._period_s = self.interface.period_s
@@ -121,12 +125,18 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         k = self._sample
         if k >= self._n_samples:
             raise ResetNeeded(f"{self.scenario.id}: no episode is running; call reset() before step().")
-        value = action.item()
-        if not -1.0 <= value <= 1.0:
-            raise InvalidAction(f"{self.scenario.id}: action {value:g} is outside [-1, 1].")
-        row = self.system.advance_one(value * self._action_scale)
+        if self._one_action:
+            value = action.item()
+            if not -1.0 <= value <= 1.0:
+                raise InvalidAction(f"{self.scenario.id}: action {value:g} is outside [-1, 1].")
+            row = self.system.advance_one(value * self._action_scale)
+        else:
+            row = self._advance_by_several(action)
         values = row.tolist()
-        error = self._reference[k] - values[self._measured]
+        reward = 0.0
+        for reference, place in self._rewarded:
+            error = reference[k] - values[place]
+            reward -= error * error
         terminated = values[self._diverged] > 0.5
         self._sample = self._n_samples if terminated else k + 1
         if self._history is not None:
@@ -135,33 +145,38 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         if self._commanded is not None:
             observation = np.concatenate((self._commanded[k], observation))
         info = {"truth": {name: values[place] for name, place in self._truths}, "time_s": k * self._period_s}
-        return observation, -(error * error), terminated, k + 1 == self._n_samples, info
+        return observation, reward, terminated, k + 1 == self._n_samples, info
+
+    def _advance_by_several(self, action: ActionArray) -> FloatArray:
+        shape = self.action_space.shape
+        if action.shape != shape or not np.abs(action).max() <= 1.0:
+            raise InvalidAction(f"{self.scenario.id}: action {action} is outside [-1, 1], or its shape is not {shape}.")
+        deviation = np.multiply(action, self._action_scale, dtype=np.float64)
+        return self.system.advance(1, deviation[:, None]).ravel()
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return the picture as a (360, 640, 3) array."""
         if self._history is None:
             gymnasium.logger.warn("render() needs render_mode='rgb_array' at construction.")
             return None
-        system, rewarded = self.system, self.interface.reward
+        system, rewarded = self.system, self.interface.rewarded
         rest = [0.0, *system.at_rest.tolist(), *(0.0 for _ in self._truths)]
         rows = np.array(self._history or [rest])
         columns = dict(zip((*system.columns, *system.truth_columns), rows.T[1:], strict=True))
         k = rows[:, 0].astype(np.intp)
-        shown = "position_m" if "reference_position_m" in system.commanded else rewarded
+        title, width = f"{self.scenario.id}   T {k[-1] * self._period_s:.3f} S", self._history.maxlen or len(k)
+        errors = [Trace(f"error_of_{item.name}", item.reference[k] - columns[item.name], RED) for item in rewarded]
+        if len(rewarded) == 2:
+            path = np.column_stack([columns[item.name] for item in rewarded])
+            whole = np.column_stack([item.reference for item in rewarded])
+            return draw_plane(title, (path, whole, int(k[-1])), errors, width)
+        shown = "position_m" if "reference_position_m" in system.commanded else rewarded[0].name
         reference = system.commanded[f"reference_{shown}"]
         room = 0.05 * float(np.ptp(reference)) or system.limits[shown]
         span = float(reference.min()) - room, float(reference.max()) + room
         forces = [name for name in system.columns if split_unit(name)[1] in ("N", "Nm", "A")]
         bar = [*forces, system.columns[-1]][0]
-        traces = [
-            Trace(bar, columns[bar], AMBER),
-            Trace(f"error_of_{rewarded}", np.array(self._reference)[k] - columns[rewarded], RED),
-        ]
+        traces = [Trace(bar, columns[bar], AMBER), *errors]
         if "disturbance_N" in columns:
             traces.append(Trace("disturbance_N", columns["disturbance_N"], GREEN))
-        return draw(
-            f"{self.scenario.id}   T {k[-1] * self._period_s:.3f} S",
-            (float(columns[shown][-1]), float(reference[k[-1]]), span),
-            traces,
-            self._history.maxlen or len(k),
-        )
+        return draw(title, (float(columns[shown][-1]), float(reference[k[-1]]), span), traces, width)

@@ -68,7 +68,8 @@ class DriveVectorEnv(VectorEnv[FloatArray, ActionArray, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._roots: list[int | None] = [None] * num_envs
         self._drawing: dict[int, np.random.Generator] = {}
-        self._action = np.zeros(num_envs)
+        n_actions = len(self.system.action_names)
+        self._action = np.zeros(num_envs if n_actions == 1 else (n_actions, num_envs))
         self._all = np.ones(num_envs, dtype=np.bool_)
         self._over = self._all.copy()
         self._sample = np.zeros(num_envs, dtype=np.intp)
@@ -95,9 +96,11 @@ class DriveVectorEnv(VectorEnv[FloatArray, ActionArray, NDArray[Any]]):
         """Advance all lanes by one sampling time; see the data sheet of `DriveEnv`."""
         if self._over.any():
             raise ResetNeeded(f"{self.scenario.id}: lanes {np.flatnonzero(self._over).tolist()[:8]} need a reset.")
-        if actions.shape != (self.num_envs, 1) or not np.abs(actions).max() <= 1.0:
-            raise InvalidAction(f"{self.scenario.id}: actions of shape ({self.num_envs}, 1) within [-1, 1] are needed.")
-        np.multiply(actions[:, 0], self.interface.action_scale, out=self._action, dtype=np.float64)
+        shape = self.action_space.shape
+        if actions.shape != shape or not np.abs(actions).max() <= 1.0:
+            raise InvalidAction(f"{self.scenario.id}: actions of shape {shape} within [-1, 1] are needed.")
+        given = actions.T.reshape(self._action.shape)
+        np.multiply(given, self.interface.action_scale, out=self._action, dtype=np.float64)
         rows = self.system.advance(1, self._action)[0]
         k = self._sample.copy()
         self._sample += 1
@@ -108,12 +111,15 @@ class DriveVectorEnv(VectorEnv[FloatArray, ActionArray, NDArray[Any]]):
             observations[:, : len(self.columns) - n] = self.interface.commanded[k]
         self._observations = observations
         truth = dict(zip(self.system.truth_columns, rows[n:], strict=True))
-        error = self.interface.reference[k] - rows[self.interface.measured_column]
+        rewards = np.zeros(self.num_envs)
+        for rewarded in self.interface.rewarded:
+            error = rewarded.reference[k] - rows[rewarded.place]
+            rewards -= error * error
         terminated = truth["diverged"] > 0.5
         truncated = self._sample == self.system.n_samples
         self._over = terminated | truncated
         time_s = np.multiply(k, self.interface.period_s, dtype=np.float64)
-        return observations, -(error * error), terminated, truncated, self._infos(truth, time_s, self._all)
+        return observations, rewards, terminated, truncated, self._infos(truth, time_s, self._all)
 
     def _infos(self, truth: dict[str, FloatArray], time_s: FloatArray, mask: BoolArray) -> dict[str, Any]:
         masks = {f"_{name}": mask for name in truth}

@@ -89,8 +89,6 @@ class StageSystem(System):
     n_lanes : int
     """
 
-    action_name = "position_m"
-
     def __init__(
         self,
         stage: "Stage",
@@ -103,6 +101,7 @@ class StageSystem(System):
     ) -> None:
         axes = stage.axes()
         prefixes, responses = list(axes), list(axes.values())
+        self.action_names = tuple(f"{prefix}position_m" for prefix in prefixes)
         self.n_lanes, self.n_samples = n_lanes, len(reference)
         names = ("reference_position_m", "reference_velocity_m_per_s", "position_m")
         self.columns = tuple(prefix + name for prefix in prefixes for name in names)
@@ -145,12 +144,14 @@ class StageSystem(System):
         self._normal = np.zeros((n_lanes, CHUNK, len(axes)))
         self._position = CHUNK
         self._generators: list[list[np.random.Generator]] = [[] for _ in range(n_lanes)]
-        self._action = np.zeros(n_lanes)
+        self._action = np.zeros((len(axes), n_lanes))
+        self._every_axis = 0 if len(axes) == 1 else slice(None)  # a place is written faster than a slice
         self._out = np.empty((1, len(self.columns) + len(self.truth_columns), n_lanes))
         self._bind()
 
     def _bind(self) -> None:
         """Compose the stepper and gather what every call of it receives."""
+        self._flat_action = self._action.reshape(-1)
         state = (self._q, self._forces, self._states, self._count, self._diverged)
         self._fixed = (*self._settings, *state, self._action, self._normal)
         self._stepper = compiled(compose(self._kinds), (*self._fixed, 0, self._out))
@@ -175,7 +176,7 @@ class StageSystem(System):
             self._normal[lane, first:, axis] = generator.standard_normal(CHUNK - first)
 
     def advance(self, n_samples: int, action: FloatArray | None = None) -> FloatArray:
-        """Advance all lanes; see `System.advance`. The action is added to every commanded position."""
+        """Advance all lanes; see `System.advance`. The action of each axis is added to its commanded position."""
         self._check_end(int(self._count.max()) + n_samples)
         self._action[:] = 0.0 if action is None else action
         out = np.empty((n_samples, *self._out.shape[1:]))
@@ -189,7 +190,7 @@ class StageSystem(System):
     def advance_one(self, action: float) -> FloatArray:
         """Advance the only lane by one sample; see `System.advance_one`."""
         self._check_end(int(self._count[0]) + 1)
-        self._action[0] = action
+        self._flat_action[self._every_axis] = action
         self._run(self._out)
         return self._out[0, :, 0].copy()
 
@@ -212,7 +213,7 @@ class StageSystem(System):
         return self._diverged.copy()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {key: value for key, value in vars(self).items() if key not in ("_fixed", "_stepper")}
+        return {key: value for key, value in vars(self).items() if key not in ("_fixed", "_stepper", "_flat_action")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)

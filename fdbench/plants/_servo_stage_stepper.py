@@ -84,8 +84,8 @@ def advance(
     q, forces, states, count, diverged : (n_lanes, n_axes, n), (n_lanes, n_axes, 4), (n_lanes, n_axes, n_states),
     (n_lanes,), (n_lanes,) arrays, changed in place
         ``forces`` are the last three and the weight of their differences.
-    action : (n_lanes,) array
-        Added to every commanded position, m.
+    action : (n_axes, n_lanes) array
+        Added to the commanded positions, m.
     normal : (n_lanes, n_random, n_axes) array
         Standard normal numbers, from ``first_normal`` on.
     out : (n_samples, 4 n_axes + 1, n_lanes) array, written
@@ -101,7 +101,7 @@ def advance(
             for axis in range(n_axes):
                 f = forces[lane, axis]
                 v_0, v_1 = reference[row, 3 * axis + 1], reference[after, 3 * axis + 1]
-                x_0 = reference[row, 3 * axis] + action[lane]
+                x_0 = reference[row, 3 * axis] + action[axis, lane]
                 mean = (reference[after, 3 * axis] - reference[row, 3 * axis]) / period
                 c_2 = (3.0 * mean - 2.0 * v_0 - v_1) / period
                 c_3 = (v_0 + v_1 - 2.0 * mean) / period**2

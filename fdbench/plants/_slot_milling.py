@@ -177,7 +177,7 @@ class SlotMillingSystem(System):
     n_lanes : int
     """
 
-    action_name = "feedrate_m_per_s"
+    action_names = ("feedrate_m_per_s",)
     columns = ("reference_force_N", "feedrate_m_per_s", "force_N")
 
     def __init__(self, process: Process, setup: Setup, hold_input: bool, n_lanes: int = 1) -> None:

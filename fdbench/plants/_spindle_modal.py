@@ -263,7 +263,7 @@ class ModalSystem(System):
         timing = setup.timing
         self.n_lanes, self.n_samples = n_lanes, timing.n_samples
         self.columns = ("reference_displacement_m", "feedrate_m_per_s", *outputs)
-        self.action_name = commanded.action
+        self.action_names = (commanded.action,)
         self._effects = tuple(_forces(setup.unmodelled))
         self._reference = np.ascontiguousarray(setup.motion.reference(timing.sampling_time_s, self.n_samples))
         self._displacement = commanded.reference_displacement_m
@@ -304,7 +304,7 @@ class ModalSystem(System):
 
     def _advance(self, n_samples: int, action: FloatArray) -> FloatArray:
         still = np.zeros(self.n_lanes)
-        extra, feed = (action, still) if self.action_name == "force_N" else (still, action)
+        extra, feed = (action, still) if self.action_names == ("force_N",) else (still, action)
         substeps, period = self._timing.substeps, self._timing.sampling_time_s
         force = np.empty((n_samples * substeps, self.n_lanes))
         force[:] = extra

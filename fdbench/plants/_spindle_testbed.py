@@ -47,7 +47,7 @@ class SpindleTestbedSystem(System):
     n_lanes : int
     """
 
-    action_name = "force_level_N"
+    action_names = ("force_level_N",)
     columns = ("acceleration_m_per_s2", "force_N", "training_sample")
     truth_columns = ("disturbance_N", "diverged")
 

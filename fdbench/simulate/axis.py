@@ -108,7 +108,7 @@ class Axis(System):
         self.n_samples = setup.timing.n_samples
         columns = {**REFERENCES, **columns}
         self.columns = tuple(columns)
-        self.action_name = action_name
+        self.action_names = (action_name,)
         self.timing = setup.timing
         self.effects = tuple(effects)
         self.reference = np.ascontiguousarray(
@@ -136,6 +136,10 @@ class Axis(System):
         self._normal = np.zeros((self._n_blocks, CHUNK, layout.NORMAL_COLUMNS, width))
         self._uniform = np.zeros((self._n_blocks, CHUNK, n_uniform, width))
         self._position = CHUNK
+        # Samples before the present chunk and at each lane's end; first of these, and next stop, within the chunk.
+        self._before, self._ends = 0, np.zeros(n_lanes, dtype=np.intp)
+        self._end, self._stop = 0, CHUNK
+        self._idle = slice((n_lanes - 1) % self._side_by_side + 1, None)
         self._out = np.zeros((self._n_blocks, 1, layout.OUT_COLUMNS, width))
         self.limits, self.at_rest = self._ranges(mechanics, controller["FORCE_LIMIT"] * logged_per_N)
         self._bind()
@@ -198,7 +202,7 @@ class Axis(System):
                 block[slot.parameter(index)] = value
         return block
 
-    def slots(self) -> list[Slot]:
+    def slots(self) -> tuple[Slot, ...]:
         """Return where each effect lies in a block."""
         return slots(self._kinds)
 
@@ -278,6 +282,11 @@ class Axis(System):
             self._generators[lane] = [stream(seed, name) for name, _, _ in self._sources]
             if lanes is not None:
                 self._draw(lane, self._position)
+        # Lanes that only fill the last block read the reference too.
+        self._blocks[-1, :, self._idle] = self._initial[-1, :, self._idle]
+        self._ends[chosen] = self._before + self._position + self.n_samples
+        self._end = int(self._ends.min()) - self._before
+        self._stop = min(self._end, CHUNK)
 
     def _draw(self, lane: int, first: int) -> None:
         """Draw the rest of a chunk for one lane."""
@@ -289,6 +298,7 @@ class Axis(System):
 
     def _draw_all(self) -> None:
         """Draw a chunk for all lanes, one block at a time: a transposed copy is faster than columns far apart."""
+        self._check_end(1)
         width = self._side_by_side
         drawn = np.zeros((width, CHUNK))
         for source, (_, normal, column) in enumerate(self._sources):
@@ -301,9 +311,17 @@ class Axis(System):
                         generators[source].random(out=row)
                 target[block, :, column, :] = drawn.T
         self._position = 0
+        self._before += CHUNK
+        self._end -= CHUNK
+        self._stop = min(self._end, CHUNK)
+
+    def _check_end(self, n_samples: int) -> None:
+        if self._position + n_samples > self._end:
+            raise SpecError(f"advance: the episode ends after {self.n_samples} samples; start the lanes again.")
 
     def advance(self, n_samples: int, action: FloatArray | None = None) -> FloatArray:
         """Advance all lanes; see `System.advance`."""
+        self._check_end(n_samples)
         self._set_action(action)
         if n_samples == 1:
             self._run(1, self._out)
@@ -325,7 +343,7 @@ class Axis(System):
 
     def advance_one(self, action: float) -> FloatArray:
         """Advance the only lane by one sample; see `System.advance_one`."""
-        if self._position == CHUNK:
+        if self._position == self._stop:
             self._draw_all()
         place, out = self._only_lane
         place[0] = action

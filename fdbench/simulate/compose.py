@@ -84,12 +84,13 @@ class Slot:
         return self.flag + 1 + index
 
 
-def slots(effects: Sequence[type[Effect]]) -> list[Slot]:
+@lru_cache(maxsize=256)
+def slots(effects: tuple[type[Effect], ...]) -> tuple[Slot, ...]:
     """Lay out the effects behind the fixed rows of a block: flags and parameters first, then all hidden states."""
     flags = np.cumsum([layout.FIRST_FREE_ROW, *(1 + len(effect.parameters()) for effect in effects)])
     states = np.cumsum([flags[-1], *(len(effect.states) for effect in effects)])
     uniforms = np.cumsum([0, *(int(effect.random) for effect in effects)])
-    return [Slot(e, int(flags[n]), int(states[n]), int(uniforms[n])) for n, e in enumerate(effects)]
+    return tuple(Slot(e, int(flags[n]), int(states[n]), int(uniforms[n])) for n, e in enumerate(effects))
 
 
 def block_rows(effects: Sequence[type[Effect]]) -> int:
@@ -138,7 +139,7 @@ def source(effects: Sequence[type[Effect]], lanes: int) -> str:
     constants = [f"{name} = {row * lanes}" for row, name in enumerate(layout.ROWS)]
     constants += [f"{name} = {value}" for name, value in vars(layout).items() if name.startswith("OUT_")]
     calls: dict[Port, list[str]] = {port: [] for port in Port}
-    for number, slot in sorted(enumerate(slots(effects)), key=lambda item: item[1].effect.rank):
+    for number, slot in sorted(enumerate(slots(tuple(effects))), key=lambda item: item[1].effect.rank):
         slot.effect.check_signature()
         constants.append(f"kernel_{number} = KERNELS[{number}]  # {slot.effect.__module__}.{slot.effect.__name__}")
         calls[slot.effect.port].append(_call(number, slot))

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import pairwise
 
 from fdbench.effects import Effect, Port
@@ -11,6 +12,7 @@ PROBE_STEP_S, PROBE_VELOCITY_M_PER_S = 1e-7, 1e-6
 PROBE_SPACING_M, PROBE_COUNT = 1e-5, 400
 
 
+@lru_cache(maxsize=1024)
 def stiffness(effect: Effect) -> float:
     """Return the largest stiffness (N/m) with which a force effect answers a small displacement.
 

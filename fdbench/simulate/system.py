@@ -100,8 +100,8 @@ class System(ABC):
         What only a simulation knows; ``diverged`` is 1 once a lane has left the limits of the plant.
     commanded : mapping of str to (n_samples,) array
         Columns that are known before the run, such as ``reference_position_m``.
-    action_name : str
-        The command that an action deviates from, with its unit.
+    action_names : tuple of str
+        The commands that an action deviates from, with their units; most systems have one.
     limits : mapping of str to float
         Largest magnitude, within the limits of the plant, of every commanded and logged column.
     at_rest : (n_columns,) array
@@ -111,7 +111,7 @@ class System(ABC):
     columns: tuple[str, ...]
     truth_columns: tuple[str, ...]
     commanded: Mapping[str, FloatArray]
-    action_name: str
+    action_names: tuple[str, ...]
     limits: Mapping[str, float]
     at_rest: FloatArray
     n_lanes: int
@@ -125,7 +125,8 @@ class System(ABC):
     def advance(self, n_samples: int, action: FloatArray | None = None) -> FloatArray:
         """Advance all lanes and return an (n_samples, n_columns + n_truth_columns, n_lanes) array.
 
-        ``action`` is an (n_lanes,) deviation from the scenario's own command, held over the call.
+        ``action`` is the deviation from the scenario's own command, held over the call: (n_lanes,), which goes to every
+        command of the system, or (n_actions, n_lanes) for a system of several actions.
         """
 
     def advance_one(self, action: float) -> FloatArray:
