@@ -1,33 +1,54 @@
-"""Time of a step, a lane's step and a substep on one thread, with the bars and, in turn, Gymnasium's CartPole.
+"""A step, a lane's step and a substep of the drives, beside Gymnasium's own, MuJoCo and gym-electric-motor.
 
-Bursts of all cases take turns; the best wall time counts, with the best CPU time beside it. The case of the bars has no
-noise; the scenarios below it have, and a burst spans a whole chunk of random numbers, so that it holds their drawing.
+All physics differ, so times are compared and nothing else. The first drive has two masses, a cascade at 1 kHz, LuGre
+friction, a sinusoidal force, ten substeps a step and no noise; the scenarios as they are have noise, and a burst spans
+a chunk of random numbers, so that it holds their drawing. MuJoCo's two masses have a spring and dry friction.
 """
 
 import dataclasses
-from collections.abc import Callable
-from time import perf_counter, process_time
+import warnings
+from functools import partial
+from importlib import import_module
 from typing import Any
 
 import gymnasium
 import numpy as np
+from _measure import Burst, Case, describe_machine, race
 
 from fdbench.envs import register_all
 from fdbench.scenario import Reality, Scenario, load_scenario
 from fdbench.simulate.axis import CHUNK
 
-ROUNDS = 40
-ANY = "fdbench/BallScrewAxis-v0"  # the argument scenario overrides its scenario
-Burst = Callable[[], int]  # runs, and returns how many units it ran
+ROUNDS = 25
+LANES = 1024
+SUBSTEPS = 200  # so many that the work of a sample does not count
+DRIVE = "fdbench/BallScrewAxis-v0"  # the argument scenario overrides its scenario
+SCREW_MJCF = """
+<mujoco>
+  <option timestep="1e-4" integrator="implicitfast" gravity="0 0 0"><flag contact="disable"/></option>
+  <worldbody>
+    <body>
+      <joint name="motor" type="slide" axis="1 0 0" frictionloss="50" damping="100"/> <geom size="0.1" mass="30"/>
+    </body>
+    <body>
+      <joint name="table" type="slide" axis="1 0 0" frictionloss="70"/> <geom size="0.1" mass="200"/>
+    </body>
+  </worldbody>
+  <tendon>
+    <fixed stiffness="1e8" damping="1e3"><joint joint="motor" coef="1"/><joint joint="table" coef="-1"/></fixed>
+  </tendon>
+  <actuator><motor joint="motor"/></actuator>
+</mujoco>
+"""
 
 
 def lugre(substeps: int = 10) -> Scenario:
-    """Return the case of the bars: two masses, cascade at 1 kHz, LuGre friction, sinusoidal force, no noise."""
-    scenario = with_timing("BallScrewAxis-v0", substeps=substeps)
+    """Return the drive of the bars."""
+    scenario = endless("BallScrewAxis-v0", substeps=substeps)
     return dataclasses.replace(scenario, reality=Reality(effects=load_scenario("ShakerConstant-v0").reality.effects))
 
 
-def with_timing(name: str, **timing: Any) -> Scenario:
+def endless(name: str, **timing: Any) -> Scenario:
     """Return a scenario with another clock, and enough samples for all bursts."""
     scenario = load_scenario(name)
     changed: Any = dataclasses.replace(scenario.setup.timing, **timing)
@@ -35,102 +56,146 @@ def with_timing(name: str, **timing: Any) -> Scenario:
     return dataclasses.replace(scenario, timing=changed)
 
 
-def steps(env: Any, action: Any, lanes: int = 1, n: int = CHUNK) -> Burst:
+def steps(env: Any, n: int = CHUNK) -> Burst:
+    """Return a burst of steps without action, or left and right in turns; an episode that has ended starts again."""
     env.reset(seed=0)
+    space = env.action_space
+    actions = [k % 2 if isinstance(space, gymnasium.spaces.Discrete) else np.zeros_like(space.low) for k in range(n)]
 
-    def burst() -> int:
+    def burst() -> None:
         step = env.step
-        for _ in range(n):
-            step(action)
-        return n * lanes
+        for action in actions:
+            _, _, terminated, truncated, _ = step(action)
+            if terminated or truncated:
+                env.reset()
 
     return burst
 
 
-def make(scenario: Scenario, unwrapped: bool = False) -> Burst:
-    env = gymnasium.make(ANY, scenario=scenario)
-    return steps(env.unwrapped if unwrapped else env, np.zeros(1, dtype=np.float32))
+def lane_steps(envs: Any) -> Burst:
+    envs.reset(seed=0)
+    action = np.zeros_like(envs.action_space.sample())
+
+    def burst() -> None:
+        step = envs.step
+        for _ in range(CHUNK):
+            step(action)
+
+    return burst
 
 
-def make_vector(scenario: Scenario, lanes: int) -> Burst:
-    envs = gymnasium.make_vec(ANY, num_envs=lanes, scenario=scenario)
-    return steps(envs, np.zeros((lanes, 1), dtype=np.float32), lanes)
+def one(scenario: Scenario) -> Burst:
+    return steps(gymnasium.make(DRIVE, scenario=scenario))
 
 
-def samples(scenario: Scenario, lanes: int, n: int = CHUNK) -> Burst:
+def many(scenario: Scenario) -> Burst:
+    return lane_steps(gymnasium.make_vec(DRIVE, num_envs=LANES, scenario=scenario))
+
+
+def samples(scenario: Scenario, lanes: int) -> Burst:
     system = scenario.system(lanes)
 
-    def burst() -> int:
+    def burst() -> None:
         system.start(list(range(lanes)))
-        system.advance(n)
-        return n * lanes
+        system.advance(CHUNK)
 
     return burst
 
 
-def cart_pole(lanes: int) -> Burst:
-    if lanes == 1:
-        env: Any = gymnasium.make("CartPole-v1")
-        env.reset(seed=0)
-
-        def burst() -> int:
-            for k in range(CHUNK):
-                if env.step(k & 1)[2]:
-                    env.reset(seed=0)
-            return CHUNK
-
-        return burst
-    envs = gymnasium.make_vec("CartPole-v1", num_envs=lanes, vectorization_mode="vector_entry_point")
-    return steps(envs, np.zeros(lanes, dtype=np.int64), lanes)
+def mujoco_env(name: str, n: int) -> Burst:
+    import_module("mujoco")  # gymnasium reports its absence by an error of its own
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return steps(gymnasium.make(name), n)
 
 
-def best_times(bursts: dict[str, Burst]) -> dict[str, tuple[float, float]]:
-    """Return best wall and CPU time of a unit in ns."""
-    best = dict.fromkeys(bursts, (np.inf, np.inf))
-    for _ in range(ROUNDS):
-        for name, burst in bursts.items():
-            wall, cpu = perf_counter(), process_time()
-            units = burst()
-            wall, cpu = (perf_counter() - wall) / units * 1e9, (process_time() - cpu) / units * 1e9
-            best[name] = min(best[name][0], wall), min(best[name][1], cpu)
-    return best
+def electric_motor(n: int) -> Burst:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return steps(import_module("gym_electric_motor").make("Cont-SC-SeriesDc-v0"), n)
+
+
+def mujoco_masses(n: int) -> Burst:
+    mujoco = import_module("mujoco")
+    model = mujoco.MjModel.from_xml_string(SCREW_MJCF)
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 200.0
+    return lambda: mujoco.mj_step(model, data, n)
+
+
+def alone(name: str, start: Any, peer: str = "", note: str = "", bar: float = np.inf, n: int = CHUNK) -> Case:
+    return Case(name=name, start=start, units=n, peer=peer, note=note, bar=bar)
 
 
 def main() -> None:
     register_all()
-    bars = {
-        "env.step, make": 2000.0,
-        "vector env, 1024 lanes": 150.0,
-        "substep, alone": 80.0,
-        "substep, 64 lanes": 15.0,
-        "episode of 20 s, a sample": 1000.0,
-    }
-    bursts: dict[str, Burst] = {
-        "env.step, make": make(lugre()),
-        "env.step, unwrapped": make(lugre(), unwrapped=True),
-        "vector env, 64 lanes": make_vector(lugre(), 64),
-        "vector env, 1024 lanes": make_vector(lugre(), 1024),
-        "episode of 20 s, a sample": samples(lugre(), 1, 10_000),
-        "CartPole-v1, make": cart_pole(1),
-        "CartPole-v1, vector, 1024 lanes": cart_pole(1024),
-    }
-    for name in ("BallScrewAxis-v0", "LinearMotorAxis-v0", "ShakerConstant-v0"):
-        scenario = with_timing(name)
-        n = scenario.setup.timing.substeps
-        bursts[f"{name}, make, {n} substeps"] = make(scenario)
-        bursts[f"{name}, 1024 lanes, {n} substeps"] = make_vector(scenario, 1024)
-    fine = {f"{lanes} {n}": samples(lugre(n), lanes) for lanes in (1, 64) for n in (10, 50)}
-    best = best_times(bursts | fine)
-    for label, lanes in (("substep, alone", 1), ("substep, 64 lanes", 64)):
-        wall, cpu = ((best[f"{lanes} 50"][i] - best[f"{lanes} 10"][i]) / 40 for i in (0, 1))
-        best[label] = wall, cpu
-    print(f"{'':38} {'wall ns':>11} {'CPU ns':>11} {'bar ns':>11}")
-    for name, (wall, cpu) in best.items():
-        if name not in fine:
-            print(f"{name:38} {wall:11.1f} {cpu:11.1f} {bars.get(name, np.nan):11.0f}".replace("nan", "   "))
-    one = best["CartPole-v1, make"][1] / best["env.step, make"][1]
-    many = best["CartPole-v1, vector, 1024 lanes"][1] / best["vector env, 1024 lanes"][1]
-    print(f"\nspeed (CPU) as a multiple of CartPole's: {one:.2f} alone, {many:.2f} with 1024 lanes")
+    describe_machine()
+    table = partial(race, rounds=ROUNDS, compare=None)
+    table(
+        "env.step, one environment: us a step",
+        [
+            alone("fdbench, 10 substeps, no noise", lambda: one(lugre()), bar=2.0),
+            *(
+                alone(f"fdbench, {name}", partial(lambda name: one(endless(name)), name), note=substeps(name))
+                for name in ("BallScrewAxis-v0", "LinearMotorAxis-v0", "ShakerConstant-v0")
+            ),
+            alone("CartPole-v1", lambda: steps(gymnasium.make("CartPole-v1")), "gymnasium", "1 substep"),
+            alone("Pendulum-v1", lambda: steps(gymnasium.make("Pendulum-v1")), "gymnasium", "1 substep"),
+            alone(
+                "InvertedPendulum-v5",
+                lambda: mujoco_env("InvertedPendulum-v5", 200),
+                "mujoco",
+                "2 substeps, falls",
+                n=200,
+            ),
+            alone("Swimmer-v5", lambda: mujoco_env("Swimmer-v5", 200), "mujoco", "4 substeps", n=200),
+            alone("Cont-SC-SeriesDc-v0", lambda: electric_motor(200), "gym-electric-motor", "SciPy's solver", n=200),
+        ],
+        scale=1e6,
+    )
+    table(
+        f"env.step, {LANES} environments side by side: ns a lane's step",
+        [
+            Case(name="fdbench, 10 substeps, no noise", start=lambda: many(lugre()), units=LANES * CHUNK, bar=150.0),
+            *(
+                Case(
+                    name=f"fdbench, {name}",
+                    start=partial(lambda name: many(endless(name)), name),
+                    units=LANES * CHUNK,
+                    note=substeps(name),
+                )
+                for name in ("BallScrewAxis-v0", "LinearMotorAxis-v0", "ShakerConstant-v0")
+            ),
+            Case(
+                name="CartPole-v1, its vector class",
+                start=lambda: lane_steps(
+                    gymnasium.make_vec("CartPole-v1", num_envs=LANES, vectorization_mode="vector_entry_point")
+                ),
+                units=LANES * CHUNK,
+                peer="gymnasium",
+                note="1 substep",
+            ),
+        ],
+        scale=1e9,
+    )
+    table(
+        "whole trials without an environment: ns a substep",
+        [
+            Case(name="fdbench, alone", start=lambda: samples(lugre(SUBSTEPS), 1), units=SUBSTEPS * CHUNK, bar=80.0),
+            Case(
+                name="fdbench, 64 lanes",
+                start=lambda: samples(lugre(SUBSTEPS), 64),
+                units=64 * SUBSTEPS * CHUNK,
+                bar=15.0,
+            ),
+            alone("two masses, mj_step", lambda: mujoco_masses(1000), "mujoco", "dry friction", n=1000),
+        ],
+        scale=1e9,
+    )
+
+
+def substeps(name: str) -> str:
+    return f"{load_scenario(name).setup.timing.substeps} substeps, noise"
 
 
 if __name__ == "__main__":

@@ -1,97 +1,181 @@
-"""CPU time of recursive least squares for each sample, on one thread, with 55 regressors.
+"""A sample of recursive least squares with 55 regressors, beside padasip, filterpy and river, and of the hybrid model.
 
-The twins are the published recursions in plain NumPy. Bursts of both take turns; the best counts. A burst of the hybrid
-model is three batches of 100 samples, each with one solution of the normal equations.
+All take in one stream of samples; what is compared is the error of each prediction before its sample is taken in. The
+hybrid model has no peer but its recursion in plain NumPy; on the staircase of its paper it is compared with real time.
 """
 
-import os
-
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
 from collections.abc import Callable, Iterator
-from itertools import islice
-from time import process_time
+from importlib import import_module
+from itertools import count
 
 import numpy as np
+from _measure import Burst, Case, describe_machine, race
 from fdbench_baselines._recursive_least_squares import FloatArray, predict, rls, untrained
+from fdbench_baselines.hybrid_rls import HybridRLS
+
+from fdbench.scenario import load_scenario
 
 LAGS, ERRORS, BATCH = 3, 50, 100
 N = 2 + LAGS + ERRORS
-BURSTS = 60
-SAMPLES = 300  # in a burst
+ROUNDS, SAMPLES = 30, 300
 LAM, DELTA = 0.999, 1e4
 
+RANDOM = np.random.default_rng(0)
+X, Y = RANDOM.standard_normal(((ROUNDS + 1) * SAMPLES, N)), RANDOM.standard_normal((ROUNDS + 1) * SAMPLES)
 
-def plain_rls(X: FloatArray, y: FloatArray) -> Iterator[float]:
-    """Yield the error of each prediction."""
-    theta, P = np.zeros(N), DELTA * np.eye(N)
-    for x, target in zip(X, y, strict=True):
+
+def stream(take: Callable[[slice], FloatArray]) -> Burst:
+    """Return a burst that takes the next samples each time."""
+    parts = (slice(start, start + SAMPLES) for start in count(step=SAMPLES))
+    return lambda: take(next(parts))
+
+
+def one_by_one(take: Callable[[FloatArray, float], float]) -> Burst:
+    return stream(lambda part: np.array([take(x, y) for x, y in zip(X[part], Y[part], strict=True)]))
+
+
+def ours(lam: float, delta: float) -> Burst:
+    theta, P = np.zeros(N), delta * np.eye(N)
+    return stream(lambda part: rls(theta, P, X[part], Y[part], lam))
+
+
+def numpy_loop() -> Burst:
+    theta: FloatArray = np.zeros(N)
+    P: FloatArray = DELTA * np.eye(N)
+
+    def take(x: FloatArray, y: float) -> float:
+        nonlocal theta, P
         g = P @ x
-        power = LAM + x @ g
-        error = target - x @ theta
-        theta += g * (error / power)
+        power, error = LAM + x @ g, y - x @ theta
+        theta = theta + g * (error / power)
         g /= np.sqrt(power)  # an outer product of one vector is symmetric to the last bit, as P has to stay
         P -= np.outer(g, g)
         P /= LAM
-        yield float(error)
+        return float(error)
+
+    return one_by_one(take)
 
 
-def plain_hybrid(response: FloatArray, error: FloatArray) -> Iterator[float]:
-    """Yield the predicted error of each sample."""
-    A, b, w = np.eye(N), np.zeros(N), np.zeros(N)
-    measured = np.zeros(N)
-    measured[0] = 1.0
-    predicted = measured.copy()
-    first = 2 + LAGS
-    for k, (x, e) in enumerate(zip(response, error, strict=True)):
-        if k % BATCH == 0:
-            w = np.linalg.solve(A, b)
-            predicted[first:] = measured[first:]
-        measured[2:first] = measured[1 : first - 1].copy()
-        measured[1] = x
-        predicted[1:first] = measured[1:first]
-        estimate = float(w @ predicted)
-        A += np.outer(measured, measured)
-        b += measured * e
-        for features, newest in ((measured, e), (predicted, estimate)):
-            features[first + 1 :] = features[first:-1].copy()
-            features[first] = newest
-        yield estimate
+def padasip() -> Burst:
+    peer = import_module("padasip").filters.FilterRLS(N, mu=LAM, eps=1.0 / DELTA, w="zeros")
+
+    def take(x: FloatArray, y: float) -> float:
+        error = y - peer.predict(x)
+        peer.adapt(y, x)
+        return float(error)
+
+    return one_by_one(take)
 
 
-def race(name: str, compiled: Callable[[slice], FloatArray], plain: Iterator[float]) -> None:
-    times: dict[str, list[float]] = {"compiled": [], "NumPy": []}
-    worst = 0.0
-    for start in range(0, BURSTS * SAMPLES, SAMPLES):
-        t0 = process_time()
-        found = compiled(slice(start, start + SAMPLES))
-        t1 = process_time()
-        expected = list(islice(plain, SAMPLES))
-        t2 = process_time()
-        worst = max(worst, float(np.abs(found - expected).max()))
-        times["compiled"].append((t1 - t0) / SAMPLES)
-        times["NumPy"].append((t2 - t1) / SAMPLES)
-    fast, slow = (1e6 * min(values) for values in times.values())
-    print(f"{name:24s} {fast:19.2f} {slow:16.1f} {slow / fast:6.0f} {worst:19.1e}")
+def filterpy() -> Burst:
+    """Return the burst of a Kalman filter of constant states; its fading memory is the forgetting."""
+    peer = import_module("filterpy.kalman").KalmanFilter(dim_x=N, dim_z=1)
+    peer.F, peer.Q, peer.P, peer.alpha = np.eye(N), np.zeros((N, N)), DELTA * np.eye(N), LAM**-0.5
+
+    def take(x: FloatArray, y: float) -> float:
+        peer.predict()
+        peer.update(y, H=x[None])
+        return float(peer.y[0, 0])
+
+    return one_by_one(take)
+
+
+def river() -> Burst:
+    """Return the burst of a regression without forgetting on features by name, made beforehand."""
+    peer = import_module("river.linear_model").BayesianLinearRegression(alpha=1.0, beta=1.0)
+    named = [dict(enumerate(row)) for row in X.tolist()]
+
+    def take(part: slice) -> FloatArray:
+        errors = []
+        for x, y in zip(named[part], Y[part], strict=True):
+            errors.append(y - peer.predict_one(x))
+            peer.learn_one(x, y)
+        return np.array(errors)
+
+    return stream(take)
+
+
+RESPONSE = np.cumsum(RANDOM.standard_normal(len(Y))) * 0.01
+ERROR = np.convolve(RANDOM.standard_normal(len(Y)), np.exp(-0.05 * np.arange(100)), "same") * 0.01
+
+
+def hybrid() -> Burst:
+    state = untrained(LAGS, ERRORS, 1.0)
+    return stream(lambda part: predict(state, RESPONSE[part], ERROR[part], LAGS, BATCH))
+
+
+def hybrid_numpy() -> Burst:
+    def errors() -> Iterator[float]:
+        A, b, w = np.eye(N), np.zeros(N), np.zeros(N)
+        measured = np.zeros(N)
+        measured[0] = 1.0
+        predicted = measured.copy()
+        first = 2 + LAGS
+        for k, (x, e) in enumerate(zip(RESPONSE, ERROR, strict=True)):
+            if k % BATCH == 0:
+                w[:] = np.linalg.solve(A, b)
+                predicted[first:] = measured[first:]
+            measured[2:first] = measured[1 : first - 1].copy()
+            measured[1] = x
+            predicted[1:first] = measured[1:first]
+            estimate = float(w @ predicted)
+            A += np.outer(measured, measured)
+            b += measured * e
+            for features, newest in ((measured, e), (predicted, estimate)):
+                features[first + 1 :] = features[first:-1].copy()
+                features[first] = newest
+            yield estimate
+
+    running = errors()
+    return lambda: np.fromiter(running, np.float64, SAMPLES)
 
 
 def main() -> None:
-    rng = np.random.default_rng(0)
-    n = BURSTS * SAMPLES
-    X, y = rng.standard_normal((n, N)), rng.standard_normal(n)
-    theta, P = np.zeros(N), DELTA * np.eye(N)
-    response = np.cumsum(rng.standard_normal(n)) * 0.01
-    error = np.convolve(rng.standard_normal(n), np.exp(-0.05 * np.arange(100)), "same") * 0.01
-    state = untrained(LAGS, ERRORS, 1.0)
-    rls(theta.copy(), P.copy(), X[:2], y[:2], LAM)
-    predict(untrained(LAGS, ERRORS, 1.0), response[:2], error[:2], LAGS, BATCH)
-    print("recursion                compiled us/sample  NumPy us/sample  ratio  largest difference")
-    race("RLS with forgetting", lambda part: rls(theta, P, X[part], y[part], LAM), plain_rls(X, y))
+    describe_machine()
     race(
-        "hybrid model in batches",
-        lambda part: predict(state, response[part], error[part], LAGS, BATCH),
-        plain_hybrid(response, error),
+        "recursive least squares, 55 regressors, forgetting 0.999: us a sample",
+        [
+            Case(name="fdbench", start=lambda: ours(LAM, DELTA), units=SAMPLES, bar=0.7),
+            Case(name="FilterRLS, predict and adapt", start=padasip, units=SAMPLES, peer="padasip"),
+            Case(name="KalmanFilter of constant states", start=filterpy, units=SAMPLES, peer="filterpy"),
+            Case(name="NumPy loop", start=numpy_loop, units=SAMPLES),
+        ],
+        scale=1e6,
+        rounds=ROUNDS,
     )
+    race(
+        "the same without forgetting: us a sample",
+        [
+            Case(name="fdbench", start=lambda: ours(1.0, 1.0), units=SAMPLES),
+            Case(name="BayesianLinearRegression", start=river, units=SAMPLES, peer="river"),
+        ],
+        scale=1e6,
+        rounds=ROUNDS,
+    )
+    race(
+        "hybrid model, 55 features, a batch of 100 samples ahead: us a sample",
+        [
+            Case(name="fdbench", start=hybrid, units=SAMPLES),
+            Case(name="NumPy loop", start=hybrid_numpy, units=SAMPLES),
+        ],
+        scale=1e6,
+        rounds=ROUNDS,
+    )
+    scenario = load_scenario("ServoStaircase-v0")
+    record, context = scenario.record(0), scenario.context()
+    estimator = HybridRLS()
+    n, sampling_time_s = record.n_samples, context.sampling_time_s
+    times = race(
+        f"hybrid_rls on the staircase, {n * sampling_time_s:g} s of record: us a sample",
+        [
+            Case(name="response of the physics and fit", start=lambda: lambda: estimator.fit(context, record), units=n),
+            Case(name="simulation of the record", start=lambda: lambda: scenario.record(0), units=n),
+        ],
+        scale=1e6,
+        compare=None,
+    )
+    for name, time_us in times.items():
+        print(f"{name}: {1e6 * sampling_time_s / time_us:.0f} x real time")
 
 
 if __name__ == "__main__":

@@ -1,121 +1,190 @@
-"""CPU time and memory of a PL-LSSVM fit: Toeplitz against dense Cholesky and, if it is installed, scikit-learn.
+"""A PL-LSSVM fit, [1 Z] and a locally periodic kernel, beside scikit-learn, tinygp and celerite2.
 
-One fit is the kernel, bias and four regressors solved for theta and alpha; one thread, a fresh process for each row.
-Extra memory is the rise of the process's peak during the fits, with data and libraries loaded before.
-
-Run: python benchmarks/pl_lssvm_speed.py
+Gaussian-process packages have no partially linear model, but they solve with K + I / gamma, which is all that it needs:
+each solves for target and basis, and generalised least squares follows. What is compared is alpha. celerite2 knows
+only kernels with an exponential envelope, so it is measured on such a one, which our Toeplitz solver takes as well.
 """
 
-import importlib.util
-import multiprocessing
-import os
-import resource
-import statistics
-import sys
-import time
+import tracemalloc
 from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+from typing import Any
 
 import numpy as np
-from fdbench_baselines._toeplitz import LEVINSON_LIMIT, conjugate_gradients
+from _measure import Burst, Case, describe_machine, race
+from fdbench_baselines._toeplitz import Toeplitz
 from fdbench_baselines.pl_lssvm import kernel_system, locally_periodic, partially_linear
-from scipy.linalg import lapack, toeplitz
+from scipy.linalg import cho_factor, cho_solve, lapack, toeplitz
+from scipy.special import ive
 
 from fdbench.estimator import FloatArray
 
-SAMPLING_TIME_S = 1.0 / 333.0
-KERNEL = (0.59, 0.42, 50.3, 1.0 / 55.0)
-ROWS = [
-    ("Toeplitz", 2000, 9),
-    ("Toeplitz", 4000, 9),
-    ("Toeplitz", 8000, 5),
-    ("Toeplitz", 32000, 3),
-    ("Toeplitz", 128000, 3),
-    ("dense", 2000, 5),
-    ("dense", 4000, 3),
-    ("dpotrf", 2000, 5),
-    ("dpotrf", 4000, 3),
-    ("scikit-learn", 2000, 3),
-    ("scikit-learn", 4000, 1),
-]
+SAMPLES_PER_S = 333.0
+SIGMA_1_S, SIGMA_2, GAMMA, PERIOD_S = KERNEL = (0.59, 0.42, 50.3, 1.0 / 55.0)
+HARMONICS = 6
 
 
 def data(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return time, basis [1 Z] and target of a drive in steps under a 55 Hz disturbance."""
     random = np.random.default_rng(0)
-    time_s = SAMPLING_TIME_S * np.arange(n)
+    time_s = np.arange(n) / SAMPLES_PER_S
     reference = np.repeat(random.uniform(-0.1, 0.1, n // 200 + 1), 200)[:n]
     reference[: n // 10] = 0.0
     measured = np.concatenate(([0.0], reference[:-1])) + 1e-3 * random.standard_normal(n)
     basis = np.column_stack((np.ones(n), reference, measured, -1.0 * (reference > 0), 1.0 * (reference < 0)))
     disturbance = 2e-4 * np.cos(2.0 * np.pi * 55.0 * time_s)
-    return time_s, basis, basis @ [0, 0.8335, 0.1632, 1e-4, 1e-4] + disturbance + 2e-5 * random.standard_normal(n)
-
-
-def off_grid(time_s: FloatArray) -> FloatArray:
-    """Return a clock that is just not uniform, so that the dense path is taken."""
-    return time_s + 1e-5 * SAMPLING_TIME_S * np.random.default_rng(1).uniform(-1.0, 1.0, len(time_s))
+    target = basis @ [0, 0.8335, 0.1632, 1e-4, 1e-4] + disturbance + 2e-5 * random.standard_normal(n)
+    return time_s, basis, np.asarray(target)
 
 
 def column(time_s: FloatArray) -> FloatArray:
     """Return the first column of K + I / gamma."""
-    sigma_1_s, sigma_2, gamma, period_s = KERNEL
-    values = locally_periodic(time_s, sigma_1_s, sigma_2, period_s)
-    values[0] += 1.0 / gamma
+    values = locally_periodic(time_s, SIGMA_1_S, SIGMA_2, PERIOD_S)
+    values[0] += 1.0 / GAMMA
     return values
 
 
-def job(method: str, n: int) -> tuple[Callable[[], object], str]:
-    """Return what is timed, and a note; what is not part of a fit is prepared beforehand."""
+def generalised(solve: Callable[[FloatArray], FloatArray], basis: FloatArray, target: FloatArray) -> FloatArray:
+    """Return alpha by solutions for the target's residual and the basis."""
+    residual = target - basis @ np.linalg.lstsq(basis, target)[0]
+    solutions = solve(np.column_stack((residual, basis)))
+    weighted = solutions[:, 1:]
+    alpha: FloatArray = solutions[:, 0] - weighted @ np.linalg.solve(weighted.T @ basis, weighted.T @ residual)
+    return alpha
+
+
+def ours(n: int) -> Burst:
     time_s, basis, target = data(n)
-    if method == "Toeplitz":
-        note = "Levinson" if n <= LEVINSON_LIMIT else "conjugate gradients"
-        return lambda: partially_linear(kernel_system(time_s, *KERNEL), basis, target), note
-    if method == "dense":
-        clock = off_grid(time_s)
-        return lambda: partially_linear(kernel_system(clock, *KERNEL), basis, target), "kernel, Cholesky, solve"
-    if method == "dpotrf":
-        matrix = np.asfortranarray(toeplitz(column(time_s)))
-        return lambda: lapack.dpotrf(matrix, lower=True, clean=False), "Cholesky alone, with a copy of the matrix"
-    from sklearn.gaussian_process import GaussianProcessRegressor
-    from sklearn.gaussian_process.kernels import RBF, DotProduct, ExpSineSquared
-
-    sigma_1_s, sigma_2, gamma, period_s = KERNEL
-    kernel = ExpSineSquared(2.0 * sigma_2, period_s) * RBF(sigma_1_s) + DotProduct(1.0)
-    peer = GaussianProcessRegressor(kernel, alpha=1.0 / gamma, optimizer=None)
-    return lambda: peer.fit(time_s[:, None], target), "GaussianProcessRegressor of time alone, fixed hyperparameters"
+    return lambda: partially_linear(kernel_system(time_s, *KERNEL), basis, target).alpha
 
 
-def measure(method: str, n: int, repeats: int) -> tuple[float, float, str]:
-    """Return CPU seconds (median, after a warm-up on a small problem), extra memory in MB and a note."""
-    job(method, 300)[0]()
-    run, note = job(method, n)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    seconds = []
-    for _ in range(repeats):
-        started = time.process_time()
-        run()
-        seconds.append(time.process_time() - started)
-    unit = 1e6 if sys.platform == "darwin" else 1e3
-    extra = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / unit
-    if note == "conjugate gradients":
-        time_s, basis, _ = data(n)
-        note += f", {conjugate_gradients(column(time_s), basis)[1]} iterations"
-    return statistics.median(seconds), extra, note
+def ours_dense(n: int) -> Burst:
+    """Return the burst on a clock that is just not uniform, so that the dense path is taken."""
+    time_s, basis, target = data(n)
+    time_s = time_s + 2e-6 / SAMPLES_PER_S * np.random.default_rng(1).uniform(-1.0, 1.0, n)
+    return lambda: partially_linear(kernel_system(time_s, *KERNEL), basis, target).alpha
+
+
+def numpy_dense(n: int) -> Burst:
+    time_s, basis, target = data(n)
+
+    def burst() -> FloatArray:
+        matrix = locally_periodic(time_s[:, None] - time_s, SIGMA_1_S, SIGMA_2, PERIOD_S)
+        matrix[np.diag_indices(n)] += 1.0 / GAMMA
+        return generalised(partial(cho_solve, cho_factor(matrix, lower=True)), basis, target)
+
+    return burst
+
+
+def dpotrf(n: int) -> Burst:
+    matrix = np.asfortranarray(toeplitz(column(data(n)[0])))
+
+    def burst() -> None:
+        lapack.dpotrf(matrix, lower=True, clean=False)
+
+    return burst
+
+
+def scikit_learn(n: int) -> Burst:
+    module = import_module("sklearn.gaussian_process")
+    kernels = import_module("sklearn.gaussian_process.kernels")
+    kernel = kernels.ExpSineSquared(2.0 * SIGMA_2, PERIOD_S) * kernels.RBF(SIGMA_1_S)
+    peer = module.GaussianProcessRegressor(kernel, alpha=1.0 / GAMMA, optimizer=None)
+    time_s, basis, target = data(n)
+    return lambda: generalised(lambda B: peer.fit(time_s[:, None], B).alpha_, basis, target)
+
+
+def tinygp(n: int) -> Burst:
+    module, jax = import_module("tinygp"), import_module("jax")
+    time_s, basis, target = data(n)
+    kernel = module.kernels.ExpSineSquared(PERIOD_S, gamma=0.5 / SIGMA_2**2) * module.kernels.ExpSquared(SIGMA_1_S)
+
+    def solve(B: FloatArray) -> Any:
+        solver = module.GaussianProcess(kernel, time_s, diag=1.0 / GAMMA).solver
+        return solver.solve_triangular(solver.solve_triangular(B), transpose=True)
+
+    compiled = jax.jit(solve)
+    return lambda: generalised(lambda B: np.asarray(compiled(B)), basis, target)
+
+
+def weights() -> FloatArray:
+    """Return the Fourier coefficients of the kernel within a period."""
+    return np.asarray(ive(np.arange(HARMONICS + 1), 0.25 / SIGMA_2**2) * np.append(1.0, np.full(HARMONICS, 2.0)))
+
+
+def ours_exponential(n: int) -> Burst:
+    time_s, basis, target = data(n)
+
+    def burst() -> FloatArray:
+        angles = np.outer(2.0 * np.pi / PERIOD_S * np.arange(HARMONICS + 1), time_s)
+        values = np.exp(-time_s / SIGMA_1_S) * (weights() @ np.cos(angles))
+        values[0] += 1.0 / GAMMA
+        return partially_linear(Toeplitz(values), basis, target).alpha
+
+    return burst
+
+
+def celerite2(n: int) -> Burst:
+    module = import_module("celerite2")
+    time_s, basis, target = data(n)
+    first, *rest = weights()
+    kernel = module.terms.RealTerm(a=first, c=1.0 / SIGMA_1_S)
+    for j, a in enumerate(rest, 1):
+        kernel += module.terms.ComplexTerm(a=a, b=0.0, c=1.0 / SIGMA_1_S, d=2.0 * np.pi * j / PERIOD_S)
+    peer = module.GaussianProcess(kernel)
+
+    def burst() -> FloatArray:
+        peer.compute(time_s, diag=np.full(n, 1.0 / GAMMA))
+        return generalised(peer.apply_inverse, basis, target)
+
+    return burst
+
+
+def memory_MB(n: int) -> float:
+    """Return the most that one fit holds beyond its data."""
+    burst = ours(n)
+    tracemalloc.start()
+    burst()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak / 1e6
 
 
 def main() -> None:
-    os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    base: dict[int, float] = {}
-    print(f"{'method':14}{'N':>8}{'CPU s':>10}{'x Toeplitz':>12}{'extra MB':>10}  note")
-    for method, n, repeats in ROWS:
-        if method == "scikit-learn" and importlib.util.find_spec("sklearn") is None:
-            print(f"{method:14}{n:8}  absent: install the peers extra")
-            continue
-        with multiprocessing.get_context("spawn").Pool(1) as pool:
-            seconds, extra, note = pool.apply(measure, (method, n, repeats))
-        if method == "Toeplitz":
-            base[n] = seconds
-        print(f"{method:14}{n:8}{seconds:10.4f}{seconds / base[n]:12.1f}{extra:10.1f}  {note}", flush=True)
+    describe_machine()
+    for n, rounds in ((1000, 9), (4000, 3)):
+        race(
+            f"PL-LSSVM, {n} samples: ms",
+            [
+                Case(name="fdbench, uniform clock", start=partial(ours, n)),
+                Case(name="fdbench, any clock", start=partial(ours_dense, n), note="clock off by 2e-6 of a step"),
+                Case(name="GaussianProcess, jit", start=partial(tinygp, n), peer="tinygp"),
+                Case(name="GaussianProcessRegressor", start=partial(scikit_learn, n), peer="scikit-learn"),
+                Case(name="NumPy kernel, SciPy cho_factor", start=partial(numpy_dense, n)),
+                Case(name="dpotrf alone, of the whole matrix", start=partial(dpotrf, n)),
+            ],
+            scale=1e3,
+            rounds=rounds,
+        )
+    for n in (4000, 32000):
+        race(
+            f"PL-LSSVM with an exponential envelope, {n} samples: ms",
+            [
+                Case(name="fdbench, uniform clock", start=partial(ours_exponential, n)),
+                Case(name="GaussianProcess", start=partial(celerite2, n), peer="celerite2"),
+            ],
+            scale=1e3,
+            rounds=3,
+        )
+    race(
+        "PL-LSSVM, longer than any matrix: ms",
+        [Case(name=f"fdbench, {n} samples", start=partial(ours, n)) for n in (32000, 128000)],
+        scale=1e3,
+        rounds=3,
+        compare=None,
+    )
+    print(f"one fit of 128000 samples holds {memory_MB(128000):.0f} MB")
 
 
 if __name__ == "__main__":

@@ -1,29 +1,24 @@
-"""CPU time of sequentially thresholded least squares, 2600 x 1001 with 400 outputs, on one thread; the bar is 0.5 s.
+"""Sequentially thresholded least squares, 2600 x 1001 with 400 outputs, beside pysindy, scikit-learn and NumPy.
 
-The peers solve each output by itself and are timed on a few of them: NumPy's lstsq in a loop, and pysindy where it is
-installed. All run in turns in this process; the best time counts. The dense case is LR-NFB of the spindle testbed.
+Peers that solve each output by itself are timed on a few of them, and 400 outputs are extrapolated. What is compared is
+the coefficients of these outputs. Ridge and Lasso give other coefficients: Ridge is one solution without thresholds and
+is compared with ours, the Lasso is there for its time alone.
 """
 
-import os
-
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
-import importlib
-import importlib.util
 from collections.abc import Callable
-from time import process_time
+from functools import partial
+from importlib import import_module
 
 import numpy as np
+from _measure import Burst, Case, describe_machine, race
 from fdbench_baselines._function_basis import NONLINEAR, expand
-from fdbench_baselines._sparse_regression import FloatArray, threshold_sequentially
+from fdbench_baselines._sparse_regression import FloatArray, least_squares, threshold_sequentially
 
 from fdbench.plants import SpectralPlant
 from fdbench.scenario import load_scenario
 
 ROWS, COLUMNS, OUTPUTS, KEPT = 2600, 1001, 400, 10
 THRESHOLD, ITERATIONS = 0.05, 10
-ROUNDS = 3
-PEER_OUTPUTS = 4
 BAR_S = 0.5
 
 
@@ -37,72 +32,107 @@ def made() -> tuple[FloatArray, FloatArray]:
     return A, A @ Z + 0.3 * random.standard_normal((ROWS, OUTPUTS))
 
 
-def numpy_loop(A: FloatArray, Y: FloatArray) -> FloatArray:
-    Z = np.zeros((A.shape[1], Y.shape[1]))
-    for output in range(Y.shape[1]):
-        support = np.arange(A.shape[1])
-        found = np.linalg.lstsq(A, Y[:, output])[0]
-        for _ in range(ITERATIONS):
-            large = np.abs(found) >= THRESHOLD
-            if large.all():
-                break
-            support = support[large]
-            found = np.linalg.lstsq(A[:, support], Y[:, output])[0]
-        Z[support, output] = found
-    return Z
+A, Y = made()
 
 
-def pysindy_loop(A: FloatArray, Y: FloatArray) -> FloatArray:
-    optimizer = importlib.import_module("pysindy").STLSQ(
-        threshold=THRESHOLD, alpha=1e-10, max_iter=ITERATIONS, unbias=False
+def ours() -> Burst:
+    return lambda: threshold_sequentially(A, Y, THRESHOLD, ITERATIONS).coefficients.T
+
+
+def ours_unthresholded() -> Burst:
+    return lambda: least_squares(A, Y).T
+
+
+def numpy_loop(outputs: int) -> Burst:
+    def burst() -> FloatArray:
+        Z = np.zeros((outputs, COLUMNS))
+        for output in range(outputs):
+            support, y = np.arange(COLUMNS), Y[:, output]
+            found = np.linalg.lstsq(A, y)[0]
+            for _ in range(ITERATIONS):
+                large = np.abs(found) >= THRESHOLD
+                if large.all():
+                    break
+                support = support[large]
+                found = np.linalg.lstsq(A[:, support], y)[0]
+            Z[output, support] = found
+        return Z
+
+    return burst
+
+
+def pysindy(outputs: int) -> Burst:
+    peer = import_module("pysindy").STLSQ(threshold=THRESHOLD, alpha=1e-10, max_iter=ITERATIONS, unbias=False)
+    return lambda: peer.fit(A, Y[:, :outputs]).coef_
+
+
+def ridge() -> Burst:
+    peer = import_module("sklearn.linear_model").Ridge(alpha=1e-10, fit_intercept=False, solver="cholesky")
+    return lambda: peer.fit(A, Y).coef_
+
+
+def lasso(outputs: int) -> Burst:
+    peer = import_module("sklearn.linear_model").Lasso(alpha=0.02, fit_intercept=False, precompute=A.T @ A)
+
+    def burst() -> None:
+        peer.fit(A, Y[:, :outputs])
+
+    return burst
+
+
+def thresholded(name: str, start: Callable[[int], Burst], outputs: int, peer: str = "", note: str = "") -> Case:
+    return Case(
+        name=name,
+        start=partial(start, outputs),
+        units=outputs,
+        peer=peer,
+        note=f"{note}extrapolated from {outputs} outputs",
+        rounds=2,
     )
-    return np.asarray(optimizer.fit(A, Y).coef_).T
-
-
-def best(
-    solve: Callable[[FloatArray, FloatArray], FloatArray], A: FloatArray, Y: FloatArray
-) -> tuple[float, FloatArray]:
-    times = []
-    for _ in range(ROUNDS):
-        start = process_time()
-        found = solve(A, Y)
-        times.append(process_time() - start)
-    return min(times), found
-
-
-def ours(A: FloatArray, Y: FloatArray) -> FloatArray:
-    return threshold_sequentially(A, Y, THRESHOLD, ITERATIONS).coefficients
 
 
 def main() -> None:
-    A, Y = made()
-    ours(A[:, :5], Y[:, :2])  # compiles
-    seconds, found = best(ours, A, Y)
-    kept = np.mean(np.count_nonzero(found, axis=0))
-    print(f"{ROWS} x {COLUMNS}, {OUTPUTS} outputs, {kept:.1f} terms kept; bar {BAR_S} s")
-    print(f"{'ours':>8} {seconds:8.2f} s  {'ok' if seconds <= BAR_S else 'TOO SLOW'}")
-    peers = {"NumPy": numpy_loop}
-    if importlib.util.find_spec("pysindy") is not None:
-        peers["pysindy"] = pysindy_loop
-    else:
-        print(" pysindy  is not installed")
-    for name, solve in peers.items():
-        time, few = best(solve, A, Y[:, :PEER_OUTPUTS])
-        whole = time * OUTPUTS / PEER_OUTPUTS
-        difference = np.abs(few - found[:, :PEER_OUTPUTS]).max()
-        print(
-            f"{name:>8} {whole:8.1f} s  {whole / seconds:5.0f} x, from {PEER_OUTPUTS} outputs, off by {difference:.0e}"
-        )
+    describe_machine()
+    race(
+        f"thresholded least squares, {ROWS} x {COLUMNS}: s for {OUTPUTS} outputs",
+        [
+            Case(name="fdbench, orthogonal factors", start=ours, units=OUTPUTS, bar=BAR_S),
+            thresholded("STLSQ", pysindy, 8, "pysindy"),
+            thresholded("NumPy lstsq, output by output", numpy_loop, 4),
+            thresholded("Lasso, Gram matrix given", lasso, 20, "scikit-learn", "another estimate, "),
+        ],
+        scale=OUTPUTS,
+        rounds=5,
+    )
+    race(
+        f"least squares without thresholds, {ROWS} x {COLUMNS}: s for {OUTPUTS} outputs",
+        [
+            Case(name="fdbench, QR", start=ours_unthresholded, units=OUTPUTS),
+            Case(name="Ridge, normal equations", start=ridge, units=OUTPUTS, peer="scikit-learn"),
+            Case(name="NumPy lstsq", start=lambda: lambda: np.linalg.lstsq(A, Y)[0].T, units=OUTPUTS),
+        ],
+        scale=OUTPUTS,
+        rounds=5,
+    )
     scenario = load_scenario("SpindleTestbedRandom-v0")
-    start = process_time()
     record = scenario.record(0)
-    print(f"spindle testbed, record of {record.n_samples} samples: {process_time() - start:.2f} s")
-    if isinstance(scenario.plant, SpectralPlant):
-        spectra = scenario.plant.spectra(record)
-        G = expand(spectra.features, NONLINEAR)[spectra.training]
-        start = process_time()
-        solves = threshold_sequentially(G, spectra.targets[spectra.training], 0.2, ITERATIONS).solves
-        print(f"{G.shape[0]} x {G.shape[1]}, 200 outputs, {solves.mean():.1f} solves: {process_time() - start:.2f} s")
+    if not isinstance(scenario.plant, SpectralPlant):
+        raise TypeError("SpindleTestbedRandom-v0 has no spectra.")
+    spectra = scenario.plant.spectra(record)
+    G, targets = expand(spectra.features, NONLINEAR)[spectra.training], spectra.targets[spectra.training]
+    race(
+        f"slr_nfb on the spindle testbed, {record.n_samples} samples: s",
+        [
+            Case(
+                name=f"thresholded least squares, {G.shape[0]} x {G.shape[1]}, {targets.shape[1]} outputs",
+                start=lambda: lambda: threshold_sequentially(G, targets, 0.2, ITERATIONS),
+                note="most terms kept",
+            ),
+            Case(name="simulation of the record", start=lambda: lambda: scenario.record(0)),
+        ],
+        rounds=2,
+        compare=None,
+    )
 
 
 if __name__ == "__main__":
