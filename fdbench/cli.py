@@ -58,7 +58,7 @@ def refuse(message: str) -> NoReturn:
 app = typer.Typer(
     name="fdbench",
     cls=Commands,
-    help="Benchmark of machine-tool feed drives: simulate, estimate, score, diagnose.",
+    help="Benchmark of machine-tool feed drives: simulate, estimate, score, diagnose. Begin with 'fdbench run'.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -98,6 +98,13 @@ def writable(path: Path | None) -> Path | None:
     return path
 
 
+def file_to_write(path: Path | None) -> Path | None:
+    """Return a file to write, as `writable`; ``-`` is refused where nothing can be printed in place of a file."""
+    if str(path) == "-":
+        raise FdbenchError("-: the name of a file is expected here.")
+    return writable(path)
+
+
 def results_folder(path: Path) -> Path:
     """Return a folder to write in, which need not exist yet."""
     nearest = next(parent for parent in (path, *path.absolute().parents) if parent.exists())
@@ -110,9 +117,14 @@ def results_folder(path: Path) -> Path:
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 Effects = Annotated[
-    list[str] | None, typer.Option("--effect", help="Python file of an effect to be known; may be repeated.")
+    list[str] | None,
+    typer.Option(
+        "--effect",
+        metavar="FILE",
+        help="Python file of a further effect, for scenarios and diagnoses; may be repeated.",
+    ),
 ]
-Html = Annotated[Path, typer.Option("-o", "--output", callback=writable, help="HTML file to write.")]
+Html = Annotated[Path, typer.Option("-o", "--output", callback=file_to_write, help="HTML file to write.")]
 
 
 def json_text(value: object) -> str:
@@ -154,13 +166,13 @@ def distinct(names_or_files: Iterable[str]) -> list[str]:
     """Return names and files as they are; two files of one name are refused, for the file name is the plug-in's."""
     given: dict[str, Path] = {}
     for file in (Path(item) for item in names_or_files if item.endswith(".py")):
-        if given.setdefault(file.stem, file).resolve() != file.resolve():
+        if os.path.realpath(given.setdefault(file.stem, file)) != os.path.realpath(file):
             raise PluginError(f"{given[file.stem]} and {file}: two plug-ins of one name. Rename one of the files.")
     return list(names_or_files)
 
 
 @app.command("list")
-def list_(kind: Kind, json_: Json = False) -> None:
+def list_(kind: Annotated[Kind, typer.Argument(help="What to list.")], json_: Json = False) -> None:
     """List scenarios, estimators, effects or metrics, with one line on each."""
     rows = _scenario_rows() if kind is Kind.SCENARIOS else _plugin_rows(kind)
     if json_:
@@ -191,19 +203,36 @@ def _plugin_rows(kind: Kind) -> list[dict[str, str]]:
 
 @app.command()
 def run(
-    suite: Annotated[Suite, typer.Option(help="Which scenarios, unless --scenario names some.")] = Suite.QUICK,
-    scenario: Annotated[list[str] | None, typer.Option(help="Id or TOML file; may be repeated.")] = None,
-    estimator: Annotated[list[str] | None, typer.Option(help="Name or Python file; may be repeated.")] = None,
-    seeds: Annotated[int | None, typer.Option(min=1, help="Number of seeds; quick: 3, full: 10.")] = None,
+    suite: Annotated[
+        Suite, typer.Option(help="Scenarios to run, unless --scenario names some: a selection, or all.")
+    ] = Suite.QUICK,
+    scenario: Annotated[
+        list[str] | None, typer.Option(metavar="ID|FILE", help="Id or TOML file of a scenario; may be repeated.")
+    ] = None,
+    estimator: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME|FILE",
+            help="Name or Python file of an estimator; may be repeated. Default: all installed ones. null and oracle, "
+            "which scores are measured against, always run.",
+        ),
+    ] = None,
+    seeds: Annotated[
+        int | None,
+        typer.Option(min=1, help="Number of seeds, that is of repeats with other noise; quick: 3, full: 10."),
+    ] = None,
     first_seed: Annotated[int, typer.Option(min=0, help="First seed; the others follow it.")] = 0,
     effect: Effects = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Processes; default: one for each core.")] = None,
     out: Annotated[
-        Path, typer.Option(callback=results_folder, help="Folder of results; finished runs in it are kept.")
+        Path,
+        typer.Option(callback=results_folder, help="Folder of results; what it holds and still applies is kept."),
     ] = DEFAULT_OUT,
-    keep_estimates: Annotated[bool, typer.Option(help="Keep the raw estimates of all seeds.")] = False,
+    keep_estimates: Annotated[
+        bool, typer.Option("--keep-estimates", help="Keep records and estimates of every seed, not of the first alone.")
+    ] = False,
 ) -> None:
-    """Run estimators on scenarios, score and rank them; what is finished is not run again."""
+    """Run estimators on scenarios, score and rank them; what is finished and has not changed is not run again."""
     from rich.console import Console
 
     from fdbench.benchmark import console, leaderboard
@@ -231,34 +260,50 @@ def run(
             progress=shown,
         )
     store = Store(out)
-    text = leaderboard.leaderboard(store)
+    text = leaderboard.leaderboard(store) + trial_board()
     (out / "leaderboard.md").write_text(text, encoding="utf-8")
     is_everything = not (scenario or estimator or effect or seeds or first_seed)
     if is_everything and out == DEFAULT_OUT and suite is Suite.QUICK:
         Path("leaderboard.md").write_text(text, encoding="utf-8")
     write_report(out, out / "report.html")
-    screen.print(console.ranking_table(store))
-    trouble = console.trouble_table(store)
+    scores = store.scores(summary.keys)
+    screen.print(console.ranking_table(scores))
+    trouble = console.trouble_table(scores)
     if trouble is not None:
         screen.print(trouble)
     counts = ", ".join(f"{count} {status}" for status, count in summary.statuses.items())
     typer.echo(f"{summary.computed} runs done, {summary.reused} kept from before ({counts}).")
+    if summary.others:
+        typer.echo(
+            f"The files hold {summary.others} other {'run' if summary.others == 1 else 'runs'} of this folder too."
+        )
+    if summary.stale:
+        typer.echo(console.stale_text(summary.stale))
     typer.echo(f"Written: {out}/scores.parquet, {out}/leaderboard.md, {out}/report.html")
+
+
+def trial_board() -> str:
+    """Return the part of leaderboard.md on the published trials of the diagnosis."""
+    from fdbench.gap.trial.board import board, published
+
+    return board(published())
 
 
 @app.command()
 def leaderboard(
     folder: Annotated[Path, typer.Argument(help="Folder of results.")] = DEFAULT_OUT,
-    check: Annotated[bool, typer.Option("--check", help="Exit with 1 if leaderboard.md would change.")] = False,
-    output: Annotated[Path, typer.Option("-o", "--output", callback=writable, help="File to write.")] = Path(
+    check: Annotated[
+        bool, typer.Option("--check", help="Write nothing; exit with 1 if the file would change.")
+    ] = False,
+    output: Annotated[Path, typer.Option("-o", "--output", callback=file_to_write, help="File to write.")] = Path(
         "leaderboard.md"
     ),
 ) -> None:
-    """Write leaderboard.md from stored results."""
+    """Write leaderboard.md from a folder of results."""
     from fdbench.benchmark import leaderboard as board
     from fdbench.benchmark.store import Store
 
-    text = board.leaderboard(Store(existing(folder, "scores.parquet")))
+    text = board.leaderboard(Store(existing(folder, "scores.parquet"))) + trial_board()
     if not check:
         output.write_text(text, encoding="utf-8")
         return
@@ -273,11 +318,15 @@ def compare(
     base: Annotated[Path, typer.Argument(help="Folder of results to compare with.")],
     new: Annotated[Path, typer.Argument(help="Folder of results that must not be worse.")],
     json_: Json = False,
-    markdown: Annotated[Path | None, typer.Option(callback=writable, help="File for a summary in Markdown.")] = None,
-    allow_missing: Annotated[bool, typer.Option("--allow-missing", help="Let NEW lack rows of BASE.")] = False,
-    gate_speed: Annotated[bool, typer.Option("--gate-speed", help="Judge times too; needs one run.")] = False,
+    markdown: Annotated[
+        Path | None, typer.Option(callback=file_to_write, help="File for a summary in Markdown.")
+    ] = None,
+    allow_missing: Annotated[bool, typer.Option("--allow-missing", help="Accept that NEW lacks rows of BASE.")] = False,
+    gate_speed: Annotated[
+        bool, typer.Option("--gate-speed", help="Judge times too; both must be of one machine and one FDBENCH_RUN_ID.")
+    ] = False,
 ) -> None:
-    """Exit with 1 where results got worse by more than chance and by more than matters."""
+    """Compare two folders of results; exit with 1 where NEW is worse by more than chance and by more than matters."""
     from rich.console import Console
 
     from fdbench.benchmark import compare_text
@@ -302,8 +351,7 @@ def existing(folder: Path, file: str) -> Path:
     if (folder / file).is_file():
         return folder
     if folder.is_file():
-        page = " The page of a diagnosis is written by `fdbench diagnose --html`." if folder.suffix == ".json" else ""
-        raise SpecError(f"{folder}: a folder of results is expected, found a file.{page}")
+        raise SpecError(f"{folder}: a folder of results is expected, found a file.")
     if folder.is_dir():
         raise SpecError(f"{folder}: no {file} in this folder; `fdbench run --out {folder}` writes it.")
     others = [path.parent.name for path in folder.parent.glob(f"*/{file}")] if folder.parent.is_dir() else []
@@ -313,23 +361,30 @@ def existing(folder: Path, file: str) -> Path:
 
 @app.command()
 def report(
-    source: Annotated[Path, typer.Argument(help="Folder of results.")],
+    source: Annotated[Path, typer.Argument(help="Folder of results, or JSON file of `fdbench diagnose --json`.")],
     output: Html = Path("report.html"),
 ) -> None:
-    """Write a self-contained HTML page of results."""
-    from fdbench.report import write_report
+    """Write a page of results, or of the answer of a diagnosis: one HTML file that needs no network."""
+    if source.is_file() or source.suffix == ".json":
+        from fdbench.report.answer import write_answer
 
-    write_report(existing(source, "scores.parquet"), output)
+        write_answer(source, output)
+    else:
+        from fdbench.report import write_report
+
+        write_report(existing(source, "scores.parquet"), output)
 
 
 @app.command()
 def record(
-    scenario: Annotated[str, typer.Argument(help="Id or TOML file.")],
-    output: Annotated[Path, typer.Option("-o", "--output", callback=writable, help="File to write: .csv or .parquet.")],
+    scenario: Annotated[str, typer.Argument(help="Id or TOML file of a scenario.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", callback=file_to_write, help="File to write: .csv or .parquet.")
+    ],
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noises.")] = 0,
     effect: Effects = None,
 ) -> None:
-    """Simulate a scenario and write what a logger would have written."""
+    """Simulate a scenario and write its record, what a logger on the machine would have written."""
     from fdbench.scenario import load_scenario
 
     add_effects(effect)
@@ -345,7 +400,7 @@ def check(
     plugin: Annotated[str, typer.Argument(help="Name of an estimator, effect or scenario, or its file.")],
     effect: Effects = None,
 ) -> None:
-    """Run the shared checks on an estimator, effect or scenario; exit with 1 where one fails."""
+    """Check an estimator, effect or scenario, such as your own file; exit with 1 where a check fails."""
     from fdbench.checks import check as run_checks
     from fdbench.effects import effects
     from fdbench.estimator import estimators
@@ -366,7 +421,7 @@ def check(
 
 @app.command()
 def reproduce(
-    paper: Annotated[str | None, typer.Argument(help="Module of a paper, such as mcpherson.")] = None,
+    paper: Annotated[str | None, typer.Argument(help="Name of a paper, such as mcpherson; default: all.")] = None,
     json_: Json = False,
 ) -> None:
     """Show each paper's figures beside ours; exit with 1 where a figure is outside its tolerance."""
@@ -397,6 +452,10 @@ def diagnose(
     write_model: Annotated[
         Path | None, typer.Option(callback=writable, help="File for the repaired model as TOML.")
     ] = None,
+    next_experiment: Annotated[
+        Path | None,
+        typer.Option(callback=file_to_write, help="CSV file for the motion that would tell the causes in doubt apart."),
+    ] = None,
 ) -> None:
     """Say where the gap between a model and records lies, which effect causes it, and how far it shrinks."""
     from rich.console import Console
@@ -411,6 +470,8 @@ def diagnose(
 
     if data is not None and not any(path.suffix.lower() == ".toml" for path in (*records, *(holdout or ()))):
         raise SpecError(f"--data {data}: a folder for mapping files (.toml), but no record is one.")
+    if next_experiment is not None and next_experiment.suffix.lower() != ".csv":
+        raise SpecError(f"--next-experiment {next_experiment}: the motion is written as .csv.")
     add_effects(effect)
     note = Console(stderr=True)
     with note.status("reading") as status:
@@ -420,6 +481,12 @@ def diagnose(
             [read(path) for path in holdout or ()],  # type: ignore[misc]
             status.update,
         )
+    if next_experiment is not None:
+        from fdbench.gap.next_experiment import write_proposed
+
+        found = write_proposed(found, next_experiment)
+        if found.answer["next_experiment"] is None:
+            typer.echo(f"fdbench: no causes in doubt that a motion would tell apart: no {next_experiment}.", err=True)
     if json_ is not None and str(json_) != "-":
         json_.write_text(json_text(found.answer) + "\n", encoding="utf-8")
     if html is not None:
@@ -448,7 +515,10 @@ def trial_make(
     folder: Trial,
     key: Annotated[Path, typer.Option(callback=writable, help="File for the key; keep it from whoever answers.")],
     tier: Annotated[
-        str, typer.Option(help="A library's forms, B second implementation, C unlisted effects, D thin data.")
+        str,
+        typer.Option(
+            help="A library's forms, B second implementation, C unlisted effects, D thin data, L to learn from."
+        ),
     ] = "B",
     count: Annotated[int, typer.Option(min=1, max=999, help="Number of cases.")] = 20,
     nonce: Annotated[
@@ -501,6 +571,24 @@ def trial_score(
         echo_json(found)
     else:
         typer.echo(text(found))
+
+
+@trial.command("learn")
+def trial_learn(
+    folder: Trial,
+    output: Annotated[Path, typer.Option("-o", "--output", callback=writable, help="TOML file of what is learned.")],
+    key: Annotated[Path, typer.Option(help="File of the key.")],
+) -> None:
+    """Learn from a trial of tier L how far the diagnosis can be trusted; its probabilities are drawn from that."""
+    from rich.console import Console
+
+    from fdbench.gap.trial.learn import KINDS, learn
+
+    with Console(stderr=True).status("learning") as status:
+        found = learn(folder, key, output, status.update)
+    for kind in KINDS:
+        own = [claim.right for claim in found if claim.kind == kind]
+        typer.echo(f"{kind}: {len(own)} claims, {sum(own)} right")
 
 
 def main() -> None:

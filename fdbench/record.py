@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -73,7 +74,8 @@ class Record(Mapping[str, FloatArray]):
     Parameters
     ----------
     columns : mapping of str to (n_samples,) array
-        ``time_s`` and the measured channels; the suffix of a name is its unit (see ``COLUMNS``).
+        ``time_s`` and the measured channels; the suffix of a name is its unit (see ``COLUMNS``). Copied, and read-only
+        from then on.
     provenance : mapping
         Where the record comes from: scenario and seed, or file and digest.
     source : str
@@ -107,7 +109,7 @@ class Record(Mapping[str, FloatArray]):
         for name, values in self.columns.items():
             check_column_name(name, self.source)
             frozen[name] = _frozen_column(name, values, length, self.source)
-        object.__setattr__(self, "columns", frozen)
+        object.__setattr__(self, "columns", MappingProxyType(frozen))
         object.__setattr__(self, "provenance", dict(self.provenance))
         check_finite(frozen, self.source)
         check_clock(frozen["time_s"], self.source)
@@ -267,7 +269,7 @@ def _frozen_column(name: str, values: object, length: int, source: str) -> Float
         raise RecordError(f"{source}: column {name} has shape {array.shape}, time_s has ({length},).")
     column = np.array(array, dtype=np.float64)
     column.flags.writeable = False
-    return column
+    return column.view()  # unlike an array of its own, a view of a read-only one cannot be made writeable
 
 
 def check_finite(columns: Mapping[str, NDArray[Any]], source: str, place: Callable[[int], str] = nth_sample) -> None:

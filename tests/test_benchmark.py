@@ -29,6 +29,11 @@ FAILURES = [
     ("exits", "raise SystemExit(3)", "SystemExit: 3"),
     ("mutates", "record['velocity_m_per_s'][0] = 1.0", "ValueError: assignment destination is read-only"),
     ("returns_nothing", "return None", "PluginError: fit returned None, expected an Estimate."),
+    (
+        "misspells",
+        "return Estimate(parameters={'beta1': 0.83})",
+        "PluginError: parameters['beta1']: the model has no such parameter. Did you mean beta_1?",
+    ),
     ("not_finite", "return Estimate(parameters={'beta_1': np.nan})", "PluginError: parameters['beta_1'] is nan"),
     ("wrong_shape", "return Estimate(output=np.zeros(3))", "PluginError: output has shape (3,), expected (998,)"),
 ]
@@ -135,7 +140,7 @@ def test_every_failure_is_a_row_with_its_reason(tmp_path: Path, scenario: str) -
 
 
 def test_an_estimator_cannot_spoil_the_record_of_the_next(tmp_path: Path, scenario: str) -> None:
-    body = "v = record['velocity_m_per_s']\n        v.flags.writeable = True\n        v[:] = 0.0\n"
+    body = "v = record['velocity_m_per_s'].base\n        v.flags.writeable = True\n        v[:] = 0.0\n"
     spoils = estimator_file(tmp_path, "a_spoiler", FIT + body + f"        return {LIKE_NULL}\n")
     run([scenario], [spoils, "least_squares"], 1, tmp_path / "out")
     run([scenario], ["least_squares"], 1, tmp_path / "alone")
@@ -236,6 +241,18 @@ def test_bad_usage_runs_nothing(tmp_path: Path, scenario: str) -> None:
     assert not (tmp_path / "out").exists()
 
 
+def test_what_goes_wrong_in_writing_is_not_hidden_by_tidying_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(self: Path, *_: object, **__: object) -> None:
+        raise OSError(30, "Read-only file system", str(self))
+
+    for name in ("write_text", "unlink"):
+        monkeypatch.setattr(Path, name, refuse)
+    with pytest.raises(FdbenchError, match=r"run\.json: cannot be written: Read-only file system\.$"):
+        Store(tmp_path).write_selection({})
+
+
 def test_results_that_are_not_there_are_named(tmp_path: Path) -> None:
     with pytest.raises(FdbenchError, match=r"no scores\.parquet here"):
         Store(tmp_path).scores()
@@ -281,6 +298,19 @@ def test_a_damaged_run_is_repeated(tmp_path: Path, scenario: str) -> None:
     file = Store(tmp_path / "out").run_file(key("null"))
     file.write_text(file.read_text("utf-8")[:100], "utf-8")
     assert run([scenario], [], 1, tmp_path / "out").computed == 1
+
+
+def test_a_file_that_is_another_run_or_no_estimate_is_refused(tmp_path: Path, scenario: str) -> None:
+    store = Store(tmp_path / "out")
+    run([scenario], [], 1, store.folder)
+    store.run_file(key("null")).write_text(store.run_file(key("oracle")).read_text("utf-8"), "utf-8")
+    with pytest.raises(FdbenchError, match=r"0\.json: not a run that this version can read \(it is another one\)"):
+        store.read_run(key("null"))
+    estimate = store.estimate_file(key("null"))
+    for content in (b"x", (store.folder / "scores.parquet").read_bytes()):
+        estimate.write_bytes(content)
+        with pytest.raises(FdbenchError, match=r"0\.parquet: not an estimate .*Remove it"):
+            store.read_estimate(key("null"))
 
 
 def test_an_edited_estimator_or_scenario_is_run_again(tmp_path: Path, scenario: str) -> None:
@@ -351,6 +381,81 @@ def test_other_seeds_can_be_run(tmp_path: Path, scenario: str) -> None:
     tables = [Store(tmp_path / name).parameters().dropna() for name in ("out", "all")]
     kept, expected = (table[table["seed"] == 5]["estimate"].tolist() for table in tables)
     assert kept == expected != []
+
+
+# ---- the rest of the folder ----
+
+
+def test_results_beside_the_selection_are_kept(tmp_path: Path, scenario: str) -> None:
+    out = tmp_path / "out"
+    mine = estimator_file(tmp_path, "mine", FIT + f"return {LIKE_NULL}\n")
+    first = run([scenario], ["least_squares"], 2, out)
+    assert (first.others, first.stale) == (0, ())
+    before = Store(out).scores()
+    second = run([scenario], [mine], 1, out)
+    assert (second.others, second.stale, sum(second.statuses.values())) == (2 + 2, (), 3)  # least_squares; references
+    scores = Store(out).scores()
+    assert scores[scores["estimator"] != "mine"].reset_index(drop=True).equals(before)
+    assert set(Store(out).parameters()["estimator"]) == {"least_squares", "mine", "null", "oracle"}
+    selected = Store(out).scores(second.keys)
+    assert set(selected["estimator"]) == {"mine", "null", "oracle"}
+    assert set(selected["seed"]) == {0}
+    estimators._files.clear()  # a later start does not know the file
+    assert run([scenario], ["least_squares"], 2, out).stale == ()
+    assert Store(out).scores().equals(scores)
+
+
+def test_results_of_what_has_changed_are_left_out(
+    tmp_path: Path, scenario: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def seen() -> set[str]:
+        return {f"{one.estimator} {one.seed}" for one in Store(out).scores().itertuples()}
+
+    out, other = tmp_path / "out", short_scenario(tmp_path, "Other-v0")
+    text = FIT + f"return {LIKE_NULL}\n"
+    mine = estimator_file(tmp_path, "mine", text)
+    run([scenario], [mine, "least_squares"], 2, out)
+    references = {f"{name} {seed}" for name in ("null", "oracle") for seed in (0, 1)}
+
+    # An estimator: of the other seed, even where the file is not known any more.
+    estimator_file(tmp_path, "mine", text.replace("0.0", "0.5"))
+    assert run([scenario], [mine], 1, out).stale == (key("mine", 1),)
+    estimators._files.clear()
+    assert run([other], [], 1, out).stale == (key("mine", 1),)
+    assert seen() == {*references, "mine 0", "least_squares 0", "least_squares 1"}
+
+    # One that is damaged, which no one asks for.
+    damaged = Store(out).run_file(key("least_squares", 1))
+    damaged.write_text("{", "utf-8")
+    assert run([other], [], 1, out).stale == (key("least_squares", 1), key("mine", 1))
+
+    # A scenario: of all other runs, even where the file is not known any more.
+    short_scenario(tmp_path, "Short-v0", **{"force_amplitude_N = 1.2": "force_amplitude_N = 1.3"})
+    for selected in (scenario, other):
+        assert len(run([selected], [], 1, out).stale) == 2 + 2 + 2
+        assert seen() == {"null 0", "oracle 0"}
+
+    # The code: of all that is not run again.
+    monkeypatch.setattr(provenance, "code_digest", lambda: "another")
+    assert len(run([other], [], 1, out).stale) == 2 + 2 + 2 + 2
+    assert set(Store(out).scores()["scenario"]) == {"Other-v0"}
+    monkeypatch.undo()
+    estimator_file(tmp_path, "mine", text)
+    short_scenario(tmp_path, "Short-v0")
+    assert run([scenario], [mine, "least_squares"], 2, out).stale == (
+        Key("Other-v0", "null", 0),
+        Key("Other-v0", "oracle", 0),
+    )
+
+
+def test_an_installed_estimator_that_has_changed_is_left_out(
+    tmp_path: Path, scenario: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run([scenario], ["least_squares"], 1, tmp_path / "out")
+    edited = tmp_path / "edited.py"
+    edited.write_text("")
+    monkeypatch.setattr("fdbench.benchmark.run.source_files", lambda module: [edited])
+    assert key("least_squares") in run([scenario], [], 1, tmp_path / "out").stale
 
 
 # ---- processes ----
@@ -424,6 +529,7 @@ def regression(n: int = 4) -> Regression:
         ({"parameters": {"a": "1"}}, r"parameters\['a'\] is a str, expected a number"),
         ({"parameters": {"a": 1j}}, "is a complex, expected a number"),
         ({"parameters": {1: 1.0}}, "has the key 1, expected a name"),
+        ({"parameters": {"mass_kg": 1.0}}, r"\['mass_kg'\]: the model has no such parameter\. Allowed: a, b\."),
         ({"parameters": [1.0]}, "parameters is a list, expected a mapping"),
         ({"parameters": {"a": float("inf")}}, r"\['a'\] is inf, expected a finite number"),
         ({"parameters": {"a": 1.0}, "covariance": np.eye(2)}, r"covariance has shape \(2, 2\), expected \(1, 1\)"),
@@ -442,6 +548,7 @@ def test_estimates_that_break_the_contract_are_refused(claims: dict[str, Any], m
 
 def test_sound_estimates_pass() -> None:
     check_estimate(Estimate(), regression())
+    check_estimate(Estimate(parameters={"mass_kg": 1.0}), regression(), ["mass_kg"])
     check_estimate(
         Estimate(
             parameters={"a": 1, "b": np.float64(2.0)},

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -120,6 +121,11 @@ def write(name: str, text: str) -> Path:
         ("run --seeds 0", r"fdbench run: .*'--seeds': .*greater than or equal to 1"),
         ("run --seeds two", r"'--seeds': .*integer"),
         ("run --first-seed -1", r"'--first-seed': .*greater than or equal to 0"),
+        ("run --seeds 99999999999", r"seeds 99999999999: at least 1 and at most 10000"),
+        ("run --first-seed 99999999999999999999", r"first seed 9+: at least 0 and at most"),
+        ("run --jobs 99999999999", r"jobs 99999999999: at least 1 and at most 1024"),
+        ("run --scenario ShakerConstant-v0 --estimator loop.py", r"loop\.py: no such file"),
+        ("record loop.toml -o a.csv", r"loop\.toml: cannot be read: "),
         ("run --jobs 0", r"'--jobs': .*greater than or equal to 1"),
         ("run --suite quik", r"'quik' is not one of 'quick', 'full'"),
         ("run --scenario Shaker", r"unknown scenario 'Shaker'\. Did you mean Shaker\w+-v0\?"),
@@ -136,8 +142,17 @@ def write(name: str, text: str) -> Path:
         ("leaderboard folder", r"folder: no scores\.parquet in this folder; `fdbench run --out folder` writes it"),
         ("leaderboard --check folder", r"folder: no scores\.parquet"),
         ("report", r"Missing argument 'source'"),
-        ("report file.txt", r"file\.txt: a folder of results is expected, found a file"),
-        ("report answer.json", r"`fdbench diagnose --html`"),
+        (
+            "report file.txt",
+            r"file\.txt: neither a folder of results nor an answer of `fdbench diagnose --json`: Expecting",
+        ),
+        ("report answer.json", r"answer\.json: neither a folder .*: gap is missing"),
+        ("report binary.toml", r"binary\.toml: neither a folder .*: 'utf-8' codec can't decode"),
+        ("leaderboard answer.json", r"answer\.json: a folder of results is expected, found a file"),
+        ("report none.json", r"none\.json: No such file"),
+        ("report folder -o -", r"-: the name of a file is expected here"),
+        ("leaderboard folder -o -", r"-: the name of a file is expected here"),
+        ("compare folder folder --markdown -", r"-: the name of a file is expected here"),
         ("report folder -o none/report.html", r"none/report\.html: cannot be written: there is no folder none"),
         ("compare folder", r"Missing argument 'new'"),
         ("compare folder none", r"folder: no scores\.parquet"),
@@ -178,10 +193,12 @@ def test_bad_usage_is_told_in_one_message(arguments: str, message: str) -> None:
     Path("binary.toml").write_bytes(bytes(range(128, 256)))
     for name in ("folder", "folder.py"):
         Path(name).mkdir()
+    for name in ("loop.py", "loop.toml"):
+        Path(name).symlink_to(name)
     words = [MODEL if word == "MODEL" else word for word in arguments.split()]
     assert re.search(message, refused(*words))
     assert sorted(path.name for path in Path().iterdir()) == sorted(
-        ["file.txt", "answer.json", "axis.csv", "binary.toml", "folder", "folder.py"]
+        ["file.txt", "answer.json", "axis.csv", "binary.toml", "folder", "folder.py", "loop.py", "loop.toml"]
     )
 
 
@@ -423,6 +440,8 @@ def test_absent_data_give_a_row_that_says_where_to_get_and_to_put_them(
     assert (result.exit_code, result.stderr) == (0, "")
     scores = pd.read_parquet("out/scores.parquet")
     assert set(scores["status"]) == {"skipped"}
+    assert "No ranking: no scenario has a run that can be scored." in result.stdout
+    assert f"EMPS-v0 was skipped. {tmp_path}" in " ".join(result.stdout.split())
     for message in scores["message"]:
         assert measured.obtain in message
         assert str(tmp_path / "emps" / "DATA_EMPS.mat") in message
@@ -509,12 +528,53 @@ def test_results_are_read_by_every_command(results: Path) -> None:
     assert f"Written: {results}/scores.parquet" in again.stdout
 
 
+def test_other_results_of_the_folder_are_kept_and_shown(results: Path) -> None:
+    text = (results / "leaderboard.md").read_text("utf-8")
+    done = run(*RUN, "--estimator", write("mean_force.py", ESTIMATOR), "--out", results)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "The files hold 1 other run of this folder too." in done.stdout
+    assert "Left out" not in done.stdout
+    assert "mean_force" in done.stdout
+    assert "least_squares" not in done.stdout  # not asked for this time
+    for name in ("leaderboard.md", "report.html"):
+        assert {"least_squares", "mean_force"} <= set(re.findall(r"\w+", (results / name).read_text("utf-8")))
+    write("mean_force.py", ESTIMATOR + "\n# another one\n")
+    again = run(*RUN, "--estimator", "mean_force.py", "--seeds", "2", "--first-seed", "1", "--out", results)
+    assert "Left out: 1 earlier run of mean_force on ShakerConstant-v0, as their scenario" in again.stdout
+    shutil.rmtree(results / "runs" / "ShakerConstant-v0" / "mean_force")
+    for file in (results / "runs").rglob("[12].json"):
+        file.unlink()
+    assert run(*RUN, "--estimator", "least_squares", "--out", results).exit_code == 0
+    assert (results / "leaderboard.md").read_text("utf-8") == text
+
+
+def test_the_page_of_a_diagnosis_is_made_from_its_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple[Path, Path]] = []
+    monkeypatch.setattr("fdbench.report.answer.write_answer", lambda source, output: seen.append((source, output)))
+    assert run("report", write("a.json", "{}"), "-o", "b.html").exit_code == 0
+    assert seen == [(Path("a.json"), Path("b.html"))]
+
+
 def test_damaged_results_are_refused(results: Path) -> None:
     Path("damaged").mkdir()
     for content in (b"", b"no table", (results / "scores.parquet").read_bytes()[:-100]):
         Path("damaged/scores.parquet").write_bytes(content)
         for command in (["leaderboard", "damaged"], ["report", "damaged"], ["compare", "damaged", results]):
             assert "damaged/scores.parquet: cannot be read" in refused(*command)
+    scores = pd.read_parquet(results / "scores.parquet")
+    for table, message in (
+        (scores.iloc[:0], "no rows"),
+        (scores.assign(status="odd"), "unknown status"),
+        (scores.assign(value="x"), "column value holds other values than float64"),
+        (scores.assign(seed=0.5), "column seed holds other values than int64"),
+        (scores.assign(scenario=None), "column scenario holds other values than string"),
+        (scores.assign(value=float("inf")), "column value holds values that are infinite"),
+        (scores.drop(columns="unit"), r"column unit is missing"),
+    ):
+        table.to_parquet("damaged/scores.parquet")
+        for command in (["leaderboard", "damaged"], ["report", "damaged"], ["compare", "damaged", results]):
+            assert f"damaged{os.sep}scores.parquet: " in refused(*command)
+            assert message in refused(*command)
     neighbour = results.parent / "Ergebnis"
     assert f"Did you mean {results.name}?" in refused("report", neighbour)
 

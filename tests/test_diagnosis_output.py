@@ -25,6 +25,7 @@ from fdbench.gap.repaired import model_text, repaired, table_of, toml_lines, wri
 from fdbench.gap.replay import Replay, Variant
 from fdbench.gap.runs import Run, prepare
 from fdbench.gap.summary import summary, verdict
+from fdbench.gap.where import Gaps, Partition, where
 from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.report.diagnosis import write_diagnosis
@@ -105,9 +106,14 @@ def test_answer_keeps_the_contract(found: Diagnosis) -> None:
     for channel in answer["gap"]["channels"].values():
         assert channel.keys() >= {"before", "noise_floor", "unit", "relative"}
     assert answer["where"].keys() >= {"motion", "frequency", "position", "velocity", "time", "channel"}
-    for cells in answer["where"].values():
-        values = cells.values() if isinstance(cells, dict) else [cell["share"] for cell in cells]
-        assert sum(values) == pytest.approx(1.0, abs=1e-9)
+    intervals = answer["where"].pop("ci95")
+    for name, cells in answer["where"].items():
+        shares = list(cells.values()) if isinstance(cells, dict) else [cell["share"] for cell in cells]
+        bounds = list(intervals[name].values()) if name in intervals else [cell["ci95"] for cell in cells]
+        assert sum(shares) == pytest.approx(1.0, abs=1e-9)
+        assert all(0.0 <= low <= high <= 1.0 for low, high in bounds)
+        assert len(bounds) == len(shares)
+        assert name not in intervals or list(intervals[name]) == list(cells)
     assert all({"band_Hz", "share"} <= cell.keys() for cell in answer["where"]["frequency"])
     for cause in answer["causes"]:
         assert cause.keys() >= {"effect", "probability", "share", "unique_share", "parameters"}
@@ -120,6 +126,54 @@ def test_answer_keeps_the_contract(found: Diagnosis) -> None:
         assert step.keys() >= {"added", "before", "after", "reduction", "ci95"}
         low, high = step["ci95"]
         assert low <= high
+
+
+# ---- where the gap lies ----
+
+
+def gaps_of(left: np.ndarray, velocity: np.ndarray) -> Gaps:
+    """Return what is left of one channel in units of its floor, beside a command."""
+    position = np.cumsum(velocity) * PERIOD_S
+    reference = np.column_stack((position, velocity, np.gradient(velocity, PERIOD_S)))
+    run = Run(name="x", period_s=PERIOD_S, reference=reference, channels={"position_m": position}, lap=None)
+    return Gaps(runs=[run], scaled=[{"position_m": left}])
+
+
+def test_shares_by_hand() -> None:
+    """A sine of 1 in the first half in one band and of 3 in the second half in another: 0.5 - 1 < 0, and 4.5 - 1."""
+    time = np.arange(4000) * PERIOD_S
+    left = np.where(time < 2.0, np.sin(2.0 * np.pi * 10.0 * time), 3.0 * np.sin(2.0 * np.pi * 100.0 * time))
+    found = where(gaps_of(left, np.where(time < 2.0, 0.1, -0.1)))
+    assert found["motion"]["cruise_negative"] == pytest.approx(1.0, abs=0.05)
+    assert found["motion"]["cruise_positive"] == 0.0
+    assert [cell["share"] for cell in found["time"]] == pytest.approx([0.0] * 4 + [0.25] * 4)
+    bands = {tuple(cell["band_Hz"]): cell["share"] for cell in found["frequency"]}
+    low, high = 0.25 - 10.0 / 500.0, 2.25 - 100.0 / 500.0  # less the part of white noise of 1
+    assert bands[5.0, 15.0] == pytest.approx(low / (low + high), abs=0.01)
+    assert bands[50.0, 150.0] == pytest.approx(high / (low + high), abs=0.01)
+    assert sum(bands.values()) == pytest.approx(1.0)
+
+
+def test_nothing_beyond_the_noise_has_no_share() -> None:
+    found = where(gaps_of(np.full(4000, 0.9), np.full(4000, 0.1)))
+    assert sum(found["motion"].values()) == sum(cell["share"] for cell in found["time"]) == 0.0
+    assert found["ci95"]["channel"] == {"position_m": [0.0, 0.0]}
+
+
+def test_intervals_hold_the_true_share() -> None:
+    """Bursts of a quarter of a second, of one or another strength at random: forwards has twice the energy."""
+    held, n_trials, n_stretches = 0, 100, 80
+    rng = np.random.default_rng(0)
+    for _ in range(n_trials):
+        forwards = rng.random(n_stretches) < 0.5
+        size = np.where(forwards, 2.0, 1.0) * rng.choice([10.0, 30.0], n_stretches)
+        left = np.sqrt(np.repeat(size, 250)) * rng.choice([-1.0, 1.0], 250 * n_stretches)
+        place = np.repeat(np.where(forwards, 0, 1), 250)
+        cell = np.arange(len(left)) // 250 * 2 + place
+        parts = np.bincount(cell, weights=left**2 - 1.0, minlength=2 * n_stretches)
+        low, high = Partition(np.array(parts.reshape(-1, 2), dtype=np.float64)).ci95[0]
+        held += low <= (2.0 * 20.0 - 1.0) / (3.0 * 20.0 - 2.0) <= high
+    assert 0.88 <= held / n_trials <= 0.99
 
 
 # ---- summary ----
@@ -339,6 +393,48 @@ def test_bars_are_the_shares_of_the_answer(page: str, found: Diagnosis) -> None:
     assert parts["y"] == ["direction_dependent_friction", "not explained", "noise"]
     gains = [max(found.stages[0].gain(rival), 0.0) for rival in found.stages[0].rivals]
     assert gains[:8] in drawn
+
+
+def test_shares_have_their_intervals_drawn(page: str, found: Diagnosis) -> None:
+    bars = [trace for figure in figures(page).values() for trace in figure["data"] if trace.get("type") == "bar"]
+    lines = {tuple(trace["x"]): trace["error_x"] for trace in bars if "error_x" in trace}
+    where = found.answer["where"]
+    for shares, bounds in (
+        (list(where["motion"].values()), list(where["ci95"]["motion"].values())),
+        ([cell["share"] for cell in where["time"]], [cell["ci95"] for cell in where["time"]]),
+    ):
+        line = lines[tuple(shares)]
+        ends = np.array(shares) + np.array([[-1.0], [1.0]]) * [line["arrayminus"], line["array"]]
+        low, high = np.array(bounds).T
+        np.testing.assert_allclose(ends, [np.minimum(low, shares), np.maximum(high, shares)], atol=1e-12)
+
+
+def test_an_answer_without_intervals_is_drawn(found: Diagnosis, tmp_path: Path) -> None:
+    older = copy.deepcopy(found.answer["where"])
+    del older["ci95"]
+    for cells in older.values():
+        for cell in cells if isinstance(cells, list) else ():
+            del cell["ci95"]
+    write_diagnosis(answered(found, where=older), tmp_path / "older.html")
+    text = (tmp_path / "older.html").read_text("utf-8")
+    bars = [trace for figure in figures(text).values() for trace in figure["data"] if trace.get("type") == "bar"]
+    assert not [trace for trace in bars if "error_x" in trace]
+
+
+def test_next_experiment_is_on_the_page(found: Diagnosis, tmp_path: Path) -> None:
+    experiment = {
+        **{"to_separate": ["backlash", "dead_time"], "trajectory": "next.csv", "expected_log_odds": 6.0},
+        "separates": [{"effects": ["backlash", "dead_time"], "expected_log_odds": 6.0}],
+        **{"expected_probability": {"now": 0.5, "after": 0.97}, "expected_gain_per_s": 0.094},
+        **{"kind": "multisine", "motion": "multisine: 1 to 60 Hz, 2.03 mm rms", "position_m": [0.05, 0.07]},
+        **{"amplitude_m": 0.01, "velocity_m_per_s": 0.4, "acceleration_m_per_s2": 9.0, "duration_s": 5.0},
+    }
+    write_diagnosis(answered(found, next_experiment=experiment), tmp_path / "next.html")
+    text = (tmp_path / "next.html").read_text("utf-8")
+    for words in ("to separate backlash from dead_time", "multisine: 1 to 60 Hz", "(next.csv)", "50 mm to 70 mm"):
+        assert words in text
+    for words in ("400 mm/s", "0.50 now, 0.97 after", "0.094"):
+        assert words in text
 
 
 def test_spectrum_is_that_of_the_gap(page: str, found: Diagnosis) -> None:

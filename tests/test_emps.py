@@ -1,10 +1,21 @@
 """EMPS: the published identification of a measured ball-screw axis, from the user's copy of the data."""
 
+from pathlib import Path
+
 import pytest
 from conftest import shared_file
 
+from fdbench.effects import effects
 from fdbench.estimator import Context, Estimate, estimators
+from fdbench.gap.diagnose import diagnose
+from fdbench.gap.nominal import load_nominal
+from fdbench.gap.replay import Replay, Variant
+from fdbench.gap.runs import prepare
+from fdbench.reading import read_record
+from fdbench.record import Record
 from fdbench.scenario import load_scenario
+
+EXAMPLE = Path(__file__).parent.parent / "examples" / "emps"
 
 PUBLISHED = {
     "inverse_dynamics": {
@@ -46,3 +57,21 @@ def test_without_the_file_the_scenario_says_where_to_put_it(monkeypatch, tmp_pat
         load_scenario("EMPS-v0").observe(0)
     assert str(tmp_path) in str(told.value)
     assert "nonlinearbenchmark" in str(told.value)
+
+
+def test_an_effect_planted_in_the_record_is_named_beside_the_documented_cause() -> None:
+    record = read_record(EXAMPLE / "emps.toml", shared_file("data", "emps", "DATA_EMPS.mat").parent)
+    nominal = load_nominal(EXAMPLE / "model.toml")
+    drive, planted = nominal.drive, effects.get("cogging").typical(cogging_force_N=5.0, pitch_m=4e-3)
+    variants = [Variant(plant=drive), Variant(plant=drive, extra=(planted,))]
+    simulated = Replay(drive, nominal.library, nominal.simulation.substeps).simulate(prepare(record, drive), variants)
+    added = {name: values[1] - values[0] for name, values in simulated.items()}
+    added["motor_position_m"] = added["position_m"]
+    columns = {name: values + added.get(name, 0.0) for name, values in record.items()}
+    causes = {cause["effect"]: cause for cause in diagnose(nominal, [Record(columns)]).answer["causes"]}
+    found, native = causes["cogging"], causes["direction_dependent_friction"]
+    assert found["probability"] > 0.5
+    assert native["probability"] > 0.5
+    assert found["parameters"]["pitch_m"]["value"] == pytest.approx(4e-3, rel=0.01)
+    assert found["parameters"]["cogging_force_N"]["value"] == pytest.approx(5.0, rel=0.1)
+    assert native["parameters"]["viscous_asymmetry_N_s_per_m"]["value"] == pytest.approx(-36.8, abs=3.0)

@@ -1,10 +1,14 @@
 """Every registered estimator holds the shared checks."""
 
+from pathlib import Path
+
 import pytest
 
-from fdbench.checks.check_estimator import CHECKS, Case, prepare
+from fdbench.benchmark.validate import plant_parameters
+from fdbench.checks.check_estimator import CHECKS, Case, check_estimator, prepare
 from fdbench.errors import PluginError
 from fdbench.estimator import estimators
+from fdbench.scenario import load_scenario
 
 NAMES = estimators.names()
 
@@ -28,18 +32,37 @@ def test_estimator(name: str, check: object, case_of: dict[str, Case]) -> None:
         check(case)  # type: ignore[operator]
 
 
-def test_a_bad_estimator_is_told_what_is_wrong(tmp_path, capsys) -> None:
-    file = tmp_path / "bad_shape.py"
+@pytest.mark.parametrize(
+    ("name", "claim", "message"),
+    [
+        ("bad_shape", "output=np.zeros(3)", r"output has shape \(3,\)"),
+        (
+            "bad_name",
+            "parameters={'coulomb_friction': 1.0}",
+            r"\['coulomb_friction'\]: the model has no such parameter\. Did you mean coulomb_friction_N\?",
+        ),
+    ],
+)
+def test_a_bad_estimator_is_told_what_is_wrong(
+    name: str, claim: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(estimators, "_files", {})
+    file = tmp_path / f"{name}.py"
     file.write_text(
         "import numpy as np\n"
         "from fdbench.estimator import BatchEstimator, Estimate\n"
-        "class BadShape(BatchEstimator):\n"
+        "class Bad(BatchEstimator):\n"
         "    'Says too little.'\n"
         "    def fit(self, context, record):\n"
-        "        return Estimate(output=np.zeros(3))\n"
+        f"        return Estimate({claim})\n"
     )
-    from fdbench.checks.check_estimator import check_estimator
+    with pytest.raises(PluginError, match=f"{name}: returns_estimate: .*{message}"):
+        check_estimator(estimators.add_file(file))
 
-    name = estimators.add_file(file)
-    with pytest.raises(PluginError, match=r"bad_shape: returns_estimate: output has shape \(3,\)"):
-        check_estimator(name)
+
+def test_parameters_may_have_the_names_of_the_model_and_of_what_follows_from_it() -> None:
+    names = plant_parameters(load_scenario("ShakerConstant-v0").context())
+    assert names == {
+        *("beta_1", "beta_2", "beta_3", "beta_4"),
+        *("mass_kg", "viscous_friction_N_s_per_m", "coulomb_friction_N"),
+    }

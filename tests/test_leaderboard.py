@@ -15,7 +15,15 @@ from rich.console import Console
 from scipy.stats import trim_mean
 
 from fdbench.benchmark.console import ranking_table, trouble_table
-from fdbench.benchmark.leaderboard import _skips, check_mergeable, difference, leaderboard, public_text
+from fdbench.benchmark.leaderboard import (
+    _skips,
+    check_mergeable,
+    difference,
+    leaderboard,
+    public_text,
+    seeds_of,
+    unranked_text,
+)
 from fdbench.benchmark.run import run
 from fdbench.benchmark.statistics import (
     Trouble,
@@ -29,6 +37,7 @@ from fdbench.benchmark.statistics import (
     seed_means,
     standings,
     troubles,
+    unranked,
 )
 from fdbench.benchmark.store import Store
 from fdbench.errors import FdbenchError
@@ -291,6 +300,30 @@ def test_a_run_is_what_its_metrics_are() -> None:
     assert [(line.estimators, line.seeds) for line in troubles(run_statuses(everyone))] == [("all", "0, 1")]
 
 
+def test_a_trial_on_few_or_other_runs_leaves_the_ranking_of_the_others_as_it_is() -> None:
+    values = {"a": [10.0, 12.0, 11.0], "b": [20.0, 22.0, 21.0], "c": [30.0, "failed", 31.0]}
+    full = errors(**values)
+    assert unranked(full, "parameters", "p") == []
+    few = table("S-v0", "parameter_error", {"d": [1.0], "e": ["skipped"]})
+    more = errors(null=[50.0], oracle=[5.0], a=[49.0])
+    elsewhere = table("T-v0", "parameter_error", {"null": [50.0], "oracle": [5.0], "d": [6.0]})
+    both = pd.concat([full, few, more.assign(seed=more["seed"] + 3), elsewhere])
+    assert standings(both, "parameters", "p") == standings(full, "parameters", "p")
+    assert run_scores(both, "parameters").equals(run_scores(full, "parameters"))
+    assert unranked(both, "parameters", "p") == ["d (2 of 3)"]
+    assert unranked_text(both, "parameters", "p").endswith("that the others have are missing: d (2 of 3).")
+    assert unranked_text(full, "parameters", "p") == ""
+    assert [seeds_of(own) for _, own in both.groupby("scenario")] == ["1 to 4 seeds", "1 seed"]
+
+
+def test_few_estimators_are_ranked_on_what_they_share() -> None:
+    left = table("A-v0", "parameter_error", {"null": [100.0] * 2, "oracle": [0.0] * 2, "a": [5.0, 5.0]})
+    middle = errors(a=[10.0, 12.0], b=[20.0, 22.0])
+    assert standings(pd.concat([left, middle]), "parameters") == standings(middle, "parameters")
+    references = errors(null=[100.0])
+    assert [line.estimator for line in standings(references, "parameters")] == ["oracle", "null"]
+
+
 # ---- merging ----
 
 
@@ -432,17 +465,39 @@ def test_a_changed_file_is_noticed(results: Path) -> None:
 
 def test_console_tables_show_ranks_and_troubles(results: Path) -> None:
     console = Console(width=200, file=io.StringIO(), record=True)
-    console.print(ranking_table(Store(results / "out")), trouble_table(Store(results / "out")))
+    scores = Store(results / "out").scores()
+    console.print(ranking_table(scores), trouble_table(scores))
     text = console.export_text()
     for word in ("disturbance", "feed_drive", "pl_lssvm", "sometimes", "OSError: no file /data/of/mine.csv"):
         assert word in text
-    assert "EMPS-v0" not in text
-    assert "5 runs were skipped; see the leaderboard for the reasons." in text
+    (skipped,) = [line for line in text.splitlines() if "skipped" in line]
+    assert skipped.startswith("EMPS-v0 was skipped. ")
+
+
+def test_a_console_without_scores_says_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FDBENCH_DATA", str(tmp_path))
+    measured = load_scenario("EMPS-v0").measured
+    assert measured is not None
+    run(["EMPS-v0"], ["least_squares"], 1, tmp_path / "out")
+    console = Console(width=2000, file=io.StringIO(), record=True)
+    scores = Store(tmp_path / "out").scores()
+    console.print(ranking_table(scores), trouble_table(scores))
+    none, skipped = console.export_text().splitlines()
+    assert none == "No ranking: no scenario has a run that can be scored."
+    for words in ("EMPS-v0 was skipped. ", measured.obtain, str(tmp_path / "emps" / "DATA_EMPS.mat")):
+        assert words in skipped
+
+
+def test_estimators_that_do_not_apply_are_counted() -> None:
+    scores = errors(null=[100.0] * 2, oracle=[0.0] * 2, x=["skipped"] * 2)
+    console = Console(width=200, file=io.StringIO(), record=True)
+    console.print(trouble_table(scores))
+    assert console.export_text() == "2 runs were skipped; see the leaderboard for the reasons.\n"
 
 
 def test_no_troubles_no_table(tmp_path: Path, results: Path) -> None:
     run([results / "Short-v0.toml"], [], 1, tmp_path)
-    assert trouble_table(Store(tmp_path)) is None
+    assert trouble_table(Store(tmp_path).scores()) is None
     for heading in ("Failed", "Skipped"):
         assert f"## {heading} runs\n\nNone.\n" in leaderboard(Store(tmp_path))
 

@@ -49,6 +49,11 @@ def test_columns_are_read_only_copies() -> None:
         assert one == kept
         with pytest.raises(ValueError, match="read-only"):
             one["position_m"][0] = 0.0
+        with pytest.raises(ValueError, match="WRITEABLE"):
+            one["position_m"].flags.writeable = True
+        with pytest.raises(TypeError, match="item assignment"):
+            one.columns["position_m"] = values  # type: ignore[index]
+        assert np.shares_memory(one["position_m"], one.columns["position_m"])
 
 
 def test_is_a_mapping() -> None:
@@ -304,12 +309,20 @@ HEADER = "time_s,position_m\n"
         ("position_m,force_N\n1,1\n2,2\n4,4\n", ["time_s is missing", "sampling_time_s"]),
         ("# fdbench {seed\n" + HEADER, ["provenance", "damaged"]),
         ("# fdbench 3\n" + HEADER, ["provenance"]),
+        ("PK\x03\x04\x14\x00,\x1b[2J\n" + HEADER, ["line 1 holds control characters: a binary file"]),
+        ("time_s,\x9bposition_m\n", ["line 1 holds control characters"]),
+        (HEADER + "0,\x1b[2J\n", ["line 2", r"'\x1b[2J' is not a number"]),
+        (HEADER + "0," + "x" * 1000 + "\n", ["line 2", "'" + "x" * 60 + "...' is not a number"]),
+        ("x" * 1000 + "\n", ["line 1 holds 1000 characters where the name"]),
+        ("x" * 200_000 + "\n", ["no CSV file: field larger than field limit"]),
     ],
 )
 def test_csv_faults(tmp_path: Path, text: str, words: list[str]) -> None:
     (tmp_path / "run.csv").write_text(text)
     caught = message(RecordError, read_record, tmp_path / "run.csv")
     assert all(word in caught for word in ["run.csv", *words]), caught
+    assert caught.isprintable()
+    assert len(caught) < 1000
 
 
 def test_other_encodings_are_named(tmp_path: Path) -> None:
@@ -508,6 +521,13 @@ def test_sampling_time_is_positive(tmp_path: Path, sampling_time_s: float) -> No
         "columns": {"position_m": {"from": "position_m"}},
     }
     assert "allowed: > 0" in message(SpecError, read_mapped, mapping, tmp_path, "axis.toml")
+
+
+def test_a_byte_order_mark_is_no_part_of_a_mapping(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t,x\n0,1\n1,2\n2,4\n")
+    text = '[record]\nfile = "a.csv"\n[columns]\ntime_s = { from = "t" }\nposition_m = { from = "x" }\n'
+    (tmp_path / "a.toml").write_text(text, "utf-8-sig")
+    assert read_record(tmp_path / "a.toml")["position_m"].tolist() == [1.0, 2.0, 4.0]
 
 
 def test_damaged_toml(tmp_path: Path) -> None:

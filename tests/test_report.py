@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from fdbench.report import write_report
 from fdbench.report._figures import styles_of
 from fdbench.report._page import Figure, Html, Section, page, table, tag
 from fdbench.report._series import envelope, thinned
+from fdbench.report.answer import write_answer
 
 SCENARIOS = ("MillingUpDown-v0", "ShakerConstant-v0")
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)> & \"quoted\" 'text'"
@@ -381,3 +383,152 @@ def test_envelope_holds_every_bound() -> None:
 def test_metric_troubles_are_listed(report: Page) -> None:
     assert "Metrics without a value in runs that have an estimate" in report.words
     assert "the estimate claims no disturbance_variance_N2" in report.words
+
+
+# ---- the page of an answer ----
+
+
+def share_of(kind: str, *bounds: float) -> list[dict[str, Any]]:
+    return [{kind: list(pair), "share": 0.5} for pair in pairwise(bounds)]
+
+
+def answer() -> dict[str, Any]:
+    """Return an answer by hand: a gap of 100 floors, which cogging takes to 10."""
+    return {
+        "gap": {
+            "channels": {
+                "position_m": {
+                    **{"before": 1e-5, "recalibrated": 5e-6, "repaired": 1e-6, "noise_floor": 5e-7},
+                    **{"reduction": 0.96, "unit": "m", "relative": 0.1},
+                }
+            }
+        },
+        "where": {
+            "motion": {"rest": 0.25, "cruise_positive": 0.75},
+            "frequency": share_of("band_Hz", 0.0, 5.0, 15.0),
+            "position": share_of("range_m", 0.0, 0.1, 0.2),
+            "velocity": share_of("range_m_per_s", -0.1, 0.0, 0.1),
+            "time": share_of("range_s", 0.0, 1.0, 2.0),
+            "channel": {"position_m": 1.0},
+        },
+        "causes": [
+            {
+                **{"effect": "cogging", "probability": 0.999, "share": 0.9, "unique_share": 0.9},
+                "parameters": {
+                    "cogging_force_N": {"value": 7.5, "ci95": [7.0, 8.0], "unit": "N"},
+                    "pitch_m": {"value": 0.01, "ci95": [0.009, 0.011], "unit": "m"},
+                    "phase_rad": {"value": 0.5, "ci95": None, "unit": "rad"},
+                },
+                "indistinguishable_from": [],
+            }
+        ],
+        "suspects": [{"effect": "backlash", "probability": 0.25}],
+        "unknown_probability": 0.25,
+        "no_gap_probability": 0.0,
+        "summary": "",
+        "shrinkage": {
+            **{"judged_on": "held-out", "unit": "", "on_paper": 400.0, "total": 0.9, "ci95": [0.8, 0.95]},
+            "steps": [{"added": "cogging", "before": 100.0, "after": 10.0, "reduction": 0.9, "ci95": [0.8, 0.95]}],
+            **{"reducible_left": 0.9, "noise_floor": 1.0},
+        },
+        "next_experiment": {"to_separate": ["cogging", "backlash"], "trajectory": "a slow stroke"},
+        "warnings": ["the clock of run_0 is odd"],
+        "parametric": {"closed_by_recalibration": 0.75, "moved_in_standard_deviations": {"motor_mass": 4.0}},
+        "noise_floor": {"position_m": {"value": 5e-7, "unit": "m", "measured_from_repeats": False}},
+    }
+
+
+def page_of(folder: Path, changed: dict[str, Any]) -> Page:
+    (folder / "answer.json").write_text(json.dumps(changed), "utf-8")
+    write_answer(folder / "answer.json", folder / "answer.html")
+    return Page((folder / "answer.html").read_text("utf-8"))
+
+
+def test_an_answer_becomes_a_page(tmp_path: Path) -> None:
+    shown = page_of(tmp_path, answer())
+    sections = ["Where the gap lies", "Causes", "How far the gap shrinks", "Noise floor and re-calibration"]
+    assert [title for title in shown.headings if title in sections] == sections
+    text = " ".join(shown.words)
+    for words in (
+        *("cogging, probability above 0.99", "the clock of run_0 is odd", "answer.json", "--html"),
+        *("re-calibration alone: 400 to 100, 75 % less", "+ cogging: 100 to 10, 90 % less (95 %: 80 to 95 %)"),
+        *(
+            "7.5 N",
+            "7 N to 8 N",
+            "10 µm",
+            "96 %",
+            "500 nm",
+            "assumed from the quietest parts",
+            "+4.00",
+            "a slow stroke",
+        ),
+        *("Re-calibration moved motor_mass by +4.0 standard deviations", "is assumed, from the quietest quarter"),
+    ):
+        assert words in text, words
+    first = [figure["data"][0] for figure in shown.figures.values()]
+    bars = {tuple(trace["y"]): trace["x"] for trace in first if trace["type"] == "bar"}
+    assert bars["cogging", "something unknown", "no gap"] == [0.999, 0.25, 0.0]
+    assert bars["cogging", "not explained", "noise"] == pytest.approx([0.9, 0.09, 0.01])
+    assert bars["rest", "cruise positive"] == [0.25, 0.75]
+    assert bars["0 to 5 Hz", "5 to 15 Hz"] == [0.5, 0.5]
+    (steps,) = [figure for figure in shown.figures.values() if len(figure["data"]) > 1]
+    assert [trace["x"] for trace in steps["data"]] == [[400.0], [100.0], [10.0], [1.0]]
+    assert re.findall(r"https?:", shown.text.replace(get_plotlyjs(), "")) == []
+
+
+def test_an_effect_of_a_file_is_shown_as_it_is(tmp_path: Path) -> None:
+    changed = answer()
+    changed["causes"][0]["effect"] = changed["shrinkage"]["steps"][0]["added"] = "<b>mine"
+    shown = page_of(tmp_path, changed)
+    assert "<b>mine" in shown.words
+    assert "7 N to 8 N" in shown.words
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "message"),
+    [
+        (("gap",), None, r"gap is null, expected a table\."),
+        (
+            ("gap", "channels", "position_m", "before"),
+            "x",
+            r'gap\.channels\.position_m\.before is "x", expected a number\.',
+        ),
+        (("where", "time", 1, "range_s"), [1.0], r"where\.time\[1\]\.range_s is \[1\.0\], expected a pair\."),
+        (
+            ("causes", 0, "parameters", "pitch_m", "ci95"),
+            [1.0, math.nan],
+            r"pitch_m\.ci95\[1\] is NaN, expected a number\.",
+        ),
+        (("causes", 0, "parameters", "pitch_m", "value"), -1.0, r"pitch_m: -1 is outside \[.*\] m\."),
+        (("causes", 0, "share"), True, r"causes\[0\]\.share is true, expected a number\."),
+        (("unknown_probability",), 10**400, r"unknown_probability is 1000+\.\.\., expected a number\."),
+        (("warnings",), {}, r"warnings is \{\}, expected a list\."),
+    ],
+)
+def test_a_file_that_is_no_answer_is_refused(
+    tmp_path: Path, place: tuple[str | int, ...], value: Any, message: str
+) -> None:
+    changed: Any = answer()
+    inner = changed
+    for key in place[:-1]:
+        inner = inner[key]
+    inner[place[-1]] = value
+    with pytest.raises(
+        FdbenchError, match=rf"answer\.json: neither a folder of results nor an answer .*: .*{message}$"
+    ):
+        page_of(tmp_path, changed)
+    assert not (tmp_path / "answer.html").exists()
+
+
+def test_what_an_answer_lacks_is_named(tmp_path: Path) -> None:
+    changed = answer()
+    del changed["shrinkage"]["steps"][0]["after"]
+    with pytest.raises(FdbenchError, match=r"shrinkage\.steps\[0\]\.after is missing\."):
+        page_of(tmp_path, changed)
+    changed = answer()
+    changed["next_experiment"] |= {"separates": []}
+    with pytest.raises(FdbenchError, match=r"'\w+' is missing; another version of fdbench wrote this answer\."):
+        page_of(tmp_path, changed)
+    (tmp_path / "deep.json").write_text("[" * 100_000, "utf-8")
+    with pytest.raises(FdbenchError, match=r"deep\.json: neither"):
+        write_answer(tmp_path / "deep.json", tmp_path / "answer.html")

@@ -1,7 +1,6 @@
-"""Blind trials: second implementation, seals, the chain from make to score, score sheet; and the next experiment."""
+"""Blind trials: second implementation, seals, the chain from make to score, and the score sheet."""
 
 import ast
-import dataclasses
 import json
 import math
 import shutil
@@ -15,14 +14,8 @@ from typer.testing import CliRunner
 from fdbench.cli import app
 from fdbench.effects import effects
 from fdbench.errors import SpecError, UnknownName
-from fdbench.gap.evidence import Split
-from fdbench.gap.floor import Floor
-from fdbench.gap.hypothesis import start
-from fdbench.gap.next_experiment import Limits, Trajectory, candidates_of, design, menu, moves, propose
+from fdbench.gap.next_experiment import moves
 from fdbench.gap.nominal import Nominal
-from fdbench.gap.replay import Replay
-from fdbench.gap.runs import Run
-from fdbench.gap.search import Rival, Stage
 from fdbench.gap.trial import plants_apart, protocol, seal, tiers
 from fdbench.gap.trial.answer import answer
 from fdbench.gap.trial.bench import ERRORS
@@ -513,78 +506,3 @@ def test_interval_of_a_share_is_that_of_the_binomial() -> None:
     expected = 1.96 * math.sqrt(0.8 * 0.2 / n)
     assert high - 0.8 == pytest.approx(expected, rel=0.25)
     assert 0.8 - low == pytest.approx(expected, rel=0.25)
-
-
-# ---- the next experiment ----
-
-
-def test_menu_keeps_to_the_limits_and_starts_and_ends_at_rest() -> None:
-    limits = Limits.of(nominal().drive, np.array([0.0, 0.1]))
-    found = menu(limits, PERIOD_S)
-    assert len({item.words for item in found}) == len(found) >= 12
-    for item in found:
-        position, velocity, acceleration = item.reference.T
-        assert np.abs(position).max() <= nominal().drive.travel_m, item.words
-        assert np.abs(velocity).max() <= nominal().drive.velocity_limit_m_per_s, item.words
-        hardest = nominal().drive.controller.force_limit_N / nominal().drive.mass_kg
-        assert np.abs(acceleration).max() <= hardest, item.words
-        assert abs(velocity[0]) < 1e-4 > abs(velocity[-1]), item.words
-        slope = np.diff(position) / PERIOD_S
-        largest = PERIOD_S * np.abs(acceleration).max()
-        assert np.abs(slope - 0.5 * (velocity[1:] + velocity[:-1])).max() < largest, item.words
-
-
-@pytest.fixture(scope="module")
-def ambiguous() -> tuple[Replay, Split, Stage]:
-    """Return a stage in which a gap and a soft screw compete, after a slow run."""
-    model = nominal()
-    replay = Replay(model.drive, model.library, model.simulation.substeps)
-    reference = moves((0.0, 0.05, 0.0), (0.02,), 1.0, PERIOD_S)
-    names = ("motor_force_N", "position_m", "motor_minus_table_position_m")
-    channels = {name: np.zeros(len(reference)) for name in names}
-    run = Run(name="slow", period_s=PERIOD_S, reference=reference, channels=channels, lap=None)
-    floors = {name: Floor(rms=rms, measured=True) for name, rms in zip(names, (4.0, 5e-7, 5e-8), strict=True)}
-    split = Split(runs=[run], held_out=[np.zeros(len(reference), dtype=np.bool_)], floors=floors)
-    base = start(model)
-    rivals = [
-        Rival(kind=type(item), hypothesis=base.with_effect(item), misfit=misfit, penalty=0.0, refined=True)
-        for item, misfit in (
-            (effects.get("backlash")(gap_m=5e-6), 1.20),
-            (effects.get("axial_compliance")(stiffness_loss_percent=20.0), 1.22),
-            (effects.get("cogging").typical(), 3.0),
-        )
-    ]
-    return replay, split, Stage(base=base, misfit=2.0, penalty=0.0, test_count=1000.0, rivals=tuple(rivals))
-
-
-def test_proposal_separates_what_competes(ambiguous: tuple[Replay, Split, Stage], tmp_path: Path) -> None:
-    replay, split, stage = ambiguous
-    chosen = candidates_of(stage)
-    assert [item.name for item in chosen] == ["backlash", "axial_compliance"]
-    proposal = design(replay, split, [stage], nominal())
-    assert proposal is not None
-    assert proposal.to_separate == ("backlash", "axial_compliance")
-    given = propose(replay, split, [stage], nominal())
-    assert given == proposal.answer()
-    assert set(given) == {"to_separate", "trajectory", "expected_log_odds"}
-    assert given["expected_log_odds"] > 1.0
-    slow = Trajectory(words="the same again", period_s=PERIOD_S, reference=split.runs[0].reference)
-    repeated = design(replay, split, [stage], nominal(), [slow])
-    assert repeated is None or repeated.utility_per_s < proposal.utility_per_s
-    proposal.trajectory.write(tmp_path / "next.csv")
-    written = read_record(tmp_path / "next.csv")
-    np.testing.assert_allclose(written["reference_position_m"], proposal.trajectory.reference[:, 0])
-
-
-def test_nothing_is_proposed_where_nothing_competes(ambiguous: tuple[Replay, Split, Stage]) -> None:
-    replay, split, stage = ambiguous
-    alone = dataclasses.replace(stage, rivals=stage.rivals[:1])
-    assert propose(replay, split, [alone], nominal()) is None
-    assert propose(replay, split, [], nominal()) is None
-
-
-def test_nothing_is_proposed_where_no_motion_tells_two_apart(ambiguous: tuple[Replay, Split, Stage]) -> None:
-    replay, split, stage = ambiguous
-    first = stage.rivals[0]
-    twins = dataclasses.replace(stage, rivals=(first, dataclasses.replace(first, misfit=1.21)))
-    assert propose(replay, split, [twins], nominal()) is None

@@ -1,16 +1,17 @@
 """What the terminal shows: progress while jobs run, then the rankings."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from fdbench.benchmark.leaderboard import check_mergeable, interval_text
+from fdbench.benchmark.leaderboard import MOST_NAMED, check_mergeable, interval_text
 from fdbench.benchmark.run import Progress
-from fdbench.benchmark.statistics import LEVEL, rankings, run_statuses, standings, troubles
-from fdbench.benchmark.store import OK, SKIPPED, Store
+from fdbench.benchmark.statistics import EVERY, LEVEL, rankings, run_statuses, standings, troubles
+from fdbench.benchmark.store import OK, SKIPPED, Key
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.console import Console, Group
     from rich.table import Table
 
@@ -40,13 +41,14 @@ def _line(told: Progress) -> str:
     return f"{told.done}/{told.total} {first.scenario} seed {first.seed}{': ' + ', '.join(bad) if bad else ''}"
 
 
-def ranking_table(store: Store) -> "Table":
+def ranking_table(scores: "pd.DataFrame") -> "Table | str":
     """Return the rankings of all tracks and kinds of plant, with the median time of a run."""
     from rich import box
     from rich.table import Table
 
-    scores = store.scores()
     check_mergeable(scores)
+    if not rankings(scores):
+        return "No ranking: no scenario has a run that can be scored."
     runs = scores.drop_duplicates(["scenario", "estimator", "seed"])
     milliseconds = 1e3 * runs.groupby(["plant", "estimator"])["seconds"].median()
     title = "Score: 1 knows the truth, 0 has learnt nothing (null)"
@@ -70,21 +72,44 @@ def ranking_table(store: Store) -> "Table":
     return table
 
 
-def trouble_table(store: Store) -> "Group | None":
-    """Return the runs that failed or diverged with their reasons, and how many were skipped; None if all went well."""
+def trouble_table(scores: "pd.DataFrame") -> "Group | None":
+    """Return the runs that failed or diverged and the scenarios that were skipped, with their reasons.
+
+    Estimators that do not apply to a scenario are only counted. None if all went well.
+    """
     from rich.console import Group
     from rich.markup import escape
     from rich.table import Table
 
-    statuses = run_statuses(store.scores())
+    statuses = run_statuses(scores)
     table = Table(title="Failed runs")
     for column in ("status", "scenario", "estimators", "seeds", "reason"):
         table.add_column(column)
-    for line in troubles(statuses):
+    found = troubles(statuses)
+    for line in found:
         if line.status != SKIPPED:
             table.add_row(line.status, line.scenario, line.estimators, line.seeds, escape(line.reason))
-    skipped = int((statuses["status"] == SKIPPED).sum())
     parts: list[Table | str] = [table] if table.row_count else []
+    absent = {line.scenario: line.reason for line in found if line.status == SKIPPED and line.estimators == EVERY}
+    parts += [f"{scenario} was skipped. {escape(reason)}" for scenario, reason in absent.items()]
+    skipped = int(((statuses["status"] == SKIPPED) & ~statuses["scenario"].isin(absent)).sum())
     if skipped:
         parts.append(f"{skipped} runs were skipped; see the leaderboard for the reasons.")
     return Group(*parts) if parts else None
+
+
+def stale_text(stale: Sequence[Key]) -> str:
+    """Return what is said of runs that are left out of the tables.
+
+    >>> print(stale_text([Key("S-v0", "x", 0), Key("S-v0", "x", 1)]))
+    Left out: 2 earlier runs of x on S-v0, as their scenario, their estimator or the code has changed since. Run them
+    again to have them back.
+    """
+    of = " on ".join(_names_or_count({getattr(key, kind) for key in stale}, kind) for kind in ("estimator", "scenario"))
+    runs = "1 earlier run" if len(stale) == 1 else f"{len(stale)} earlier runs"
+    reason = "as their scenario, their estimator or the code has changed since"
+    return f"Left out: {runs} of {of}, {reason}. Run them again to have them back."
+
+
+def _names_or_count(names: set[str], kind: str) -> str:
+    return ", ".join(sorted(names)) if len(names) <= MOST_NAMED else f"{len(names)} {kind}s"

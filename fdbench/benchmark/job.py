@@ -12,7 +12,7 @@ from typing import Any
 from fdbench.benchmark import oracle
 from fdbench.benchmark.provenance import SIMULATION, digest
 from fdbench.benchmark.store import DIVERGED, FAILED, OK, SKIPPED, Key, ParameterValue, Run, Score, Store
-from fdbench.benchmark.validate import check_estimate
+from fdbench.benchmark.validate import check_estimate, plant_parameters
 from fdbench.errors import FdbenchError, MissingData, PluginError, SimulationDiverged, did_you_mean
 from fdbench.estimator import Context, Estimate, Estimator, estimators
 from fdbench.metrics import Outcome, metrics
@@ -121,7 +121,7 @@ def do(job: Job) -> list[Run]:
         store.write_record(scenario.id, job.seed, trial.record)
     runs = []
     for choice, key in zip(job.choices, job.runs, strict=True):
-        utc = datetime.now(UTC).isoformat(timespec="seconds")
+        utc = datetime.now(UTC).isoformat(timespec="milliseconds")
         origin = {**job.provenance, "estimator_digest": choice.digest, "utc": utc}
         store.forget_estimate(key)
         if trial is None:
@@ -142,7 +142,7 @@ def _observe(scenario: Scenario, seed: int) -> _Trial:
 def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str], store: Store | None) -> Run:
     try:
         estimate, seconds = _estimate(choice, trial)
-        check_estimate(estimate, trial.regression)
+        check_estimate(estimate, trial.regression, plant_parameters(trial.context))
         outcome = Outcome(
             scenario=trial.scenario,
             record=trial.record,

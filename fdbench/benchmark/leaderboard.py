@@ -21,6 +21,7 @@ from fdbench.benchmark.statistics import (
     seed_means,
     standings,
     troubles,
+    unranked,
 )
 from fdbench.benchmark.store import OK, SKIPPED, Store
 from fdbench.errors import FdbenchError
@@ -73,7 +74,7 @@ def leaderboard(store: Store) -> str:
 def difference(text: str, path: str | Path) -> str:
     """Return how a file differs from the text it should have, as a unified diff; empty if it does not."""
     file = Path(path)
-    present = file.read_text("utf-8") if file.is_file() else ""
+    present = file.read_text("utf-8", errors="replace") if file.is_file() else ""
     lines = difflib.unified_diff(present.splitlines(), text.splitlines(), str(path), "as generated", lineterm="", n=1)
     return "\n".join(lines)
 
@@ -120,17 +121,18 @@ def _lines(scores: "pd.DataFrame", parameters: "pd.DataFrame") -> Iterator[str]:
             shown = track
         yield from ["", f"### {track}: {plant}", ""]
         yield from _ranking(standings(scores, track, plant))
+        if text := unranked_text(scores, track, plant):
+            yield from ["", text]
     yield ""
     yield "## Scenarios"
     yield ""
     yield NOTES
     means, biases, statuses = seed_means(scores), parameter_bias(parameters), run_statuses(scores)
     for scenario, own in scores.groupby("scenario"):
-        seeds = own["seed"].nunique()
         yield ""
         yield f"### {scenario}"
         yield ""
-        yield f"{seeds} {'seed' if seeds == 1 else 'seeds'}, digest `{own['scenario_digest'].iloc[0][:12]}`."
+        yield f"{seeds_of(own)}, digest `{own['scenario_digest'].iloc[0][:12]}`."
         if not (own["status"] == OK).any():
             yield "No run went well; see below."
         yield from _metric_table(means[means.index.get_level_values("scenario") == scenario].droplevel("scenario"))
@@ -248,6 +250,19 @@ def _fixed(value: float, digits: int = DIGITS) -> str:
 def interval_text(interval: Interval) -> str:
     """Return ``low to high``, or a dash where no interval is known."""
     return "–" if math.isnan(interval.low) else f"{_fixed(interval.low)} to {_fixed(interval.high)}"
+
+
+def unranked_text(scores: "pd.DataFrame", track: str, plant: str) -> str:
+    """Return a sentence on the estimators that lack runs of a ranking, or an empty text."""
+    names = unranked(scores, track, plant)
+    return f"Not ranked, as runs that the others have are missing: {', '.join(names)}." if names else ""
+
+
+def seeds_of(own: "pd.DataFrame") -> str:
+    """Return how many seeds the estimators of a scenario were run with."""
+    counts = own.groupby("estimator")["seed"].nunique()
+    few, many = int(counts.min()), int(counts.max())
+    return f"{many} {'seed' if many == 1 else 'seeds'}" if few == many else f"{few} to {many} seeds"
 
 
 def number_text(value: float, scale: float) -> str:

@@ -2,22 +2,22 @@
 
 import inspect
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fdbench.benchmark import oracle
 from fdbench.benchmark.job import REGISTRIES, Choice, Job, do
 from fdbench.benchmark.provenance import digest, estimator_digest, plugin_files, provenance, source_files
-from fdbench.benchmark.store import Run, Store
+from fdbench.benchmark.store import DIGESTS, STATUSES, Key, Run, Store
+from fdbench.catalogue import scenario_ids
 from fdbench.errors import FdbenchError, PluginError
 from fdbench.estimator import estimators as registry
 from fdbench.scenario import Scenario, load_scenario
 
 NULL = "null"
 
-# What every score is measured against; run with every selection.
-REFERENCES = (NULL, oracle.NAME)
+MOST_SEEDS, MOST_JOBS, LAST_SEED = 10_000, 1024, 2**62  # beyond them a slip of the pen is likelier than a plan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,11 +47,21 @@ class Summary:
         Runs of the selection that were finished before, and that were done now.
     statuses : mapping of str to int
         Runs of the selection by status.
+    keys : collection of Key
+        Runs of the selection.
+    others : int
+        Runs of the folder beside the selection that the tables hold too.
+    stale : tuple of Key
+        Runs of the folder that the tables do not hold, as their scenario, their estimator or the code has changed, or
+        as they cannot be read.
     """
 
     reused: int
     computed: int
     statuses: Mapping[str, int]
+    keys: Collection[Key] = field(default=(), compare=False, repr=False)
+    others: int = 0
+    stale: tuple[Key, ...] = ()
 
 
 def run(
@@ -68,7 +78,8 @@ def run(
     """Run every estimator on every scenario for a number of seeds; see `fdbench.benchmark.store`.
 
     Runs that ``out`` holds for the same scenario, estimator, code and seed are reused, unless they failed. A measured
-    scenario has one record and is run for seed 0 only. Record and estimates of the first seed are always kept.
+    scenario has one record and is run for seed 0 only. Record and estimates of the first seed are always kept. The
+    tables hold the selection and all else that ``out`` holds and that has not changed since.
 
     Parameters
     ----------
@@ -96,8 +107,13 @@ def run(
     FdbenchError
         If a number is out of bounds, an id is given twice, or a worker process dies. What was finished is kept.
     """
-    if seeds < 1 or jobs < 1 or first_seed < 0:
-        raise FdbenchError(f"seeds = {seeds}, jobs = {jobs}: both are at least 1; first seed {first_seed}: at least 0.")
+    for name, value, low, high in (
+        ("seeds", seeds, 1, MOST_SEEDS),
+        ("jobs", jobs, 1, MOST_JOBS),
+        ("first seed", first_seed, 0, LAST_SEED),
+    ):
+        if not low <= value <= high:
+            raise FdbenchError(f"{name} {value}: at least {low} and at most {high}.")
     drawn = range(first_seed, first_seed + seeds)
     store, origin = Store(out), provenance()
     names = select(estimators)
@@ -105,19 +121,70 @@ def run(
     for name, count in Counter(scenario.id for _, scenario in selected).items():
         if count > 1:
             raise FdbenchError(f"scenario '{name}' is given {count} times.")
-    plan = [
-        replace(job, folder=store.folder.resolve(), plugins=_plugins() if jobs > 1 else ())
-        for source, scenario in selected
-        for job in _jobs(source, scenario, names, range(1) if scenario.measured else drawn, keep_estimates, origin)
-    ]
+    sources = _sources(names)
+    plan = []
+    for source, scenario in selected:
+        choices = tuple(_choice(name, scenario, sources) for name in names)
+        own = _jobs(source, scenario, choices, range(1) if scenario.measured else drawn, keep_estimates, origin)
+        plan += [replace(job, folder=store.folder.resolve(), plugins=_plugins() if jobs > 1 else ()) for job in own]
+    keys = {key for job in plan for key in job.runs}
+    others, stale = _others(store, keys, [scenario for _, scenario in selected], origin["code_digest"])
     selection = {"scenarios": {scenario.id: scenario.digest for _, scenario in selected}, "estimators": list(names)}
     options = {"seeds": seeds, "first_seed": first_seed, "keep_estimates": keep_estimates}
     store.write_selection({**selection, **options, **origin})
     waiting = [job for job in (_unfinished(job, store) for job in plan) if job.choices]
     _work(waiting, jobs, progress)
-    keys = [key for job in plan for key in job.runs]
+    found = store.merge({*keys, *others})
+    statuses = Counter(status for key, status in found.items() if key in keys)
     computed = sum(len(job.choices) for job in waiting)
-    return Summary(reused=len(keys) - computed, computed=computed, statuses=store.merge(keys))
+    return Summary(
+        reused=len(keys) - computed,
+        computed=computed,
+        statuses={status: statuses[status] for status in STATUSES},
+        keys=keys,
+        others=len(others),
+        stale=tuple(sorted(stale)),
+    )
+
+
+def _others(
+    store: Store, keys: Collection[Key], selected: Sequence[Scenario], code_digest: str
+) -> tuple[list[Key], list[Key]]:
+    """Return the runs of the folder beside ``keys``: those that hold still, and those that do not."""
+    runs, holding, stale = list[Run](), list[Key](), list[Key]()
+    for key in store.run_keys():
+        try:
+            run = None if key in keys else store.read_run(key)
+        except FdbenchError:
+            stale.append(key)
+        else:
+            runs += [run] if run is not None else []
+    digests = _digests_now(runs, selected)
+    for run in runs:
+        now = (*digests[run.key[:2]], code_digest)
+        (holding if tuple(run.provenance.get(name) for name in DIGESTS) == now else stale).append(run.key)
+    return holding, stale
+
+
+def _digests_now(runs: Sequence[Run], selected: Sequence[Scenario]) -> dict[tuple[str, str], tuple[str, str]]:
+    """Return the digests of the scenario and of the estimator of each pair of them, as they are now.
+
+    The file of a scenario or an estimator that is neither selected nor installed is not known; it is taken to be still
+    that of the last run.
+    """
+    by_scenario, by_pair = dict[str, str](), dict[tuple[str, str], str]()
+    for run in sorted(runs, key=lambda run: run.provenance.get("utc", "")):
+        by_scenario[run.scenario] = run.provenance.get("scenario_digest", "")
+        by_pair[run.key[:2]] = run.provenance.get("estimator_digest", "")
+    packaged = [load_scenario(name) for name in scenario_ids() if name in by_scenario]
+    known = {scenario.id: scenario for scenario in (*packaged, *selected)}
+    sources = _sources({name for _, name in by_pair}.intersection(registry.names()))
+    for name, estimator in by_pair:
+        if name in known:
+            by_scenario[name] = known[name].digest
+            if estimator in (*sources, oracle.NAME):
+                by_pair[name, estimator] = _choice(estimator, known[name], sources).digest
+    return {pair: (by_scenario[pair[0]], digest) for pair, digest in by_pair.items()}
 
 
 def select(names_or_files: Sequence[str]) -> tuple[str, ...]:
@@ -130,20 +197,24 @@ def select(names_or_files: Sequence[str]) -> tuple[str, ...]:
     return tuple(sorted({*names, oracle.NAME}))
 
 
-def choose(name: str, scenario: Scenario) -> Choice:
+def _sources(names: Iterable[str]) -> dict[str, list[Path]]:
+    """Return the files that each of some estimators is made of; reading them takes a while."""
+    by_path, modules = plugin_files(registry), registry.modules()
+    others = (name for name in names if name != oracle.NAME)
+    return {name: [by_path[name]] if name in by_path else source_files(modules[name]) for name in others}
+
+
+def _choice(name: str, scenario: Scenario, sources: Mapping[str, Sequence[Path]]) -> Choice:
     """Return an estimator with the arguments that the scenario has for it."""
     if name == oracle.NAME:
         return Choice(name=name, arguments={}, digest=digest([inspect.getsource(oracle).encode()]))
     arguments = scenario.estimation.hyperparameters.get(name, {})
-    by_path = plugin_files(registry)
-    files = [by_path[name]] if name in by_path else source_files(registry.modules()[name])
-    return Choice(name=name, arguments=arguments, digest=estimator_digest(files, arguments))
+    return Choice(name=name, arguments=arguments, digest=estimator_digest(sources[name], arguments))
 
 
 def _jobs(
-    source: str, scenario: Scenario, names: Sequence[str], seeds: range, keep: bool, origin: Mapping[str, str]
+    source: str, scenario: Scenario, choices: tuple[Choice, ...], seeds: range, keep: bool, origin: Mapping[str, str]
 ) -> Iterator[Job]:
-    choices = tuple(choose(name, scenario) for name in names)
     for seed in seeds:
         yield Job(
             source=source,
@@ -183,7 +254,9 @@ def _work(waiting: Sequence[Job], jobs: int, progress: Callable[[Progress], None
     report = progress or (lambda _: None)
     report(Progress(done=0, total=len(waiting)))
     try:
-        results = Parallel(n_jobs=jobs, return_as="generator_unordered")(delayed(do)(job) for job in waiting)
+        results = Parallel(n_jobs=min(jobs, max(len(waiting), 2)), return_as="generator_unordered")(
+            delayed(do)(job) for job in waiting
+        )
         for done, runs in enumerate(results, start=1):
             report(Progress(done=done, total=len(waiting), runs=tuple(runs)))
     except BrokenProcessPool as error:

@@ -21,6 +21,7 @@ RESAMPLES = 2000
 SEED = 20240
 LEVEL = 0.95
 ROUNDING = 1e-9
+EVERY = "all"  # estimators of a scenario
 FIRST_PLANT = "feed_drive"
 RUN = ["scenario", "seed"]
 
@@ -124,7 +125,8 @@ def run_scores(scores: "pd.DataFrame", track: str, plant: str | None = None) -> 
     with the `loss` :math:`\ell` of each primary metric and the mean losses of null and oracle over the scenario's
     seeds. A metric counts where both have it and the oracle is better; a run counts where both ran well. A failed or
     diverged run has each metric's worst value. A run that is skipped, or claims nothing, is NaN. An estimator that
-    never claims anything of the track has no column. With ``plant``, only scenarios of this kind of plant count.
+    never claims anything of the track has no column, nor has one that lacks runs; see `unranked`. With ``plant``,
+    only scenarios of this kind of plant count.
 
     Raises
     ------
@@ -138,8 +140,10 @@ def run_scores(scores: "pd.DataFrame", track: str, plant: str | None = None) -> 
     for reference in (NULL, ORACLE):
         if not (scores["estimator"] == reference).any():
             raise FdbenchError(f"scores: no rows of '{reference}', which every score is measured against.")
-    classes = {name: metrics.get(name) for name in scores["metric"].unique()}
-    rows = scores[[classes[name].track == track and classes[name].primary for name in scores["metric"]]].copy()
+    rows = _primary_rows(scores, track)
+    runs, lacking = _ranked_runs(rows)
+    rows = rows[pd.MultiIndex.from_frame(rows[RUN]).isin(runs) & ~rows["estimator"].isin(lacking)].copy()
+    classes = {name: metrics.get(name) for name in rows["metric"].unique()}
     rows["loss"] = [
         np.nan if status == SKIPPED else loss(classes[name], value if status == OK else classes[name].worst)
         for name, value, status in zip(rows["metric"], rows["value"], rows["status"], strict=True)
@@ -156,6 +160,39 @@ def run_scores(scores: "pd.DataFrame", track: str, plant: str | None = None) -> 
     never_good = set(scores["estimator"]) - set(scores.loc[scores["status"] == OK, "estimator"])
     ranked = [name for name in sorted(result.columns) if name in good | never_good and result[name].notna().any()]
     return result[ranked]
+
+
+def _primary_rows(scores: "pd.DataFrame", track: str) -> "pd.DataFrame":
+    classes = {name: metrics.get(name) for name in scores["metric"].unique()}
+    return scores[[classes[name].track == track and classes[name].primary for name in scores["metric"]]]
+
+
+def _ranked_runs(rows: "pd.DataFrame") -> tuple["pd.MultiIndex", dict[str, int]]:
+    """Return the runs, scenario and seed, that a ranking is over, and the estimators that lack some, with how many.
+
+    A run counts if more than half as many estimators were run on it as on the one with the most. So a trial on few
+    scenarios or seeds, or on others, leaves the ranking of the others as it is.
+    """
+    import pandas as pd
+
+    done = rows.drop_duplicates([*RUN, "estimator"])
+    is_reference = done["estimator"].isin([NULL, ORACLE])
+    counts = done[is_reference if is_reference.all() else ~is_reference].groupby(RUN).size()
+    runs = pd.MultiIndex.from_tuples(counts.index[2 * counts > counts.max()], names=RUN)
+    inside = done[pd.MultiIndex.from_frame(done[RUN]).isin(runs)]
+    present = inside["estimator"].value_counts()
+    lacking = {
+        str(name): len(runs) - int(present.get(name, 0)) for name in done.loc[~is_reference, "estimator"].unique()
+    }
+    return runs, {name: number for name, number in sorted(lacking.items()) if number}
+
+
+def unranked(scores: "pd.DataFrame", track: str, plant: str) -> list[str]:
+    """Return the estimators that claim something of a track but lack runs of its ranking, with how many in words."""
+    rows = _primary_rows(scores[scores["plant"] == plant], track)
+    runs, lacking = _ranked_runs(rows)
+    claiming = set(rows.loc[rows["status"] != SKIPPED, "estimator"])
+    return [f"{name} ({number} of {len(runs)})" for name, number in lacking.items() if name in claiming]
 
 
 def bootstrap(values: "pd.DataFrame") -> dict[str, tuple[float, FloatArray]]:
@@ -250,7 +287,7 @@ def troubles(statuses: "pd.DataFrame") -> list[Trouble]:
         found.append(
             Trouble(
                 scenario=str(scenario),
-                estimators="all" if len(names) == everyone[str(scenario)] else ", ".join(names),
+                estimators=EVERY if len(names) == everyone[str(scenario)] else ", ".join(names),
                 seeds=seeds_text(seeds),
                 status=str(status),
                 reason=str(reason),

@@ -3,8 +3,8 @@
 =================================================  ====================================================================
 ``runs/<scenario>/<estimator>/<seed>.json``        one run, written at once and whole
 ``run.json``                                       what was selected last
-``scores.parquet``                                 of the selection: a row per scenario, estimator, seed and metric
-``parameters.parquet``                             of the selection: a row per scenario, estimator, seed and parameter
+``scores.parquet``                                 a row per scenario, estimator, seed and metric
+``parameters.parquet``                             a row per scenario, estimator, seed and parameter
 ``records/<scenario>/<seed>.parquet``              the record of the first seed, and of every seed on request
 ``estimates/<scenario>/<estimator>/<seed>.parquet``  the estimates on it; that of ``oracle`` is the truth
 =================================================  ====================================================================
@@ -12,8 +12,8 @@
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -177,9 +177,19 @@ class Store:
             document = json.loads(path.read_text("utf-8"))
             scores = tuple(Score(**score) for score in document.pop("scores"))
             parameters = tuple(ParameterValue(**value) for value in document.pop("parameters"))
-            return Run(**document, scores=scores, parameters=parameters)
+            run = Run(**document, scores=scores, parameters=parameters)
+            if run.key != key or run.status not in STATUSES or not isinstance(run.provenance, dict):
+                raise ValueError("it is another one")
+            return run
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise FdbenchError(f"{path}: not a run that this version can read ({error}). Run it again.") from error
+
+    def run_keys(self) -> list[Key]:
+        """Return all runs that lie in the folder."""
+        files = self.folder.glob("runs/*/*/*.json")
+        return [
+            Key(file.parent.parent.name, file.parent.name, int(file.stem)) for file in files if file.stem.isdecimal()
+        ]
 
     def is_finished(self, key: Key, digests: Mapping[str, str], keep: bool) -> bool:
         """Return whether a run need not be repeated: it was good, nothing has changed, and what is to be kept is."""
@@ -197,21 +207,26 @@ class Store:
         """Write what a run is about to do to ``run.json``."""
         _write(self.folder / "run.json", json.dumps(selection, indent=1) + "\n")
 
-    def merge(self, keys: Sequence[Key]) -> dict[str, int]:
-        """Write the two tables from the runs of ``keys``, in this order; return the number of runs by status."""
+    def merge(self, keys: Collection[Key]) -> dict[Key, str]:
+        """Write the two tables from the runs of ``keys``; return the status of each."""
         runs = []
-        for key in keys:
+        for key in sorted(keys, key=lambda key: (key.scenario, key.seed, key.estimator)):
             run = self.read_run(key)
             if run is None:
                 raise FdbenchError(f"{self.run_file(key)}: this run is missing. Run it again.")
             runs.append(run)
         _write_table(self.folder / "scores.parquet", list(_score_rows(runs)), SCORE_COLUMNS)
         _write_table(self.folder / "parameters.parquet", list(_parameter_rows(runs)), PARAMETER_COLUMNS)
-        return {status: sum(run.status == status for run in runs) for status in STATUSES}
+        return {run.key: run.status for run in runs}
 
-    def scores(self) -> "pd.DataFrame":
-        """Return ``scores.parquet``; its columns are ``SCORE_COLUMNS``."""
-        return self._table("scores.parquet", SCORE_COLUMNS)
+    def scores(self, keys: Collection[Key] | None = None) -> "pd.DataFrame":
+        """Return ``scores.parquet``, or its rows of some runs; the columns are ``SCORE_COLUMNS``."""
+        table = self._table("scores.parquet", SCORE_COLUMNS)
+        if table.empty or not table["status"].isin(STATUSES).all():
+            raise FdbenchError(f"{self.folder / 'scores.parquet'}: no rows, or of unknown status. Run them all again.")
+        if keys is None:
+            return table
+        return table[[run in keys for run in zip(*(table[name] for name in KEYS), strict=True)]]
 
     def parameters(self) -> "pd.DataFrame":
         """Return ``parameters.parquet``; its columns are ``PARAMETER_COLUMNS``."""
@@ -227,9 +242,14 @@ class Store:
             table = pd.read_parquet(path)
         except (OSError, ValueError) as error:
             raise FdbenchError(f"{path}: cannot be read: {error}.") from error
-        for column in columns:
+        for column, kind in columns.items():
             if column not in table:
                 raise FdbenchError(f"{path}: column {column} is missing.{did_you_mean(column, table.columns)}")
+            values = table[column]
+            if not (all(isinstance(value, str) for value in values) if kind == "string" else values.dtype == kind):
+                raise FdbenchError(f"{path}: column {column} holds other values than {kind}. Run them all again.")
+            if kind == "float64" and np.isinf(values).any():
+                raise FdbenchError(f"{path}: column {column} holds values that are infinite. Run them all again.")
         return table
 
     # ---- records and estimates ----
@@ -276,20 +296,23 @@ class Store:
         path = self.estimate_file(key)
         if not path.is_file():
             return None
-        table = parquet.read_table(path)
-        metadata = json.loads(table.schema.metadata[b"fdbench"])
-        columns = {name: table[name].to_numpy() for name in table.column_names}
-        covariance = metadata["covariance"]
-        return Kept(
-            time_s=columns.pop("time_s"),
-            target=columns.pop("target"),
-            target_name=metadata["target_name"],
-            estimate=Estimate(
-                parameters=metadata["parameters"],
-                covariance=None if covariance is None else np.array(covariance),
-                **columns,
-            ),
-        )
+        try:
+            table = parquet.read_table(path)
+            metadata = json.loads(table.schema.metadata[b"fdbench"])
+            columns = {name: table[name].to_numpy() for name in table.column_names}
+            covariance = metadata["covariance"]
+            return Kept(
+                time_s=columns.pop("time_s"),
+                target=columns.pop("target"),
+                target_name=metadata["target_name"],
+                estimate=Estimate(
+                    parameters=metadata["parameters"],
+                    covariance=None if covariance is None else np.array(covariance),
+                    **columns,
+                ),
+            )
+        except (ValueError, TypeError, KeyError) as error:
+            raise FdbenchError(f"{path}: not an estimate ({error}). Remove it, and run it again.") from error
 
     def forget_estimate(self, key: Key) -> None:
         """Remove the estimate of an earlier run, so that a failure does not leave it."""
@@ -334,4 +357,5 @@ def _replaced(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise FdbenchError(f"{path}: cannot be written: {error.strerror or error}.") from error
     finally:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):  # what went wrong before says more
+            partial.unlink()

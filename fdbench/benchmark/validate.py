@@ -1,32 +1,48 @@
 """Whether an estimate has the shape that it must have; who claims something must claim it whole."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
-from fdbench.errors import PluginError
-from fdbench.estimator import Estimate
+from fdbench.errors import PluginError, did_you_mean
+from fdbench.estimator import Context, Estimate
 from fdbench.regression import Regression
 
 SERIES = ("disturbance_N", "disturbance_variance_N2", "output", "output_variance")
 
 
-def check_estimate(estimate: Any, regression: Regression) -> None:
-    """Check types, shapes and values of what ``fit`` returned.
+def plant_parameters(context: Context) -> frozenset[str]:
+    """Return the names of the parameters of the model on paper, and of the physical ones that follow from them."""
+    plant, period_s = context.plant, context.sampling_time_s
+    own = plant.true_parameters(context.model, period_s)
+    return frozenset({*own, *plant.physical_parameters(context.model, own, period_s)})
+
+
+def check_estimate(estimate: Any, regression: Regression, others: Iterable[str] = ()) -> None:
+    """Check names, types, shapes and values of what ``fit`` returned.
+
+    Parameters
+    ----------
+    estimate : object
+    regression : Regression
+    others : iterable of str
+        Names that a parameter may have besides those of the regression; see `plant_parameters`.
 
     Raises
     ------
     PluginError
-        If it is no Estimate, a series has not one value for each row of the regression, the covariance does not fit
-        the parameters, or a value is not finite. Variances are at least 0 and may be infinite.
+        If it is no Estimate, a parameter has an unknown name, a series has not one value for each row of the
+        regression, the covariance does not fit the parameters, or a value is not finite. Variances are at least 0 and
+        may be infinite.
     """
     if not isinstance(estimate, Estimate):
         raise PluginError(f"fit returned {_kind(estimate)}, expected an Estimate.")
     if not isinstance(estimate.parameters, Mapping):
         raise PluginError(f"parameters is {_kind(estimate.parameters)}, expected a mapping of name to number.")
+    allowed = {*regression.names, *others}
     for name, value in estimate.parameters.items():
-        _check_parameter(name, value)
+        _check_parameter(name, value, allowed)
     n_rows, p = len(regression.target), len(estimate.parameters)
     for field in SERIES:
         values = getattr(estimate, field)
@@ -37,9 +53,11 @@ def check_estimate(estimate: Any, regression: Regression) -> None:
         _check_variance("the diagonal of covariance", np.diag(covariance))
 
 
-def _check_parameter(name: Any, value: Any) -> None:
+def _check_parameter(name: Any, value: Any, allowed: Iterable[str]) -> None:
     if not isinstance(name, str):
         raise PluginError(f"parameters has the key {name!r}, expected a name.")
+    if name not in allowed:
+        raise PluginError(f"parameters['{name}']: the model has no such parameter.{did_you_mean(name, allowed)}")
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise PluginError(f"parameters['{name}'] is {_kind(value)}, expected a number.")
     if not np.isfinite(value):

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fdbench.benchmark.validate import check_estimate
+from fdbench.benchmark.validate import check_estimate, plant_parameters
 from fdbench.catalogue import scenario_ids
 from fdbench.checks._report import run_checks
 from fdbench.errors import FdbenchError, PluginError
@@ -104,7 +104,7 @@ def has_docstring(case: Case) -> None:
 
 def returns_estimate(case: Case) -> None:
     """Expect an Estimate with finite numbers and one value for each row."""
-    check_estimate(case.fit(), case.regression)
+    check_estimate(case.fit(), case.regression, plant_parameters(case.context))
 
 
 def is_deterministic(case: Case) -> None:

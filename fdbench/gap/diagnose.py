@@ -7,27 +7,26 @@ from typing import Any
 
 import numpy as np
 
-from fdbench.effects import Effect
 from fdbench.errors import RecordError
 from fdbench.gap.align import check_alignment, check_record
-from fdbench.gap.evidence import Scores, Split, gather
+from fdbench.gap.confidence import Signs
+from fdbench.gap.evidence import Split, gather
 from fdbench.gap.floor import Floor, floors, raised
-from fdbench.gap.hypothesis import Hypothesis, adjustables, calibrations, start
+from fdbench.gap.following import prepared
+from fdbench.gap.hypothesis import Hypothesis, calibrations, start
+from fdbench.gap.next_experiment import propose
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.readings import Mark, bridged, grid_mark, held_mark
 from fdbench.gap.replay import Replay
-from fdbench.gap.runs import Run, merged, prepare, same_command
-from fdbench.gap.search import NOISE_ALONE, SMALLEST_GAIN, Search, Stage, numbers_of
-from fdbench.gap.shrink import Closure, closure, shapley
+from fdbench.gap.runs import Run, merged, same_command
+from fdbench.gap.search import SMALLEST_GAIN, Search, Stage
+from fdbench.gap.shrink import Closure, channel_gaps, closure
+from fdbench.gap.verdict import Findings, energies, verdict
 from fdbench.gap.where import Gaps, where
 from fdbench.record import FloatArray, Record
 from fdbench.units import unit_of
 
 HELD_OUT_SHARE = 1.0 / 3.0
-TOO_SMALL = 1.3  # mean squared gap in units of the floor below which nothing is named
-ALIKE = 0.9  # a rival that removes this share of what the best removes cannot be told apart
-LEFT_UNEXPLAINED, UNKNOWN_STEEPNESS = 0.2, 2.0  # share left at which an unknown cause is as likely as not
-BEYOND_DOUBT = 2.5  # standard deviations of a value on paper beyond which it is a cause
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,8 +40,11 @@ class Diagnosis:
     calibrated, final : Hypothesis
         Without and with the named effects.
     stages : list of Stage
-    runs : list of Run
-    floors : mapping of str to Floor
+    split : Split
+    simulated : list of mappings
+        Channels of each run as the re-calibrated model without effects has them.
+    signs : mapping
+        What the probabilities were drawn from; see `fdbench.gap.verdict.Verdict`.
     """
 
     answer: dict[str, Any]
@@ -51,6 +53,7 @@ class Diagnosis:
     stages: list[Stage]
     split: Split
     simulated: list[dict[str, FloatArray]]
+    signs: Mapping[str, Mapping[str, Signs]]
 
 
 def split_runs(records: Sequence[Run], holdouts: Sequence[Run]) -> tuple[Split, str]:
@@ -108,18 +111,18 @@ def diagnose(
     """
     if not records:
         raise RecordError("no records: at least one is needed, better three repeats of several motions.")
+    nominal, raw_runs, warnings = prepared(nominal, [*records, *holdouts])
     drive = nominal.drive
-    raw_runs = [prepare(item, drive) for item in (*records, *holdouts)]
     check_alike(raw_runs)
     for run in raw_runs:
         check_record(run, drive)
     replay, paper = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
-    runs, counts, warnings = [], [], list[str]()
+    runs, counts = [], []
     for run in raw_runs:
         on_paper = {name: values[0] for name, values in replay.simulate(run, [paper.variant()]).items()}
         warnings += check_alignment(run, on_paper)
         mended, n_held = bridged(run, on_paper)
-        runs.append(mended)
+        runs.append(mended.beside(on_paper))
         counts.append(n_held)
     split, judged_on = split_runs(runs[: len(records)], runs[len(records) :])
     marks = [held_mark(raw_runs, runs, counts)]
@@ -127,7 +130,7 @@ def diagnose(
         split = dataclasses.replace(split, floors=raised(split.floors, grid.energy))
         marks.append(grid)
     search = Search(replay, split, progress)
-    raw = mean_gap(replay, split, paper)
+    raw = float(channel_gaps(replay, split, paper).mean())
     search.progress("re-calibrating the values on paper")
     calibrated = search.refine(paper)
     split = search.split = split.beside(gather(replay, split, calibrated, ()))
@@ -138,12 +141,23 @@ def diagnose(
         {name: values[0] for name, values in replay.simulate(run, [calibrated.variant()]).items()} for run in split.runs
     ]
     seen = [mark for mark in marks if mark is not None and mean_energy(mark, split.floors) > SMALLEST_GAIN]
+    findings = Findings(
+        search=search,
+        paper=paper,
+        calibrated=calibrated,
+        final=final,
+        stages=stages,
+        contests=contests,
+        shut=shut,
+        marks=seen,
+    )
+    judged = verdict(findings)
     answer = {
         "gap": {"channels": channels_of(replay, split, paper, calibrated, final)},
         "where": where(Gaps.of(split.runs, simulated, split.floors)),
-        **verdict(search, contests, calibrated, final, shut, seen, raw),
+        **judged.answer,
         "shrinkage": shrinkage(shut, final, seen, split, judged_on, raw),
-        "next_experiment": None,
+        "next_experiment": propose(replay, split, [*contests, *stages[-1:]], nominal),
         "warnings": warnings,
         "parametric": parametric(raw, shut, calibrated),
         "noise_floor": {
@@ -151,7 +165,15 @@ def diagnose(
             for name, floor in split.floors.items()
         },
     }
-    return Diagnosis(answer=answer, calibrated=calibrated, final=final, stages=stages, split=split, simulated=simulated)
+    return Diagnosis(
+        answer=answer,
+        calibrated=calibrated,
+        final=final,
+        stages=stages,
+        split=split,
+        simulated=simulated,
+        signs=judged.signs,
+    )
 
 
 def check_alike(runs: Sequence[Run]) -> None:
@@ -168,13 +190,6 @@ def check_alike(runs: Sequence[Run]) -> None:
                 f"{run.name}: sampled every {run.period_s:g} s, {first.name} every {first.period_s:g} s; "
                 "give records with one clock."
             )
-
-
-def mean_gap(replay: Replay, split: Split, hypothesis: Hypothesis) -> float:
-    """Return the mean squared held-out gap in units of the floor."""
-    evidence = gather(replay, split, hypothesis, ())
-    outside = evidence.held_out
-    return float(evidence.gaps[outside].sum() / evidence.counts[outside].sum())
 
 
 def channels_of(
@@ -209,159 +224,7 @@ def channels_of(
 
 def mean_energy(mark: Mark, floors: Mapping[str, Floor]) -> float:
     """Return the mean square that an effect brings into the channels, in units of the floor."""
-    return float(np.mean([mark.energy[name] / floor.rms**2 for name, floor in floors.items()]))
-
-
-def verdict(
-    search: Search,
-    contests: Sequence[Stage],
-    calibrated: Hypothesis,
-    final: Hypothesis,
-    shut: Closure,
-    seen: Sequence[Mark],
-    raw: float,
-) -> dict[str, Any]:
-    """Return causes with probabilities and shares, and the probabilities of an unknown cause and of no gap."""
-    means = shut.mean()
-    total = float(means[0]) + sum(mean_energy(mark, search.split.floors) for mark in seen if mark.bridged)
-    n = len(final.effects)
-    closed = dict(zip(shut.subsets, (means[0] - means).tolist(), strict=True))
-    values = shapley(closed, n)
-    everything = tuple(range(n))
-    bounds = intervals(search, final)
-    causes = []
-    for index, (effect, contest) in enumerate(zip(final.effects, contests, strict=True)):
-        alone = tuple(other for other in everything if other != index)
-        causes.append(
-            {
-                "effect": effect.name,
-                "probability": contest.probability_of(type(effect)),
-                "share": max(values[index], 0.0) / total,
-                "unique_share": max(closed[everything] - closed[alone], 0.0) / total,
-                "parameters": parameters(effect, bounds[index]),
-                "indistinguishable_from": alike(contest, type(effect)),
-            }
-        )
-    on_paper = parametric_causes(search.replay, search.split, final, raw)
-    causes += on_paper
-    causes += [marked(mark, min(mean_energy(mark, search.split.floors) / total, 1.0)) for mark in seen]
-    causes.sort(key=lambda cause: -float(cause["share"]))
-    structural = 1.0 / (1.0 + math.exp(-20.0 * (min(float(means[0]), 4.0) - TOO_SMALL)))
-    parts = [*(float(cause["probability"]) for cause in on_paper), *(mark.probability for mark in seen)]
-    none = (1.0 - structural) * math.prod(1.0 - part for part in parts)
-    return {
-        "causes": causes,
-        "unknown_probability": structural * unknown_probability(search, calibrated, final),
-        "no_gap_probability": none,
-        "summary": "",
-    }
-
-
-def marked(mark: Mark, share: float) -> dict[str, Any]:
-    """Return the cause that is seen in the readings themselves."""
-    amplitude = mark.kind.amplitude
-    unit = next(item.unit for item in mark.kind.parameters() if item.name == amplitude)
-    return {
-        "effect": mark.kind.name,
-        "probability": mark.probability,
-        "share": share,
-        "unique_share": share,
-        "parameters": {amplitude: {"value": mark.value, "ci95": [mark.low, mark.high], "unit": unit}},
-        "indistinguishable_from": [],
-    }
-
-
-def unknown_probability(search: Search, calibrated: Hypothesis, final: Hypothesis) -> float:
-    """Return the probability that something is missing that none of the effects explains.
-
-    It depends on the share of the excess misfit that is left beside all effects that were found.
-    """
-    before = search.compared(calibrated, [(Effect, final, True)])
-    left = max(before.rivals[0].misfit - NOISE_ALONE, 0.0) / max(before.misfit - 1.0, 1e-12)
-    return float(left**UNKNOWN_STEEPNESS / (left**UNKNOWN_STEEPNESS + LEFT_UNEXPLAINED**UNKNOWN_STEEPNESS))
-
-
-def intervals(search: Search, final: Hypothesis) -> list[dict[str, list[float]]]:
-    """Return the 95 % interval of each fitted parameter of each effect.
-
-    From the normal matrix and the scatter of its right-hand sides from segment to segment, which counts what is
-    left as it is, correlated in time or not (White 1980; segments as clusters).
-    """
-    numbers = numbers_of(final)
-    evidence = search.probed(final)
-    inside = ~evidence.held_out
-    n = len(numbers)
-    normal = Scores(evidence, dict(enumerate(final.shifts, start=1))).normal(range(1, 1 + n))
-    groups, place = np.unique(evidence.group[inside], return_inverse=True)
-    sums = np.zeros((len(groups), n))
-    np.add.at(sums, place, evidence.products[inside, 0, 1:])
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
-    inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
-    spread = sums.T @ sums * len(groups) / max(len(groups) - n, 1)
-    deviations = 1.96 * np.sqrt(np.diag(inverse @ (spread + np.eye(n)) @ inverse))
-    found, first = [], len(final.shifts)
-    for effect in final.effects:
-        items = adjustables(effect)
-        own: dict[str, list[float]] = {}
-        for item, deviation in zip(items, deviations[first : first + len(items)].tolist(), strict=True):
-            value = float(getattr(effect, item.name))
-            half = deviation * item.step
-            own[item.name] = [max(value - half, item.low), min(value + half, item.high)]
-        found.append(own)
-        first += len(items)
-    return found
-
-
-def parametric_causes(replay: Replay, split: Split, final: Hypothesis, raw: float) -> list[dict[str, Any]]:
-    """Return the effects whose size is a value on paper that moved further than it should be wrong.
-
-    A kind of value that is corrected on both sides of the screw counts once, with the sum of its changes. It is a
-    cause only if it closes as much of the gap that is there without its correction as another effect would have to.
-    """
-    scale = calibrations(final.nominal)
-    groups: dict[str, list[int]] = {}
-    for place, calibration in enumerate(scale):
-        groups.setdefault(f"{calibration.kind}_{calibration.index}", []).append(place)
-    closed = mean_gap(replay, split, final)
-    found = []
-    for places in groups.values():
-        sizes = [scale[place].size(final.nominal.drive) for place in places]
-        change = sum(final.shifts[place] * size for place, size in zip(places, sizes, strict=True))
-        distance = abs(change) / max(math.hypot(*sizes), 1e-30)
-        name = scale[places[0]].cause(final.nominal)
-        if distance <= BEYOND_DOUBT or not name or name in {item.name for item in final.effects}:
-            continue
-        shifts = tuple(0.0 if place in places else shift for place, shift in enumerate(final.shifts))
-        without = mean_gap(replay, split, dataclasses.replace(final, shifts=shifts))
-        share = max(without - closed, 0.0) / raw
-        if without - closed < SMALLEST_GAIN * without:
-            continue
-        found.append(
-            {
-                "effect": name,
-                "probability": 1.0 / (1.0 + math.exp(-2.0 * (distance - BEYOND_DOUBT))),
-                "share": min(share, 1.0),
-                "unique_share": min(share, 1.0),
-                "parameters": {"change": {"value": change, "ci95": None, "unit": scale[places[0]].unit}},
-                "indistinguishable_from": [],
-                "parametric": True,
-            }
-        )
-    return found
-
-
-def alike(contest: Stage, kind: type[Effect]) -> list[str]:
-    """Return the names of rivals that explain nearly as much as an effect."""
-    gains = {rival.kind: contest.gain(rival) for rival in contest.rivals}
-    return [rival.name for rival, gain in gains.items() if rival is not kind and gain >= ALIKE * gains[kind]]
-
-
-def parameters(effect: Effect, bounds: Mapping[str, list[float]]) -> dict[str, Any]:
-    """Return the parameters of an effect with units; those that no fit moves have no interval."""
-    return {
-        item.name: {"value": getattr(effect, item.name), "ci95": bounds.get(item.name), "unit": item.unit}
-        for item in type(effect).parameters()
-    }
+    return float(np.mean(energies(mark, floors)))
 
 
 def shrinkage(
@@ -427,6 +290,3 @@ def parametric(raw: float, shut: Closure, calibrated: Hypothesis) -> dict[str, A
 def _interval(values: FloatArray) -> list[float]:
     low, high = np.percentile(values, [2.5, 97.5])
     return [float(low), float(high)]
-
-
-__all__ = ["Diagnosis", "Floor", "diagnose", "numbers_of"]

@@ -1,35 +1,39 @@
-"""The next experiment: the motion of a menu that tells the serious candidates of a diagnosis apart soonest.
+"""The next experiment: the motion of a menu after which the true cause is expected to be most probable.
 
-Every candidate is simulated on every motion; what one does that neither another candidate nor re-calibration can
-imitate is what the motion would show.
+Each motion is simulated with each candidate as the truth, and the others are fitted again to the old records and the
+new one together; the misfits that this leaves are read as those of the records are.
 """
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fdbench.gap.evidence import MODEL_ERROR, Split
-from fdbench.gap.hypothesis import Hypothesis
+from fdbench.gap.evidence import MODEL_ERROR, Split, gather
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.replay import Replay
 from fdbench.gap.runs import Run
 from fdbench.gap.search import EFFECTIVE_SAMPLES, Stage
 from fdbench.motions import motions
-from fdbench.plants.feed_drive import FeedDrive
+from fdbench.plants.feed_drive import FeedDrive, Following
 from fdbench.record import FloatArray, Record
 
-MOST_CANDIDATES = 5
+if TYPE_CHECKING:
+    from fdbench.gap.diagnose import Diagnosis
+
+MOST_RIVALS = 6
 SMALLEST_PROBABILITY = 0.02
-DECIDED = 0.99
-SMALLEST_LOG_ODDS = 0.5
+SMALLEST_GAIN = 0.02  # of the probability of the truth, below which nothing is proposed
+PRICE_PER_S = 1e-3  # probability that a second of machine time has to bring
+SPLIT_LOG_ODDS = 3.0  # 20 to 1
+CERTAIN = 1e-12  # smallest probability that log odds tell from none
+NOTHING = "no further effect"
 USED_TRAVEL = 0.5  # share of the travel that a stroke may take where the records do not show more
+FOLLOWED = 0.1  # share of the stroke by which the simulated axis may miss the command
 FADE_S = 0.25
 
 
@@ -39,13 +43,14 @@ class Trajectory:
 
     Attributes
     ----------
-    words : str
-        What it is, with sizes.
+    kind, words : str
+        What it is, without and with sizes.
     period_s : float
     reference : (n_samples, 3) array
         Commanded position (m), velocity (m/s) and acceleration (m/s^2).
     """
 
+    kind: str
     words: str
     period_s: float
     reference: FloatArray
@@ -61,9 +66,19 @@ class Trajectory:
         time = np.arange(len(self.reference), dtype=np.float64) * self.period_s
         return Record({"time_s": time, **dict(zip(names, self.reference.T, strict=True))}, source=self.words)
 
-    def write(self, path: str | Path) -> None:
-        """Write the command as CSV or Parquet."""
-        self.record().save(path)
+    def sizes(self) -> dict[str, Any]:
+        """Return what a reader asks first: where, how far, how fast, how long."""
+        position, velocity, acceleration = self.reference.T
+        low, high = float(position.min()), float(position.max())
+        return {
+            "kind": self.kind,
+            "motion": self.words,
+            "position_m": [low, high],
+            "amplitude_m": 0.5 * (high - low),
+            "velocity_m_per_s": float(np.abs(velocity).max()),
+            "acceleration_m_per_s2": float(np.abs(acceleration).max()),
+            "duration_s": self.duration_s,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +88,7 @@ class Limits:
     Attributes
     ----------
     start_m, stroke_m : float
-        Where motions begin and end, and how far the longest ones go from there; negative towards smaller positions.
+        Where motions begin and end, and how far the longest ones go from there.
     velocity_m_per_s, acceleration_m_per_s2 : float
     """
 
@@ -86,15 +101,17 @@ class Limits:
     def of(cls, drive: FeedDrive, visited: FloatArray) -> "Limits":
         """Return the limits of a drive about the positions that its records visited.
 
-        Half of the greatest force accelerates; the rest is left to friction and control.
+        The stroke is theirs, or longer where the travel has room wherever its zero is. Half of the greatest force
+        accelerates, of that in the records if the controller is not known; the rest is left to friction and control.
         """
         low, high = float(visited.min()), float(visited.max())
-        stroke = max(high - low, USED_TRAVEL * drive.travel_m - max(abs(low), abs(high)))
+        controller = drive.controller
+        force_N = controller.greatest_force_N if isinstance(controller, Following) else controller.force_limit_N
         return cls(
             start_m=low,
-            stroke_m=min(stroke, drive.travel_m - low),
+            stroke_m=max(high - low, USED_TRAVEL * drive.travel_m - max(abs(low), abs(high))),
             velocity_m_per_s=0.8 * drive.velocity_limit_m_per_s,
-            acceleration_m_per_s2=0.5 * drive.controller.force_limit_N / drive.mass_kg,
+            acceleration_m_per_s2=0.5 * (force_N or 0.0) / drive.mass_kg,
         )
 
 
@@ -150,211 +167,242 @@ def from_position(position_m: FloatArray, period_s: float) -> FloatArray:
 
 def menu(limits: Limits, period_s: float) -> list[Trajectory]:
     """Return the motions that may be proposed: constant speeds, reversals, multisines, strokes and small sines."""
-    x, length, fastest, hardest = (
-        limits.start_m,
-        limits.stroke_m,
-        limits.velocity_m_per_s,
-        limits.acceleration_m_per_s2,
-    )
-    gentle = 0.2 * hardest
-    middle = x + 0.5 * length
-    found: list[tuple[str, FloatArray]] = []
+    x, length = limits.start_m, limits.stroke_m
+    fastest, hardest = limits.velocity_m_per_s, limits.acceleration_m_per_s2
+    middle, gentle = x + 0.5 * length, 0.2 * hardest
+    found: list[Trajectory] = []
+
+    def add(kind: str, words: str, reference: FloatArray) -> None:
+        _, velocity, acceleration = np.abs(reference).max(axis=0)
+        if velocity <= 1.25 * fastest and acceleration <= 2.0 * hardest:
+            found.append(Trajectory(kind=kind, words=f"{kind}: {words}", period_s=period_s, reference=reference))
+
     for share in (0.02, 0.1, 0.4):
         speed = share * fastest
-        stroke = math.copysign(min(abs(length), 2.0 * speed), length)
+        stroke = min(length, 2.0 * speed)
         reference = moves((x, x + stroke, x, x + stroke, x), (speed,), gentle, period_s)
-        found.append((f"constant speed {_mm(speed)}/s both ways over {_mm(stroke)}, twice", reference))
+        add("constant speed", f"{_mm(speed)}/s both ways over {_mm(stroke)}, twice", reference)
     for size in (1e-4, 1e-3, 1e-2):
-        stroke = math.copysign(min(size, 0.5 * abs(length)), length)
+        stroke = min(size, 0.5 * length)
         stops = [middle, *(middle + stroke * part for part in (1.0, 0.2, 0.8, 0.0, 0.5, 0.0))]
-        speed = min(max(0.5 * abs(stroke), 1e-4), 0.2 * fastest)
-        found.append(
-            (f"slow nested reversals within {_mm(stroke)} at {_mm(speed)}/s", moves(stops, (speed,), gentle, period_s))
-        )
+        speed = min(max(0.5 * stroke, 1e-4), 0.2 * fastest)
+        reference = moves(stops, (speed,), gentle, period_s)
+        add("nested reversals", f"within {_mm(stroke)} at {_mm(speed)}/s", reference)
     for low, high, part in ((0.5, 10.0, 0.3), (1.0, 60.0, 0.1), (1.0, 60.0, 0.3), (10.0, 150.0, 0.1)):
-        speed_rms, acceleration_rms = part * fastest, part * hardest
-        shape = multisine(0.0, 1.0, (low, high), 5.0, period_s)
-        scales = (speed_rms / shape[:, 1].std(), acceleration_rms / shape[:, 2].std(), 0.2 * abs(length))
-        rms = min(scales)
-        words = f"multisine of {low:g} to {high:g} Hz, {_mm(rms)} rms"
-        found.append((words, multisine(middle, rms, (low, high), 5.0, period_s)))
+        _, speed, acceleration = multisine(0.0, 1.0, (low, high), 5.0, period_s).std(axis=0)
+        rms = min(part * fastest / speed, part * hardest / acceleration, 0.2 * length)
+        add("multisine", f"{low:g} to {high:g} Hz, {_mm(rms)} rms", multisine(middle, rms, (low, high), 5.0, period_s))
     for part in (0.3, 0.8):
-        stops = [x, *(x + length * share for share in (0.6, 0.1, 0.4, 0.0))]
+        stops = [x + length * share for share in (0.0, 0.6, 0.1, 0.4, 0.0)]
         reference = moves(stops, (fastest,), part * hardest, period_s)
-        found.append((f"fast strokes of up to {_mm(0.6 * length)} at {part * hardest:.3g} m/s^2", reference))
+        add("fast strokes", f"up to {_mm(0.6 * length)} at {part * hardest:.3g} m/s^2", reference)
     speed = 0.25 * fastest
-    stops = [x, *([x + length, x] * 4)]
-    found.append((f"stroke of {_mm(length)} at {_mm(speed)}/s, four times", moves(stops, (speed,), gentle, period_s)))
+    add(
+        "long strokes",
+        f"{_mm(length)} at {_mm(speed)}/s both ways, four times",
+        moves([x, *([x + length, x] * 4)], (speed,), gentle, period_s),
+    )
+    time = np.arange(round(5.0 / period_s)) * period_s
+    fade = np.clip(np.minimum(time, time[-1] - time) / FADE_S, 0.0, 1.0)
     for size, frequency in ((2e-5, 2.0), (2e-4, 2.0), (2e-4, 10.0)):
-        time = np.arange(round(5.0 / period_s)) * period_s
-        fade = np.clip(np.minimum(time, time[-1] - time) / FADE_S, 0.0, 1.0)
         wave = size * np.sin(2.0 * math.pi * frequency * time) * fade**2 * (3.0 - 2.0 * fade)
-        found.append(
-            (f"sine of {_mm(size)} at {frequency:g} Hz about one place", from_position(middle + wave, period_s))
-        )
-    return [
-        Trajectory(words=words, period_s=period_s, reference=reference)
-        for words, reference in found
-        if _within(limits, reference)
-    ]
+        add("sine", f"{_mm(size)} at {frequency:g} Hz about one place", from_position(middle + wave, period_s))
+    return found
 
 
-def _within(limits: Limits, reference: FloatArray) -> bool:
-    fastest, hardest = np.abs(reference[:, 1]).max(), np.abs(reference[:, 2]).max()
-    return bool(fastest <= 1.25 * limits.velocity_m_per_s and hardest <= 2.0 * limits.acceleration_m_per_s2)
+def menu_of(split: Split, nominal: Nominal) -> list[Trajectory]:
+    """Return the menu about the positions that the records visited, with their clock; empty without room or force."""
+    visited = np.concatenate([run.reference[:, 0] for run in split.runs])
+    limits = Limits.of(nominal.drive, visited)
+    possible = min(limits.stroke_m, limits.acceleration_m_per_s2) > 0.0
+    return menu(limits, split.runs[0].period_s) if possible else []
 
 
 def _mm(length_m: float) -> str:
-    return f"{1e3 * abs(length_m):.3g} mm"
+    return f"{1e3 * length_m:.3g} mm"
 
 
-# ---- the choice ----
+# ---- the forecast ----
 
 
-@dataclass(frozen=True, kw_only=True)
-class Candidate:
-    """What may be the cause, and how probable it is.
+def serious(stage: Stage) -> Stage:
+    """Return a stage with its most probable rivals alone."""
+    every = sorted(zip(stage.probabilities(), stage.rivals, strict=True), key=lambda item: -item[0])
+    return replace(stage, rivals=tuple(rival for p, rival in every[:MOST_RIVALS] if p >= SMALLEST_PROBABILITY))
 
-    Attributes
-    ----------
-    name : str
-    probability : float
-    hypothesis : Hypothesis
-        The base with the effect at its fitted size.
+
+def chances(stage: Stage) -> FloatArray:
+    """Return the probability of each rival and, last, of none."""
+    found = stage.probabilities()
+    return np.array([*found, max(1.0 - sum(found), 0.0)])
+
+
+def most_open(stages: Sequence[Stage]) -> Stage | None:
+    """Return the stage, with its serious rivals, that is furthest from a decision; None where all are decided.
+
+    Beside effects that were found, rivals count only if one of them is there more likely than not.
     """
-
-    name: str
-    probability: float
-    hypothesis: Hypothesis
+    found = [serious(stage) for stage in stages if stage.present() >= 0.5 or not stage.base.effects]
+    stage = min(found, key=lambda item: float(np.sum(chances(item) ** 2)), default=None)
+    return stage if stage is not None and np.sum(chances(stage) ** 2) <= 1.0 - SMALLEST_GAIN else None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Proposal:
-    """A motion, and which two candidates it separates best.
+class Forecast:
+    """What a motion is expected to show.
 
     Attributes
     ----------
-    to_separate : pair of str
     trajectory : Trajectory
-    expected_log_odds : float
-        By which the true one of the two is expected to gain on the other, in nats, tempered as the diagnosis is.
-    utility_per_s : float
-        Sum over pairs of candidates of p_a p_b log(1 + separable energy), for each second.
+    names : list of str
+        Candidates: the rivals of a stage and, last, none of them.
+    now : (n_candidates,) array
+        Probabilities before the motion.
+    after : (n_candidates, n_candidates) array
+        Probabilities after it, of each column if the row's candidate is the truth.
     """
 
-    to_separate: tuple[str, str]
     trajectory: Trajectory
-    expected_log_odds: float
-    utility_per_s: float
+    names: list[str]
+    now: FloatArray
+    after: FloatArray
+
+    def gain(self) -> float:
+        """Return by how much the expected probability of the truth rises."""
+        return float(self.now @ np.diag(self.after) - self.now @ self.now)
+
+    def utility(self) -> float:
+        """Return the gain less the price of the machine's time."""
+        return self.gain() - PRICE_PER_S * self.trajectory.duration_s
+
+    def log_odds(self, a: int, b: int) -> float:
+        """Return by which the true one of two candidates is expected to gain on the other, in nats."""
+        now, after = np.log(np.maximum(self.now, CERTAIN)), np.log(np.maximum(self.after, CERTAIN))
+        gains = [after[true, true] - after[true, other] - now[true] + now[other] for true, other in ((a, b), (b, a))]
+        return float(np.average(gains, weights=self.now[[a, b]]))
 
     def answer(self) -> dict[str, Any]:
-        """Return what the diagnosis says of it."""
+        """Return what the diagnosis says of it; see `propose`."""
+        pairs = list(itertools.combinations(range(len(self.names)), 2))
+        mistaken = self.now[:, None] * (self.now - self.after)
+        best = max(pairs, key=lambda pair: mistaken[pair] + mistaken[pair[::-1]])
+        likely = [pair for pair in pairs if self.now[list(pair)].min() >= SMALLEST_PROBABILITY and pair != best]
+        odds = {(self.names[a], self.names[b]): self.log_odds(a, b) for a, b in (best, *likely)}
+        first = next(iter(odds))
         return {
-            "to_separate": list(self.to_separate),
+            "to_separate": list(first),
             "trajectory": f"{self.trajectory.words}; {self.trajectory.duration_s:.3g} s",
-            "expected_log_odds": self.expected_log_odds,
+            "expected_log_odds": odds[first],
+            "separates": [
+                {"effects": list(pair), "expected_log_odds": gain}
+                for pair, gain in odds.items()
+                if gain >= SPLIT_LOG_ODDS or pair == first
+            ],
+            "expected_probability": {"now": float(self.now @ self.now), "after": float(self.now @ np.diag(self.after))},
+            "expected_gain_per_s": self.gain() / self.trajectory.duration_s,
+            **self.trajectory.sizes(),
         }
 
 
-def candidates_of(stage: Stage) -> list[Candidate]:
-    """Return the serious rivals of a stage, most probable first; what is missing to 1 is that it is none of them."""
-    every = [
-        Candidate(name=rival.kind.name, probability=chance, hypothesis=rival.hypothesis)
-        for rival, chance in zip(stage.rivals, stage.probabilities(), strict=True)
-    ]
-    every.sort(key=lambda item: -item.probability)
-    return [item for item in every[:MOST_CANDIDATES] if item.probability >= SMALLEST_PROBABILITY]
-
-
-def most_ambiguous(stages: Sequence[Stage]) -> tuple[Hypothesis, list[Candidate]] | None:
-    """Return the base and candidates of the stage whose rivals compete most, or None where nothing competes."""
-    found = [(stage.base, candidates_of(stage)) for stage in stages]
-    open_ = [(base, every) for base, every in found if len(every) > 1 and every[0].probability < DECIDED]
-    return max(open_, key=lambda item: _doubt(item[1]), default=None)
-
-
-def _doubt(every: Sequence[Candidate]) -> float:
-    return sum(a.probability * b.probability for a, b in itertools.combinations(every, 2))
-
-
-class Separation:
-    """Separable energy of candidates on one motion.
+class Forecaster:
+    """Forecasts for the rivals of one stage.
 
     Parameters
     ----------
     replay : Replay
     split : Split
-        Its floors are the unit of energy.
-    base : Hypothesis
-    every : sequence of Candidate
-    trajectory : Trajectory
+    stage : Stage
     """
 
-    def __init__(
-        self, replay: Replay, split: Split, base: Hypothesis, every: Sequence[Candidate], trajectory: Trajectory
-    ) -> None:
-        self.every = every
-        self.trajectory = trajectory
-        names = split.runs[0].channels
-        start = np.full(len(trajectory.reference), trajectory.reference[0, 0])
+    def __init__(self, replay: Replay, split: Split, stage: Stage) -> None:
+        self.replay, self.split, self.stage = replay, split, stage
+        shifted = [stage.base.moved(row) for row in np.eye(len(stage.base.shifts))]
+        self.n_shifts = len(shifted)
+        self.variants = [*shifted, *(rival.hypothesis for rival in stage.rivals)]
+        evidence = gather(replay, split, stage.base, self.variants, fitted_only=True)
+        inside = ~evidence.held_out
+        self.known = evidence.products[inside].sum(axis=0)
+        self.count = float(evidence.counts[inside].sum())
+        self.alone = self._distances(self.known)
+        self.most_missed_m = FOLLOWED * float(np.ptp(np.concatenate([run.reference[:, 0] for run in split.runs])))
+
+    def forecast(self, trajectory: Trajectory) -> Forecast | None:
+        """Return what a motion is expected to show, or None if the axis would not follow it."""
+        run = self._recorded(trajectory)
+        if run is None:
+            return None
+        alike = Split(runs=[run], held_out=[np.zeros(run.n_samples, dtype=np.bool_)], floors=self.split.floors)
+        evidence = gather(self.replay, alike, self.stage.base, self.variants)
+        count = float(evidence.counts.sum())
+        after = []
+        for truth in (*range(1 + self.n_shifts, 1 + len(self.variants)), 0):
+            sums = self._products(evidence.products, evidence.counts, truth)
+            added = self._distances(self.known + sums) - self.alone
+            after.append(chances(self._judged(added, count)))
+        names = [*(rival.kind.name for rival in self.stage.rivals), NOTHING]
+        return Forecast(trajectory=trajectory, names=names, now=chances(self.stage), after=np.array(after))
+
+    def _recorded(self, trajectory: Trajectory) -> Run | None:
+        """Return what the base of the stage would do."""
+        reference = np.ascontiguousarray(trajectory.reference)
+        names = self.split.runs[0].channels
+        still = np.full(len(reference), reference[0, 0])
         run = Run(
             name=trajectory.words,
             period_s=trajectory.period_s,
-            reference=np.ascontiguousarray(trajectory.reference),
-            channels=dict.fromkeys(names, start),
+            reference=reference,
+            channels=dict.fromkeys(names, still),
             lap=None,
         )
-        shifted = [
-            dataclasses.replace(base, shifts=tuple(np.add(base.shifts, row).tolist()))
-            for row in np.eye(len(base.shifts))
+        channels = {name: each[0] for name, each in self.replay.simulate(run, [self.stage.base.variant()]).items()}
+        missed = np.abs(channels["position_m"] - reference[:, 0]).max()
+        follows = all(np.isfinite(each).all() for each in channels.values()) and missed <= self.most_missed_m
+        return replace(run, channels=channels) if follows else None
+
+    @staticmethod
+    def _products(products: FloatArray, counts: FloatArray, truth: int) -> FloatArray:
+        """Return the sums over segments if the response of column ``truth`` is the gap; column 0 has none."""
+        excess = np.maximum(products[:, truth, truth] / counts - 1.0, 0.0)
+        columns = [truth, *range(1, products.shape[1])]
+        sums: FloatArray = np.einsum("s,sij->ij", 1.0 / (1.0 + MODEL_ERROR * excess), products)
+        return sums[np.ix_(columns, columns)]
+
+    def _distances(self, sums: FloatArray) -> FloatArray:
+        """Return what each rival, and last the base, leaves of the gap at its best size and re-calibration."""
+        shifts = list(range(1, 1 + self.n_shifts))
+        every = [[*shifts, column] for column in range(1 + self.n_shifts, len(sums))] + [shifts]
+        return np.array([self._distance(sums, columns) for columns in every])
+
+    def _distance(self, sums: FloatArray, columns: list[int]) -> float:
+        normal, right = sums[np.ix_(columns, columns)].copy(), sums[columns, 0].copy()
+        priors = np.arange(self.n_shifts)
+        normal[priors, priors] += 1.0
+        right[priors] -= self.stage.base.shifts
+        scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+        right /= scale
+        fitted = np.linalg.solve(normal / np.outer(scale, scale) + 1e-9 * np.eye(len(columns)), right)
+        return float(sums[0, 0] - right @ fitted)
+
+    def _judged(self, added: FloatArray, count: float) -> Stage:
+        """Return the stage with the misfits that old records and new one have together."""
+        whole = self.count + count
+
+        def together(misfit: float, more: float) -> float:
+            return (self.count * misfit + count + max(more, 0.0)) / whole
+
+        rivals = [
+            replace(rival, misfit=together(rival.misfit, more))
+            for rival, more in zip(self.stage.rivals, added[:-1].tolist(), strict=True)
         ]
-        lanes = [base, *shifted, *(item.hypothesis for item in every)]
-        simulated = replay.simulate(run, [item.variant() for item in lanes])
-        scaled = [(simulated[name] - simulated[name][0]) / split.floors[name].rms for name in names]
-        signals = np.concatenate(scaled, axis=1)[1:]
-        self.count = signals.shape[1]
-        self.n_nuisances = len(shifted)
-        self.is_finite = bool(np.isfinite(signals).all())
-        self.gram = signals @ signals.T if self.is_finite else np.zeros((len(signals), len(signals)))
-
-    def unique(self, one: int, other: int) -> float:
-        """Return the energy of one candidate that neither the other at any size nor re-calibration can imitate."""
-        place, rival = self.n_nuisances + one, self.n_nuisances + other
-        columns = [*range(self.n_nuisances), rival]
-        normal = self.gram[np.ix_(columns, columns)].copy()
-        normal[np.arange(self.n_nuisances), np.arange(self.n_nuisances)] += 1.0
-        scale = np.sqrt(np.maximum(np.diag(normal), 1e-12))
-        right = self.gram[columns, place] / scale
-        solution = np.linalg.solve(normal / np.outer(scale, scale) + 1e-9 * np.eye(len(columns)), right)
-        return max(float(self.gram[place, place] - right @ solution), 0.0)
-
-    @cached_property
-    def pairs(self) -> Mapping[tuple[int, int], float]:
-        """Smaller of the two unique energies of each pair."""
-        every = itertools.combinations(range(len(self.every)), 2)
-        return {(a, b): min(self.unique(a, b), self.unique(b, a)) for a, b in every}
-
-    def weighted(self, pair: tuple[int, int]) -> float:
-        """Return p_a p_b log(1 + energy) of a pair; an error of the model in proportion to the size is no evidence."""
-        a, b = pair
-        mean = self.pairs[pair] / self.count
-        trusted = self.pairs[pair] / (1.0 + MODEL_ERROR * mean)
-        return self.every[a].probability * self.every[b].probability * math.log1p(trusted)
-
-    def utility_per_s(self) -> float:
-        """Return the sum over pairs for each second of the motion."""
-        return sum(self.weighted(pair) for pair in self.pairs) / self.trajectory.duration_s
-
-    def proposal(self) -> Proposal:
-        """Return the motion as a proposal for the pair that counts most."""
-        best = max(self.pairs, key=self.weighted)
-        odds = 0.5 * EFFECTIVE_SAMPLES * math.log1p(self.pairs[best] / self.count)
-        return Proposal(
-            to_separate=(self.every[best[0]].name, self.every[best[1]].name),
-            trajectory=self.trajectory,
-            expected_log_odds=odds,
-            utility_per_s=self.utility_per_s(),
+        return replace(
+            self.stage,
+            misfit=together(self.stage.misfit, float(added[-1])),
+            rivals=tuple(rivals),
+            effective=min(self.stage.effective * whole / self.count, EFFECTIVE_SAMPLES),
         )
+
+
+# ---- the choice ----
 
 
 def design(
@@ -363,8 +411,8 @@ def design(
     stages: Sequence[Stage],
     nominal: Nominal,
     trajectories: Sequence[Trajectory] | None = None,
-) -> Proposal | None:
-    """Return the motion that separates the candidates of the most ambiguous stage soonest, or None.
+) -> Forecast | None:
+    """Return the motion after which the truth is expected to be most probable, its time paid for, or None.
 
     Parameters
     ----------
@@ -372,32 +420,59 @@ def design(
     split : Split
         Runs, for the clock and the positions visited, and floors.
     stages : sequence of Stage
-        Of the search.
+        Whose rivals may compete.
     nominal : Nominal
     trajectories : sequence of Trajectory, optional
         In place of the menu for the drive's limits.
 
     Returns
     -------
-    Proposal or None
+    Forecast or None
         None where no two candidates compete, or no motion would tell them apart.
     """
-    competing = most_ambiguous(stages)
-    if competing is None:
+    stage = most_open(stages)
+    if stage is None:
         return None
-    base, every = competing
-    if trajectories is None:
-        visited = np.concatenate([run.reference[:, 0] for run in split.runs])
-        trajectories = menu(Limits.of(nominal.drive, visited), split.runs[0].period_s)
-    found = [Separation(replay, split, base, every, trajectory) for trajectory in trajectories]
-    useful = [item for item in found if item.is_finite]
-    if not useful:
-        return None
-    proposal = max(useful, key=Separation.utility_per_s).proposal()
-    return proposal if proposal.expected_log_odds >= SMALLEST_LOG_ODDS else None
+    forecaster = Forecaster(replay, split, stage)
+    every = menu_of(split, nominal) if trajectories is None else trajectories
+    found = [item for item in map(forecaster.forecast, every) if item is not None and item.gain() >= SMALLEST_GAIN]
+    return max(found, key=Forecast.utility, default=None)
 
 
 def propose(replay: Replay, split: Split, stages: Sequence[Stage], nominal: Nominal) -> dict[str, Any] | None:
-    """Return the ``next_experiment`` of a diagnosis as JSON, or None; see `design`."""
-    proposal = design(replay, split, stages, nominal)
-    return None if proposal is None else proposal.answer()
+    """Return the ``next_experiment`` of a diagnosis as JSON, or None; see `design`.
+
+    Returns
+    -------
+    dict or None
+        ``to_separate``, ``trajectory`` and ``expected_log_odds`` of the contract; what else it separates; the expected
+        probability of the truth now and after; its gain for each second; kind and sizes of the motion.
+    """
+    found = design(replay, split, stages, nominal)
+    return None if found is None else found.answer()
+
+
+def proposed(found: "Diagnosis") -> Trajectory | None:
+    """Return the motion that a diagnosis proposes, if it does."""
+    answer: Mapping[str, Any] | None = found.answer["next_experiment"]
+    if answer is None:
+        return None
+    return next(item for item in menu_of(found.split, found.final.nominal) if item.words == answer["motion"])
+
+
+def write_proposed(found: "Diagnosis", path: str | Path) -> "Diagnosis":
+    """Write the motion that a diagnosis proposes, as CSV or Parquet, and return the diagnosis with the file named.
+
+    Where nothing is proposed, nothing is written and the diagnosis is returned as it is.
+
+    Raises
+    ------
+    RecordError
+        If the file cannot be written.
+    """
+    trajectory = proposed(found)
+    if trajectory is None:
+        return found
+    trajectory.record().save(path)
+    experiment = {**found.answer["next_experiment"], "trajectory": str(path)}
+    return replace(found, answer={**found.answer, "next_experiment": experiment})

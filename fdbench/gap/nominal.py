@@ -1,5 +1,6 @@
 """The nominal model that a gap is measured against: the plant on paper, and how well its values are known."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -8,8 +9,8 @@ from typing import Any
 from fdbench.effects import Effect, effects
 from fdbench.errors import SpecError
 from fdbench.plants import Plant
-from fdbench.plants.feed_drive import FeedDrive
-from fdbench.specification import bounded, check_bounds, load_toml, nonnegative, positive, read
+from fdbench.plants.feed_drive import FeedDrive, Following
+from fdbench.specification import bounded, check_bounds, load_toml, nonnegative, positive, read, snake_case
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,16 +41,24 @@ class Uncertainty:
 
 @dataclass(frozen=True, kw_only=True)
 class Nominal:
-    """A model file: [plant] with its controller, [simulation], and optionally [uncertainty]."""
+    """A model file: [plant] with its controller, [simulation], and optionally [uncertainty].
+
+    ``exclude`` names effects that this axis cannot have; the diagnosis does not consider them.
+    """
 
     plant: Plant
     simulation: Simulation
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    exclude: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in self.exclude:
+            effects.get(name)
 
     @cached_property
     def library(self) -> tuple[type[Effect], ...]:
         """Every registered effect that can be simulated: nothing random, no process force of unknown course."""
-        known = (effects.get(name) for name in effects.names())
+        known = (effects.get(name) for name in effects.names() if name not in self.exclude)
         return tuple(kind for kind in known if not kind.random and (not kind.disturbance or _is_located(kind)))
 
     @property
@@ -72,7 +81,13 @@ def load_nominal(path: str | Path) -> Nominal:
     """
     file = Path(path)
     table: dict[str, Any] = load_toml(file)
+    where = f"{file.name}: model"
     if "estimation" in table:
-        substeps = table.get("timing", {}).get("substeps", 10)
-        table = {"plant": table.get("plant", {}), "simulation": {"substeps": substeps}}
-    return read(Nominal, table, f"{file.name}: model")
+        timing = table.get("timing", {})
+        if not isinstance(timing, Mapping):
+            raise SpecError(f"{where}.timing: a table is expected, found {timing!r}.")
+        table = {"plant": table.get("plant", {}), "simulation": {"substeps": timing.get("substeps", 10)}}
+    plant = table.get("plant")
+    if isinstance(plant, Mapping) and plant.get("kind") == snake_case(FeedDrive.__name__) and "controller" not in plant:
+        table["plant"] = {**plant, "controller": {"kind": snake_case(Following.__name__)}}
+    return read(Nominal, table, where)

@@ -58,6 +58,14 @@ class Closure:
         return np.asarray(picked[:, place], dtype=np.float64)
 
 
+def channel_gaps(replay: Replay, split: Split, hypothesis: Hypothesis) -> FloatArray:
+    """Return the mean squared held-out gap of each channel in units of the floor, (n_channels,)."""
+    evidence = gather(replay, split, hypothesis, ())
+    out, n = evidence.held_out, len(split.floors)
+    squares = np.bincount(evidence.channel[out], weights=evidence.gaps[out], minlength=n)
+    return np.asarray(squares / np.maximum(np.bincount(evidence.channel[out], evidence.counts[out], n), 1.0))
+
+
 def closure(replay: Replay, split: Split, base: Hypothesis, final: Hypothesis) -> Closure:
     """Simulate every subset of the final effects at their final values; each is re-calibrated on its own.
 

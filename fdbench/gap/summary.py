@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 WIDTH = 100
 LIKELY = 0.5
+WORTH_SAYING = 0.1  # probability of a cause that is worth a sentence
 UNEXPLAINED = 0.2  # share of the gap that is worth a sentence
 SURE = 0.99  # no probability is printed beyond it
 NOISE_ALONE = 1.1  # mean squared gap in units of the floor that passes for noise
@@ -52,7 +53,7 @@ def summary(found: "Diagnosis") -> str:
         ("Verdict", verdict(found)),
         (f"Gap, root mean square on {judged_on(found.answer)}", _gap(found.answer)),
         ("Where the re-calibrated gap lies (share of what is beyond the noise)", _where(found.answer)),
-        ("Causes (share of the mean squared gap after re-calibration)", _causes(found)),
+        ("Causes (share of the gap on paper, by the root mean square of each channel)", _causes(found)),
         ("How far it shrinks: mean squared gap in units of the noise floor", shrinkage(found.answer)),
         ("Doubts", doubts(found)),
     )
@@ -123,10 +124,13 @@ def verdict(found: "Diagnosis") -> Iterator[str]:
         return
     for cause in causes:
         rivals = cause["indistinguishable_from"]
-        share = f"{percent(cause['share'])} of the mean squared gap"
+        if cause["probability"] < WORTH_SAYING:
+            continue
+        share = f"{percent(cause['share'])} of the gap on paper"
         if is_parametric(cause):
-            chance, share = probability_text(cause["probability"]), f"{share} on paper"
-            yield f"Wrong on paper: size of {cause['effect']}, probability {chance}; its correction removes {share}."
+            chance = probability_text(cause["probability"])
+            words = "Wrong on paper" if cause["probability"] >= LIKELY else "Perhaps wrong on paper"
+            yield f"{words}: size of {cause['effect']}, probability {chance}; its correction removes {share}."
             continue
         if rivals:
             names = " or ".join([cause["effect"], *rivals])
@@ -135,6 +139,10 @@ def verdict(found: "Diagnosis") -> Iterator[str]:
             probability = probability_text(cause["probability"])
             words = f"Cause: {cause['effect']}" if cause["probability"] >= LIKELY else f"Perhaps {cause['effect']}"
             yield f"{words}, probability {probability}; it explains {share}."
+    for suspect in answer["suspects"]:
+        if suspect["probability"] >= WORTH_SAYING:
+            chance = probability_text(suspect["probability"])
+            yield f"Perhaps {suspect['effect']} too, probability {chance}: too little on these data to add it."
     if not causes:
         yield f"None of the known effects explains the gap (probability {probability_text(unknown)}).{_nearest(found)}"
     left = unexplained(answer)
@@ -276,7 +284,7 @@ def cells_of(answer: Mapping[str, Any], partition: str) -> list[tuple[str, float
         return [(split_unit(name)[0].replace("_", " "), float(share)) for name, share in content.items()]
     found = []
     for cell in content:
-        key = next(key for key in cell if key != "share")
+        key = next(key for key in cell if key not in ("share", "ci95"))
         unit = UNITS[split_unit(key)[1]]
         low, high = cell[key]
         scale, prefixed = scaled(max(abs(low), abs(high)), unit)

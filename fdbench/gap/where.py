@@ -1,7 +1,8 @@
 """Where the gap lies: exact partitions of its energy by phase of motion, frequency, position, speed, time, channel.
 
 Energy is counted in units of the noise floor; what the floor itself would give is set apart as noise and never spread
-over the cells, so that the shares of each partition add up to one.
+over the cells, so that the shares of each partition add up to one. Their intervals are those of a block bootstrap
+(Kunsch 1989) over stretches of time that are drawn whole, with all channels.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,8 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.gap.evidence import SEGMENT_S
 from fdbench.gap.floor import Floor
 from fdbench.gap.runs import Run
+from fdbench.gap.shrink import RESAMPLES
 from fdbench.record import FloatArray
 
 PHASES = (
@@ -51,15 +54,46 @@ class Gaps:
         ]
         return cls(runs=runs, scaled=scaled)
 
-    def energy(self) -> list[FloatArray]:
-        """Return the squared gap of each sample, summed over channels, beyond what the floor gives."""
-        return [sum_of(item) - len(item) for item in self.scaled]
+    def energy(self) -> FloatArray:
+        """Return the squared gap of each sample of all runs, summed over channels, beyond what the floor gives."""
+        return np.asarray(self.by_channel().sum(axis=0))
 
+    def by_channel(self) -> FloatArray:
+        """Return the squared gap of each channel and sample beyond what the floor gives."""
+        names = self.runs[0].channels
+        return np.stack([np.concatenate([item[name] for item in self.scaled]) ** 2 - 1.0 for name in names])
 
-def sum_of(channels: Mapping[str, FloatArray]) -> FloatArray:
-    """Return the sum of squares over channels."""
-    total: FloatArray = np.sum([values**2 for values in channels.values()], axis=0)
-    return total
+    def by_band(self, edges_Hz: Sequence[float]) -> FloatArray:
+        """Return the same for each band of frequency and sample, summed over channels.
+
+        The band-passed gaps of a run have the sum of squares that its spectrum has in the band (Parseval).
+        """
+        n_bands = len(edges_Hz) - 1
+        found = []
+        for run, item in zip(self.runs, self.scaled, strict=True):
+            frequency = np.fft.rfftfreq(run.n_samples, run.period_s)
+            place = np.clip(np.searchsorted(edges_Hz, frequency, side="right") - 1, 0, n_bands - 1)
+            twice = np.full(len(frequency), 2.0)
+            twice[0] = 1.0
+            if run.n_samples % 2 == 0:
+                twice[-1] = 1.0
+            noise = np.bincount(place, weights=twice, minlength=n_bands) / run.n_samples * len(item)
+            squares = np.zeros((n_bands, run.n_samples))
+            for values in item.values():
+                spectrum = np.fft.rfft(values)
+                for band in range(n_bands):
+                    squares[band] += np.fft.irfft(np.where(place == band, spectrum, 0.0), run.n_samples) ** 2
+            found.append(squares - noise[:, None])
+        return np.concatenate(found, axis=1)
+
+    def stretches(self) -> NDArray[np.intp]:
+        """Return the stretch of time that each sample of all runs belongs to."""
+        found, offset = [], 0
+        for run in self.runs:
+            own = np.arange(run.n_samples) // max(8, round(SEGMENT_S / run.period_s))
+            found.append(offset + own)
+            offset += int(own[-1]) + 1
+        return np.concatenate(found)
 
 
 def phase_of(run: Run) -> NDArray[np.intp]:
@@ -87,59 +121,77 @@ def phase_of(run: Run) -> NDArray[np.intp]:
     return phase.astype(np.intp)
 
 
-def shares(parts: Sequence[float]) -> list[float]:
-    """Return non-negative shares that add up to one; all zero where there is nothing beyond the floor."""
-    clipped = np.maximum(np.asarray(parts, dtype=np.float64), 0.0)
-    total = float(clipped.sum())
-    return [0.0] * len(clipped) if total <= 0.0 else (clipped / total).tolist()
+def shares(parts: FloatArray) -> FloatArray:
+    """Return non-negative shares along the last axis that add up to one; all zero where nothing is beyond the floor.
+
+    >>> shares(np.array([[3.0, -1.0, 1.0], [-1.0, -2.0, 0.0]])).tolist()
+    [[0.75, 0.0, 0.25], [0.0, 0.0, 0.0]]
+    """
+    clipped = np.maximum(parts, 0.0)
+    total = clipped.sum(axis=-1, keepdims=True)
+    return np.asarray(np.divide(clipped, total, out=np.zeros_like(clipped), where=total > 0.0))
+
+
+class Partition:
+    """Shares of the cells of one partition, with intervals.
+
+    Parameters
+    ----------
+    parts : (n_stretches, n_cells) array
+        Energy of each stretch of time in each cell.
+    seed : int
+        Of the bootstrap.
+    """
+
+    def __init__(self, parts: FloatArray, seed: int = 0) -> None:
+        n = len(parts)
+        picked = np.random.default_rng(seed).multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES)
+        self.shares: list[float] = shares(parts.sum(axis=0)).tolist()
+        self.ci95: list[list[float]] = np.percentile(shares(picked @ parts), [2.5, 97.5], axis=0).T.tolist()
+
+    def named(self, names: Sequence[str]) -> tuple[dict[str, float], dict[str, list[float]]]:
+        """Return shares and intervals by name."""
+        return dict(zip(names, self.shares, strict=True)), dict(zip(names, self.ci95, strict=True))
+
+    def listed(self, key: str, edges: Sequence[float]) -> list[dict[str, Any]]:
+        """Return cells between edges."""
+        return [
+            {key: [float(edges[index]), float(edges[index + 1])], "share": share, "ci95": bounds}
+            for index, (share, bounds) in enumerate(zip(self.shares, self.ci95, strict=True))
+        ]
 
 
 def where(gaps: Gaps) -> dict[str, Any]:
-    """Return the partitions of the contract: motion, frequency, position, velocity, time and channel."""
-    energy = np.concatenate(gaps.energy())
-    phase = np.concatenate([phase_of(run) for run in gaps.runs])
-    motion = [float(energy[phase == index].sum()) for index in range(len(PHASES))]
-    position = np.concatenate([run.reference[:, 0] for run in gaps.runs])
-    speed = np.concatenate([run.reference[:, 1] for run in gaps.runs])
-    time = np.concatenate([np.arange(run.n_samples) * run.period_s for run in gaps.runs])
-    channels = list(gaps.runs[0].channels)
-    by_channel = [sum(float(np.sum(item[name] ** 2)) - len(item[name]) for item in gaps.scaled) for name in channels]
-    return {
-        "motion": dict(zip(PHASES, shares(motion), strict=True)),
-        "frequency": _bands(gaps),
-        "position": _cells(energy, position, N_POSITIONS, "m"),
-        "velocity": _cells(energy, speed, N_SPEEDS, "m_per_s"),
-        "time": _cells(energy, time, N_TIMES, "s"),
-        "channel": dict(zip(channels, shares(by_channel), strict=True)),
-    }
+    """Return the partitions of the contract with 95 % intervals, those of cells with names apart in ``ci95``."""
+    energy, stretch = gaps.energy(), gaps.stretches()
+    n_stretches = int(stretch[-1]) + 1
 
+    def placed(place: NDArray[np.intp], n_cells: int) -> Partition:
+        cell = stretch * n_cells + place
+        parts = np.bincount(cell, weights=energy, minlength=n_stretches * n_cells)
+        return Partition(np.asarray(parts.reshape(-1, n_cells), dtype=np.float64))
 
-def _cells(energy: FloatArray, coordinate: FloatArray, n_cells: int, unit: str) -> list[dict[str, Any]]:
-    edges = np.linspace(float(coordinate.min()), float(coordinate.max()), n_cells + 1)
-    place = np.clip(np.searchsorted(edges, coordinate, side="right") - 1, 0, n_cells - 1)
-    parts = np.bincount(place, weights=energy, minlength=n_cells)
-    return [
-        {f"range_{unit}": [float(edges[index]), float(edges[index + 1])], "share": share}
-        for index, share in enumerate(shares(parts.tolist()))
-    ]
+    def split(rows: FloatArray) -> Partition:
+        return Partition(np.stack([np.bincount(stretch, weights=row) for row in rows], axis=1))
 
+    def cells(coordinate: FloatArray, n_cells: int, unit: str) -> list[dict[str, Any]]:
+        edges = np.linspace(float(coordinate.min()), float(coordinate.max()), n_cells + 1)
+        place = np.clip(np.searchsorted(edges, coordinate, side="right") - 1, 0, n_cells - 1)
+        return placed(place, n_cells).listed(f"range_{unit}", edges.tolist())
 
-def _bands(gaps: Gaps) -> list[dict[str, Any]]:
     period = gaps.runs[0].period_s
-    nyquist = 0.5 / period
-    edges = [edge for edge in BANDS_HZ if edge < nyquist] + [nyquist]
-    parts = np.zeros(len(edges) - 1)
-    for run, item in zip(gaps.runs, gaps.scaled, strict=True):
-        frequency = np.fft.rfftfreq(run.n_samples, run.period_s)
-        weight = np.full(len(frequency), 2.0)
-        weight[0] = 1.0
-        if run.n_samples % 2 == 0:
-            weight[-1] = 1.0
-        place = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, len(parts) - 1)
-        for values in item.values():
-            power = weight * np.abs(np.fft.rfft(values)) ** 2 / run.n_samples
-            parts += np.bincount(place, weights=power - weight, minlength=len(parts))
-    return [
-        {"band_Hz": [float(edges[index]), float(edges[index + 1])], "share": share}
-        for index, share in enumerate(shares(parts.tolist()))
-    ]
+    bands = [edge for edge in BANDS_HZ if edge < 0.5 / period] + [0.5 / period]
+    position, speed, _ = np.concatenate([run.reference for run in gaps.runs]).T
+    time = np.concatenate([np.arange(run.n_samples) * run.period_s for run in gaps.runs])
+    phase = np.concatenate([phase_of(run) for run in gaps.runs])
+    motion, motion_ci95 = placed(phase, len(PHASES)).named(PHASES)
+    channel, channel_ci95 = split(gaps.by_channel()).named(list(gaps.runs[0].channels))
+    return {
+        "motion": motion,
+        "frequency": split(gaps.by_band(bands)).listed("band_Hz", bands),
+        "position": cells(position, N_POSITIONS, "m"),
+        "velocity": cells(speed, N_SPEEDS, "m_per_s"),
+        "time": cells(time, N_TIMES, "s"),
+        "channel": channel,
+        "ci95": {"motion": motion_ci95, "channel": channel_ci95},
+    }

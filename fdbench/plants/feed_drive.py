@@ -1,17 +1,18 @@
 """Feed drive: linear motor or ball screw, rigid or with an elastic screw, in a velocity loop or position cascade."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import final
+from typing import ClassVar, final
 
 import numpy as np
 
 from fdbench.effects import Effect, Port
-from fdbench.errors import SpecError, did_you_mean
+from fdbench.errors import RecordError, SpecError, did_you_mean
 from fdbench.plants import _inverse_dynamics as inverse
 from fdbench.plants import _state_space
 from fdbench.plants import _velocity_loop as loop
-from fdbench.plants._controllers import Cascade, OpenLoop, VelocityLoop
+from fdbench.plants._controllers import Cascade, OpenLoop, VelocityLoop, check_feedback
 from fdbench.plants._drive_observer import Sensors, change_per_newton, state_space
 from fdbench.plants._friction_curve import friction_line
 from fdbench.plants._inverse_dynamics import InverseDynamics
@@ -22,7 +23,7 @@ from fdbench.simulate import layout
 from fdbench.simulate.axis import Axis, Mechanics
 from fdbench.simulate.stability import check_substep
 from fdbench.simulate.system import FloatArray, Setup
-from fdbench.specification import check_bounds, nonnegative, positive
+from fdbench.specification import bounded, check_bounds, nonnegative, positive
 
 TWO_PI = 2.0 * np.pi
 
@@ -30,23 +31,33 @@ TWO_PI = 2.0 * np.pi
 @final
 @dataclass(frozen=True, kw_only=True)
 class LinearMotor:
-    """Linear motor: the primary part moves with the table or, on an elastic axis, before it."""
+    """Linear motor: the primary part moves with the table or, on an elastic axis, before it.
+
+    With a force constant, :math:`F = k_f i`, the drive logs its current in place of its force.
+    """
 
     mass_kg: float = positive()
     viscous_friction_N_s_per_m: float = nonnegative()
+    force_constant_N_per_A: float | None = positive(default=None)
+
+    constant: ClassVar[str] = "force_constant_N_per_A"
 
     def __post_init__(self) -> None:
         check_bounds(self)
 
     @property
     def force_per_unit(self) -> float:
-        """Newton of motor force in the table's coordinates for one unit of the logged quantity."""
-        return 1.0
+        """Newton of motor force in the table's coordinates for one newton or, if logged, one ampere."""
+        return self.force_constant_N_per_A or 1.0
 
     @property
     def logged(self) -> str:
         """Column in which the drive logs the motor's command."""
-        return "motor_force_N"
+        return "motor_force_N" if self.force_constant_N_per_A is None else "motor_current_A"
+
+    def per_unit(self) -> dict[str, float | None]:
+        """Return the newtons of one unit of each column that may hold the motor's command; None where unknown."""
+        return {"motor_force_N": 1.0, "motor_current_A": self.force_constant_N_per_A}
 
 
 @final
@@ -61,6 +72,8 @@ class RotaryMotor:
     lead_m: float = positive()
     viscous_friction_N_s_per_m: float = nonnegative()
     torque_constant_Nm_per_A: float | None = positive(default=None)
+
+    constant: ClassVar[str] = "torque_constant_Nm_per_A"
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -79,6 +92,11 @@ class RotaryMotor:
     def logged(self) -> str:
         """Column in which the drive logs the motor's command."""
         return "motor_torque_Nm" if self.torque_constant_Nm_per_A is None else "motor_current_A"
+
+    def per_unit(self) -> dict[str, float | None]:
+        """Return the newtons of one unit of each column that may hold the motor's command; None where unknown."""
+        ampere = None if self.torque_constant_Nm_per_A is None else self.force_per_unit
+        return {"motor_force_N": 1.0, "motor_torque_Nm": TWO_PI / self.lead_m, "motor_current_A": ampere}
 
 
 @final
@@ -107,6 +125,65 @@ class Screw:
 
 @final
 @dataclass(frozen=True, kw_only=True)
+class Following:
+    r"""No controller is known: `fdbench diagnose` makes the simulated axis follow the measured motion with this one.
+
+    .. math:: F = m \omega \, [v_r - v + \tfrac{\omega}{4} (x_r - x)], \quad \omega = 2 \pi f
+
+    The velocity v is the difference of two readings. What is not given is found from model and
+    records: the mass is that on paper, the greatest force the measured one; the bandwidth f is lowered where the loop
+    would ring or be loud.
+    """
+
+    bandwidth_Hz: float = bounded(0.1, 1000.0, default=60.0)
+    feedback: str = "motor"
+    mass_kg: float | None = positive(default=None)
+    greatest_force_N: float | None = positive(default=None)
+
+    action_row: ClassVar[str] = "ACTION_POSITION"
+    action_name: ClassVar[str] = "position_m"
+    difference_span: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        check_feedback(self.feedback)
+
+    @property
+    def uses_table(self) -> bool:
+        """Whether the table's position is followed."""
+        return self.feedback == "table"
+
+    @property
+    def force_limit_N(self) -> float:
+        """Force that the drive can probably give: twice the greatest that was measured."""
+        return math.inf if self.greatest_force_N is None else 2.0 * self.greatest_force_N
+
+    @property
+    def velocity_gain_N_s_per_m(self) -> float:
+        """Force for a velocity error."""
+        if self.mass_kg is None:
+            raise SpecError("controller: the drive has none that is known; only fdbench diagnose does without.")
+        return TWO_PI * self.bandwidth_Hz * self.mass_kg
+
+    @property
+    def position_gain_per_s(self) -> float:
+        """Velocity for a position error; both poles lie at half the bandwidth."""
+        return TWO_PI * self.bandwidth_Hz / 4.0
+
+    def rows(self) -> Mapping[str, float]:
+        """Return the controller's rows of a block."""
+        return {
+            "USE_TABLE": float(self.uses_table),
+            "DIFFERENCE_SPAN": float(self.difference_span),
+            "POSITION_GAIN": self.position_gain_per_s,
+            "VELOCITY_FEEDFORWARD": 1.0,
+            "VELOCITY_GAIN": self.velocity_gain_N_s_per_m,
+            "FORCE_LIMIT": math.inf,
+        }
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
 class FeedDrive(Plant):
     r"""One feed axis.
 
@@ -121,7 +198,7 @@ class FeedDrive(Plant):
     """
 
     motor: LinearMotor | RotaryMotor
-    controller: VelocityLoop | Cascade | OpenLoop
+    controller: VelocityLoop | Cascade | OpenLoop | Following
     table: Table | None = None
     screw: Screw | None = None
     travel_m: float = positive()
@@ -133,7 +210,7 @@ class FeedDrive(Plant):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.sensors is not None and self.sensors.current_noise_A > 0.0 and self.motor.logged != "motor_current_A":
-            raise SpecError("sensors.current_noise_A: the motor logs no current; it has no torque_constant_Nm_per_A.")
+            raise SpecError(f"sensors.current_noise_A: the motor logs no current; it has no {self.motor.constant}.")
         if self.screw is not None and self.table is None:
             raise SpecError("table: missing table; an axis with a screw has a table behind it.")
 
@@ -207,10 +284,31 @@ class FeedDrive(Plant):
         return names + ((_state_space.MODEL,) if self.sensors else ())
 
     def motor_force(self, record: Record) -> FloatArray:
-        """Return the motor's force in table coordinates (n_samples,), from whichever command the record has."""
-        if "motor_force_N" in record:
-            return record["motor_force_N"]
-        return record[self.motor.logged] * self.motor.force_per_unit
+        """Return the motor's force in table coordinates (n_samples,), from whichever command the record has.
+
+        Raises
+        ------
+        RecordError
+            If the record has no force, torque or current that the motor on paper turns into a force.
+        """
+        known = self.motor.per_unit()
+        for name, newtons in known.items():
+            if name in record and newtons is not None:
+                return record[name] * newtons if newtons != 1.0 else record[name]
+        if "motor_current_A" in record:
+            raise RecordError(
+                f"{record.source}: motor_current_A gives no force: the model's [plant.motor] has no "
+                f"{self.motor.constant}. Add it, or map the column to motor_force_N with its gain in N/A."
+            )
+        if "motor_torque_Nm" in record:
+            raise RecordError(
+                f"{record.source}: motor_torque_Nm gives no force: the model's motor is linear. Map the column to "
+                "motor_force_N with its gain, or give the model a rotary_motor with its lead_m."
+            )
+        raise RecordError(
+            f"{record.source}: no column {' or '.join(known)}; log the controller's output and map it with its gain, "
+            "such as `gain = 35.15` for N per volt."
+        )
 
     def regression(self, record: Record, model: str) -> Regression:
         """Return the linear model filled with a record; see `FeedDrive.models`."""

@@ -25,6 +25,10 @@ _NUMBERS = {
     for decimal, point in ((".", r"\."), (",", ","))
 }
 
+# All but the tab, which may stand between cells.
+_CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f]")
+LONGEST_NAME, LONGEST_CELL = 200, 60
+
 
 class Layout(NamedTuple):
     """How a CSV file is written."""
@@ -70,6 +74,8 @@ def read_file(file: Path, kind: str, wanted: Collection[str] | None, layout: Lay
         return _read_parquet(file, wanted) if kind == "parquet" else _read_mat(file, wanted)
     except OSError as error:
         raise RecordError(f"{file}: cannot be read: {error}.") from error
+    except csv.Error as error:
+        raise RecordError(f"{file}: no CSV file: {error}.") from error
 
 
 def _choose(names: list[str], wanted: Collection[str] | None, file: Path) -> list[str]:
@@ -200,6 +206,11 @@ def _csv_header(file: Path, layout: Layout) -> tuple[list[str], int, dict[str, A
                 text = line.decode("utf-8-sig").rstrip("\r\n")
             except UnicodeDecodeError:
                 raise RecordError(f"{file}: line {number} is not UTF-8 text. Save the file as CSV in UTF-8.") from None
+            if _CONTROL.search(text):
+                raise RecordError(
+                    f"{file}: line {number} holds control characters: a binary file, or one with "
+                    "unusual ends of lines. Save it as CSV in UTF-8."
+                )
             if text.startswith("# fdbench "):
                 stored = _stored_provenance(text.removeprefix("# fdbench "), file)
             if text.strip() and not text.startswith("#"):
@@ -207,12 +218,14 @@ def _csv_header(file: Path, layout: Layout) -> tuple[list[str], int, dict[str, A
         else:
             raise RecordError(f"{file}: the file is empty.")
     names = [name.strip() for name in next(csv.reader([text], delimiter=layout.delimiter))]
+    if longest := [len(name) for name in names if len(name) > LONGEST_NAME]:
+        raise RecordError(f"{file}: line {number} holds {longest[0]} characters where the name of a column should be.")
     if all(_is_number(name, layout.decimal) for name in names):
         raise RecordError(f"{file}: line {number} holds numbers where the names of the columns should be. Add them.")
     for delimiter in ";\t|":
         if len(names) == 1 and delimiter in names[0]:
             raise RecordError(
-                f"{file}: line {number} has no '{layout.delimiter}' but '{delimiter}' between its names. Use a mapping "
+                f"{file}: line {number} has no {layout.delimiter!r} but {delimiter!r} between its names. Use a mapping "
                 f'file with delimiter = {json.dumps(delimiter)} in [record], and decimal = "," for decimal commas.'
             )
     return names, number, stored
@@ -245,8 +258,9 @@ def _csv_fault(
                         f"{where}, column {name}: the cell is empty. A record has no holes: cut the part out."
                     )
                 if not _is_number(cell, layout.decimal):
+                    shown = cell if len(cell) <= LONGEST_CELL else f"{cell[:LONGEST_CELL]}..."
                     return RecordError(
-                        f"{where}, column {name}: {cell!r} is not a number.{_text_hint(cells, cell, layout)}"
+                        f"{where}, column {name}: {shown!r} is not a number.{_text_hint(cells, cell, layout)}"
                     )
     return RecordError(f"{file}: 0 samples; a record needs at least 3." if empty else f"{file}: {message}")
 

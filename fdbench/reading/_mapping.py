@@ -142,8 +142,8 @@ def _checked(columns: Mapping[str, NDArray[Any]], raw: Raw, provenance: dict[str
 def _read_toml(file: Path) -> dict[str, Any]:
     must_exist(file)
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return tomllib.loads(file.read_text(encoding="utf-8-sig"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise SpecError(f"{file}: not valid TOML: {error}.") from error
 
 

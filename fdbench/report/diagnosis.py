@@ -254,8 +254,15 @@ def _decibels(pair: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArr
 # ---- bars ----
 
 
-def _bars(title: str, names: Sequence[str], values: Sequence[float], x_title: str, caption: str = "") -> Figure:
-    """Return a bar for each name, the first one on top."""
+def _bars(
+    title: str,
+    names: Sequence[str],
+    values: Sequence[float],
+    x_title: str,
+    caption: str = "",
+    bounds: Sequence[Sequence[float]] = (),
+) -> Figure:
+    """Return a bar for each name, the first one on top, with its interval where there are ``bounds``."""
     trace = {
         "type": "bar",
         "orientation": "h",
@@ -265,8 +272,19 @@ def _bars(title: str, names: Sequence[str], values: Sequence[float], x_title: st
         "hovertemplate": "%{y}: %{x:.3g}<extra></extra>",
         "showlegend": False,
     }
-    rows = {"categoryorder": "array", "categoryarray": [plain(name) for name in reversed(names)], "ticks": ""}
     high = max([*values, 0.0])
+    if bounds:
+        trace["error_x"] = {
+            "type": "data",
+            "symmetric": False,
+            "array": [max(above - value, 0.0) for value, (_, above) in zip(values, bounds, strict=True)],
+            "arrayminus": [max(value - below, 0.0) for value, (below, _) in zip(values, bounds, strict=True)],
+            "color": INK,
+            "thickness": 1,
+            "width": 3,
+        }
+        high = max([high, *(above for _, above in bounds)])
+    rows = {"categoryorder": "array", "categoryarray": [plain(name) for name in reversed(names)], "ticks": ""}
     horizontal = axis(x_title) | {"range": [0.0, 1.05 * high or 1.0], "zerolinecolor": GRID}
     return Figure(
         title=title,
@@ -282,12 +300,26 @@ def _where(answer: Mapping[str, Any]) -> Iterator[Block]:
         "Shares of the mean squared gap of the re-calibrated model beyond the noise floor, all channels together, each "
         "in units of its floor. What the noise alone would give is set apart, so the shares of a figure add up to 1."
     )
+    if "ci95" in answer["where"]:
+        yield note("Thin lines: 95 % of resampled stretches of time.")
     figures = []
     for key, title in PARTITIONS.items():
         cells = words.cells_of(answer, key)
         if any(share > 0.0 for _, share in cells):
-            figures.append(_bars(title, [name for name, _ in cells], [share for _, share in cells], "share"))
+            names, shares = [name for name, _ in cells], [share for _, share in cells]
+            figures.append(_bars(title, names, shares, "share", bounds=_bounds(answer["where"], key)))
     yield Grid(figures) if figures else paragraph("Nothing is beyond the noise.")
+
+
+def _bounds(where: Mapping[str, Any], key: str) -> list[list[float]]:
+    """Return the intervals of the cells of a partition; none where the answer has none, as older ones."""
+    cells = where[key]
+    found = (
+        [where.get("ci95", {}).get(key, {}).get(name) for name in cells]
+        if isinstance(cells, Mapping)
+        else [cell.get("ci95") for cell in cells]
+    )
+    return [] if None in found else found
 
 
 def _causes(found: Diagnosis) -> Iterator[Block]:
@@ -307,6 +339,8 @@ def _causes(found: Diagnosis) -> Iterator[Block]:
         "share of the mean squared gap after re-calibration",
         f"Judged on {words.judged_on(answer)}. What effects share is split by the mean over all orders.",
     )
+    if answer["next_experiment"] is not None:
+        yield from _experiment(answer["next_experiment"])
     if not causes:
         yield paragraph("No effect is named.")
         return
@@ -333,10 +367,34 @@ def _causes(found: Diagnosis) -> Iterator[Block]:
         ],
         "lrrrl",
     )
-    experiment = answer["next_experiment"]
-    if experiment is not None:
-        pair = " from ".join(experiment["to_separate"])
-        yield paragraph(f"Next experiment, to separate {pair}: {experiment['trajectory']}")
+
+
+def _experiment(experiment: Mapping[str, Any]) -> Iterator[Block]:
+    pair = " from ".join(experiment["to_separate"])
+    motion = experiment.get("motion", experiment["trajectory"])
+    file = f" ({experiment['trajectory']})" if motion not in experiment["trajectory"] else ""
+    yield paragraph(f"Next experiment, to separate {pair}: {motion}{file}")
+    if "separates" not in experiment:
+        return
+    low, high = (words.si_text(bound, "m") for bound in experiment["position_m"])
+    chance = experiment["expected_probability"]
+    rows = [
+        ["where", f"{low} to {high}"],
+        ["amplitude", words.si_text(experiment["amplitude_m"], "m")],
+        ["fastest", words.si_text(experiment["velocity_m_per_s"], "m/s")],
+        ["hardest", words.si_text(experiment["acceleration_m_per_s2"], "m/s²")],
+        ["lasts", words.si_text(experiment["duration_s"], "s")],
+        [
+            "probability of the true cause, expected",
+            f"{words.probability_text(chance['now'])} now, {words.probability_text(chance['after'])} after it",
+        ],
+        ["gain for each second of the machine", f"{experiment['expected_gain_per_s']:.2g}"],
+        *(
+            [f"{' from '.join(item['effects'])}, expected", f"{item['expected_log_odds']:.3g} of log odds"]
+            for item in experiment["separates"]
+        ),
+    ]
+    yield table(["next experiment", ""], rows, "lr")
 
 
 def _interval(value: Mapping[str, Any]) -> str:

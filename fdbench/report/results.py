@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fdbench.benchmark.leaderboard import NEGLIGIBLE, SCORE, check_mergeable, interval_text, number_text, public_text
+from fdbench.benchmark.leaderboard import (
+    NEGLIGIBLE,
+    SCORE,
+    check_mergeable,
+    interval_text,
+    number_text,
+    public_text,
+    seeds_of,
+    unranked_text,
+)
 from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.run import NULL
 from fdbench.benchmark.statistics import (
@@ -110,6 +119,8 @@ def _standings(scores: "pd.DataFrame", track: str, plant: str, styles: Mapping[s
         ],
         "rlrrrr",
     )
+    if text := unranked_text(scores, track, plant):
+        yield note(text)
     by_scenario = run_scores(scores, track, plant).groupby("scenario").mean()[names]
     rows = [
         [str(scenario), *("–" if math.isnan(value) else f"{value:.3f}" for value in values)]
@@ -131,7 +142,7 @@ def _scenarios(
         name, digest, seed = str(key), str(own["scenario_digest"].iloc[0]), int(own["seed"].min())
         scenario = known_scenario(name, digest)
         lead = [] if scenario is None else [paragraph(scenario.title), note(scenario.source)]
-        blocks: list[Block] = [*lead, note(f"{_counted(own['seed'].nunique(), 'seed')}; pictures of seed {seed}.")]
+        blocks: list[Block] = [*lead, note(f"{seeds_of(own)}; pictures of seed {seed}.")]
         blocks += _metric_tables(means[means.index.get_level_values("scenario") == name].droplevel("scenario"))
         blocks += pictures(store, name, seed, scenario, styles, n_points)
         blocks += _biases(biases[biases["scenario"] == name], styles)

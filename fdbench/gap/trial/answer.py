@@ -2,16 +2,17 @@
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from fdbench.errors import FdbenchError, SpecError
-from fdbench.gap.nominal import load_nominal
+from fdbench.gap.nominal import Nominal, load_nominal
 from fdbench.gap.trial import seal
 from fdbench.gap.trial.diagnoser import Answer, Diagnoser, diagnosers
 from fdbench.gap.trial.make import MANIFEST, MODEL, read_manifest
 from fdbench.reading import read_record
+from fdbench.record import Record
 
 OK, FAILED = "ok", "failed"
 
@@ -26,7 +27,8 @@ def answer(folder: Path, diagnoser: str, output: Path, progress: Callable[[str],
     diagnoser : str
         Registered name.
     output : Path
-        JSON file; its SHA-256 is written beside it. A file that exists is not overwritten: an answer is final.
+        JSON file; its SHA-256 is written beside it. A file that exists is not overwritten: an answer is final. Until
+        all cases are answered, those that are lie in ``<output>.partial``, from which an interrupted run goes on.
     progress : callable, optional
 
     Raises
@@ -38,36 +40,59 @@ def answer(folder: Path, diagnoser: str, output: Path, progress: Callable[[str],
         raise SpecError(f"{output}: exists already; answers are handed in once. Give another file.")
     manifest = read_manifest(folder)
     kind = diagnosers.get(diagnoser)
-    cases: dict[str, Any] = {}
-    content = {
+    kept = output.with_name(f"{output.name}.partial")
+    content: dict[str, Any] = {
         "diagnoser": diagnoser,
         "constant": kind.constant,
         "commit": seal.code_commit(),
         "code_sha256": seal.code_digest(),
         "manifest_sha256": seal.file_digest(folder / MANIFEST),
-        "cases": cases,
     }
+    cases: dict[str, Any] = _kept(kept, content)
     for number, (name, case) in enumerate(manifest["cases"].items(), 1):
+        if name in cases:
+            continue
         if progress is not None:
             progress(f"case {number} of {len(manifest['cases'])}")
         start = time.perf_counter()
         given = _answer(kind(), folder / name, sorted(case["files"]), manifest["effects"])
         cases[name] = {**given, "seconds": time.perf_counter() - start}
-    try:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        output.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise SpecError(f"{output}: cannot be written: {error.strerror}.") from error
+        _write(kept, {**content, "cases": cases})
+    content["cases"] = {name: cases[name] for name in manifest["cases"]}
+    _write(output, content)
     seal.write_digest(output)
+    kept.unlink(missing_ok=True)
     return content
+
+
+def _kept(path: Path, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the answers of an interrupted run of the same code on the same trial."""
+    if not path.exists():
+        return {}
+    found = seal.read_json(path, "answers that were interrupted")
+    same = all(found.get(name) == value for name, value in content.items())
+    return dict(found["cases"]) if same else {}
+
+
+def _write(path: Path, content: Mapping[str, Any]) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise SpecError(f"{path}: cannot be written: {error.strerror}.") from error
+
+
+def read_case(place: Path, files: Sequence[str]) -> tuple[Nominal, list[Record], list[Record]]:
+    """Return the model of a case, its records and those held out."""
+    records, holdouts = (
+        [read_record(place / file) for file in files if file.startswith(f"{part}/")] for part in ("records", "holdouts")
+    )
+    return load_nominal(place / MODEL), records, holdouts
 
 
 def _answer(diagnoser: Diagnoser, place: Path, files: list[str], effects: list[str]) -> dict[str, Any]:
     """Return what a diagnoser says of one case; a failure is an answer that names nothing."""
-    nominal = load_nominal(place / MODEL)
-    records, holdouts = (
-        [read_record(place / file) for file in files if file.startswith(f"{part}/")] for part in ("records", "holdouts")
-    )
+    nominal, records, holdouts = read_case(place, files)
     try:
         given, status, message = diagnoser.diagnose(nominal, records, holdouts), OK, ""
         unlisted = sorted(set(given.effects) - set(effects))

@@ -90,16 +90,16 @@ class Yardstick:
         self.sides = sides
         self.noise = np.ones((1 + len(sides), 1))
         healthy = bench.axis({})
-        self.clean = [np.zeros((1 + len(sides), 1))] * len(motions)
-        self.clean = self._signature(healthy)
+        self._last: tuple[Axis, list[FloatArray]] | None = None
+        self.clean = self._quiet(healthy)
         self.noise = self.unrest(healthy, rng)
         moved = [self._joined(bench.axis({}, {name: size})) for name, size in ERRORS.items()]
         self.paper, _ = np.linalg.qr(np.stack(moved, axis=1))
 
     def unrest(self, axis: Axis, rng: np.random.Generator) -> FloatArray:
         """Return what noise does to each channel as root mean square in units of that of the healthy axis."""
-        pairs = [(axis.readings(motion, rng), axis.readings(motion, None)) for motion in self.motions]
-        differences = np.concatenate([self._channels(noisy) - self._channels(clean) for noisy, clean in pairs], axis=1)
+        noisy = [self._channels(axis.readings(motion, rng)) for motion in self.motions]
+        differences = np.concatenate(noisy, axis=1) - np.concatenate(self._quiet(axis), axis=1)
         return np.asarray(np.sqrt(np.mean(differences**2, axis=1, keepdims=True)) / self.noise)
 
     def mean_square(self, axis: Axis, beside_paper: bool) -> float:
@@ -119,12 +119,15 @@ class Yardstick:
         ends = np.cumsum([len(self.noise) * len(motion) for motion in self.motions])
         return max(float(np.mean(part**2)) for part in np.split(joined, ends[:-1]))
 
-    def _signature(self, axis: Axis) -> list[FloatArray]:
-        found = [self._channels(axis.readings(motion, None)) for motion in self.motions]
-        return [(own - clean) / self.noise for own, clean in zip(found, self.clean, strict=True)]
+    def _quiet(self, axis: Axis) -> list[FloatArray]:
+        """Return the channels of each motion without noise; those of the last axis are kept."""
+        if self._last is None or self._last[0] is not axis:
+            self._last = axis, [self._channels(axis.readings(motion, None)) for motion in self.motions]
+        return self._last[1]
 
     def _joined(self, axis: Axis) -> FloatArray:
-        return np.concatenate([part.ravel() for part in self._signature(axis)])
+        found = zip(self._quiet(axis), self.clean, strict=True)
+        return np.concatenate([((own - clean) / self.noise).ravel() for own, clean in found])
 
     def _channels(self, readings: Mapping[str, FloatArray]) -> FloatArray:
         """Return what the diagnosis compares: force, position of the loop, and the stretch where it is recorded."""

@@ -56,10 +56,14 @@ class LibraryAxis:
     drive: FeedDrive
     unmodelled: tuple[Effect, ...]
     period_s: float
+    friction_change: float = 0.0
 
     def readings(self, reference: FloatArray, rng: np.random.Generator | None) -> dict[str, FloatArray]:
         """Return what a logger writes; see `fdbench.gap.trial.bench.Axis`."""
         on = 0.0 if rng is None else 1.0
+        drive = self.drive
+        if rng is not None and self.friction_change > 0.0:
+            drive = _rubbing(drive, 1.0 + self.friction_change * float(np.clip(rng.standard_normal(), -2.5, 2.5)))
         # A force of one period changes the speed of the whole mass.
         kick_m_per_s = PROCESS_FORCE_N * self.period_s / self.drive.mass_kg
         duration_s = len(reference) * self.period_s
@@ -73,8 +77,8 @@ class LibraryAxis:
             ),
             unmodelled=self.unmodelled,
         )
-        axis = self.drive.system(setup)
-        for index, effect in enumerate(self.unmodelled, len(self.drive.effects)):
+        axis = drive.system(setup)
+        for index, effect in enumerate(self.unmodelled, len(drive.effects)):
             axis.enable(
                 index, any(getattr(effect, name) != 0.0 for name in (effect.amplitude, *effect.further_amplitudes))
             )
@@ -102,12 +106,17 @@ class LibraryBench(Bench):
     errors : mapping of str to float
         By how much the values on paper are off; see `fdbench.gap.trial.bench.ERRORS`.
     period_s : float
+    friction_change : float
+        Standard deviation of the share by which the friction of a run differs.
     """
 
-    def __init__(self, nominal: Nominal, errors: Mapping[str, float], period_s: float) -> None:
+    def __init__(
+        self, nominal: Nominal, errors: Mapping[str, float], period_s: float, friction_change: float = 0.0
+    ) -> None:
         self.drive = nominal.drive
         self.errors = errors
         self.period_s = period_s
+        self.friction_change = friction_change
         self.kinds = [kind for kind in nominal.library if self.drive.screw is not None or not kind.needs_screw]
         self.clutter = {kind.name: kind.typical().scaled(0.0) for kind in self.kinds}
 
@@ -188,12 +197,22 @@ class LibraryBench(Bench):
             drive=dataclasses.replace(drive, motor=motor, table=table, effects=known),
             unmodelled=tuple(own[kind.name] for kind in self.kinds),
             period_s=self.period_s,
+            friction_change=self.friction_change,
         )
 
     def _replaced(self, kind: type[Effect]) -> int | None:
         """Return the index of the known effect that a class takes the place of."""
         known = enumerate(self.drive.effects)
         return next((index for index, item in known if kind.in_place_of(item) is not None), None)
+
+
+def _rubbing(drive: FeedDrive, factor: float) -> FeedDrive:
+    """Return the drive with all friction that its model knows multiplied."""
+    parts = {name: part for name in ("motor", "table") if (part := getattr(drive, name)) is not None}
+    moved: dict[str, Any] = {
+        name: _off(part, {"viscous_friction_N_s_per_m": factor - 1.0}) for name, part in parts.items()
+    }
+    return dataclasses.replace(drive, **moved, effects=tuple(item.scaled(factor) for item in drive.effects))
 
 
 def _off(part: Any, errors: Mapping[str, float]) -> Any:

@@ -203,6 +203,13 @@ def _bend(v: float, v_0: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def _wobble(turn: float, phase: float) -> float:
+    """Return the periodic error of the screw for an amplitude of 1."""
+    wobble: float = np.sin(turn + phase) - np.sin(phase) + 0.25 * np.sin(2.0 * turn)
+    return wobble
+
+
+@njit(cache=True, error_model="numpy")
 def _contact(u: float, gap: float) -> tuple[float, float]:
     """Return what a rounded dead zone passes on of a stretch, and its derivative."""
     if gap <= 0.0:
@@ -229,15 +236,19 @@ def _derivative(t, y, dy, x_0, m, w, force, process, stops, stiffness, limit, s)
     if w.iron_force_N > 0.0:
         delivered = w.iron_force_N * np.arctan(delivered / w.iron_force_N)
     turn = TURN * x_m / m.lead_m
-    delivered *= 1.0 + w.ripple * np.sin(w.ripple_order * turn + w.ripple_phase_rad)
-    angle = w.detent_order * turn + w.detent_phase_rad
+    if w.ripple != 0.0:
+        delivered *= 1.0 + w.ripple * np.sin(w.ripple_order * turn + w.ripple_phase_rad)
     motor = delivered - m.motor_viscous_N_s_per_m * s * v_m
-    motor -= w.detent_force_N * (np.sin(angle) + 0.2 * np.sin(3.0 * angle))
+    if w.detent_force_N != 0.0:
+        angle = w.detent_order * turn + w.detent_phase_rad
+        motor -= w.detent_force_N * (np.sin(angle) + 0.2 * np.sin(3.0 * angle))
     # Screw: wobble with a second harmonic, slope, growth with two time constants, rounded gap, softer with distance.
-    wobble = np.sin(turn + w.screw_phase_rad) - np.sin(w.screw_phase_rad) + 0.25 * np.sin(2.0 * turn)
-    warmth = 1.0 - 0.6 * np.exp(-t / w.warming_time_s) - 0.4 * np.exp(-0.3 * t / w.warming_time_s)
-    grown = w.screw_error_m * wobble + w.screw_slope * x_m
-    grown += STEEL_PER_K * w.warming_K * warmth * (x_m - w.warming_origin_m)
+    grown = w.screw_slope * x_m
+    if w.screw_error_m != 0.0:
+        grown += w.screw_error_m * _wobble(turn, w.screw_phase_rad)
+    if w.warming_K != 0.0:
+        warmth = 1.0 - 0.6 * np.exp(-t / w.warming_time_s) - 0.4 * np.exp(-0.3 * t / w.warming_time_s)
+        grown += STEEL_PER_K * w.warming_K * warmth * (x_m - w.warming_origin_m)
     stretch, share = _contact(x_m + grown - x_t, w.gap_m)
     compliance = 1.0 + w.softening * (1.0 + 2.0 * x_t)
     screw = m.stiffness_N_per_m * stretch / compliance + m.damping_N_s_per_m * share * (v_m - v_t) / compliance
@@ -250,19 +261,25 @@ def _derivative(t, y, dy, x_0, m, w, force, process, stops, stiffness, limit, s)
         guide = s * (m.sliding_friction_N - w.loop_force_N) * np.tanh(v_t / m.sliding_velocity_m_per_s)
         lift = 1.0
     guide += s * m.table_viscous_N_s_per_m * v_t + w.grease_N_s_per_m * v_t / (1.0 + 0.3 * abs(v_t))
-    guide += w.falling_force_N * np.exp(-abs(v_t) / w.falling_velocity_m_per_s) * rub
+    if w.falling_force_N != 0.0:
+        guide += w.falling_force_N * np.exp(-abs(v_t) / w.falling_velocity_m_per_s) * rub
     guide += w.preload_friction_N * rub
     guide += w.uneven_friction_N * rub * rub + w.uneven_viscous_N_s_per_m * abs(v_t)
-    place = TURN * x_t / w.place_period_m + w.place_phase_rad
-    guide += w.place_force_N * (np.sin(place) + 0.15 * np.sin(2.0 * place)) * rub
-    guide += w.load_coefficient * np.sqrt(screw * screw + 25.0) * rub
+    if w.place_force_N != 0.0:
+        place = TURN * x_t / w.place_period_m + w.place_phase_rad
+        guide += w.place_force_N * (np.sin(place) + 0.15 * np.sin(2.0 * place)) * rub
+    if w.load_coefficient != 0.0:
+        guide += w.load_coefficient * np.sqrt(screw * screw + 25.0) * rub
     guide += w.cold_force_N / (1.0 + t / w.cold_time_s) * rub
-    guide += w.drag_N_at_1_m_per_s * abs(v_t) ** 0.75 * v_t
+    if w.drag_N_at_1_m_per_s != 0.0:
+        guide += w.drag_N_at_1_m_per_s * abs(v_t) ** 0.75 * v_t
     guide += w.chain_stiffness_N_per_m * x_t + w.weight_N
-    angle = TURN * w.line_frequency_Hz * t + w.line_phase_rad
-    guide += w.line_force_N * (np.sin(angle) + 0.15 * np.cos(2.0 * angle))
-    away = (x_t - w.bump_place_m) / w.bump_width_m
-    guide += w.bump_force_N / (1.0 + away * away) ** 2 * rub
+    if w.line_force_N != 0.0:
+        angle = TURN * w.line_frequency_Hz * t + w.line_phase_rad
+        guide += w.line_force_N * (np.sin(angle) + 0.15 * np.cos(2.0 * angle))
+    if w.bump_force_N != 0.0:
+        away = (x_t - w.bump_place_m) / w.bump_width_m
+        guide += w.bump_force_N / (1.0 + away * away) ** 2 * rub
     for i in range(stops.shape[0]):
         if limit[i] > 0.0:
             top = limit[i] * lift if i < CABLE else limit[i]
@@ -292,8 +309,7 @@ def march(machine, loop, wrong, reference, period, noise, latency, stiffness, li
     stops = np.zeros(stiffness.shape[0])
     y[0] = y[2] = y[6] = reference[0, 0]
     # The screw is at rest at the start, its error included.
-    turn = TURN * reference[0, 0] / machine.lead_m
-    wobble = np.sin(turn + wrong.screw_phase_rad) - np.sin(wrong.screw_phase_rad) + 0.25 * np.sin(2.0 * turn)
+    wobble = _wobble(TURN * reference[0, 0] / machine.lead_m, wrong.screw_phase_rad)
     y[2] = y[6] = reference[0, 0] + wrong.screw_error_m * wobble + wrong.screw_slope * reference[0, 0]
     delay = max(1, int(np.ceil((latency * period + wrong.late_s) / h)))
     n_late = delay + STEPS + 1

@@ -24,15 +24,22 @@ OF_TIER_C = {(0, 1): 0.4, (1, 1): 0.25, (1, 0): 0.35}  # probabilities of (liste
 SMALLEST_SIGNATURE = 1.0  # mean square of a planted effect in some motion, in units of the noise
 MOST_UNREST = 4.0  # noise of an axis against that of the healthy one, beyond which it counts as unstable
 MOST_DRAWS = 80
+THIN, HIDDEN = 0.2, 0.3  # of tier L: probabilities of a production cycle alone, and of an effect taken out
+FRICTION_CHANGE = (0.0, 0.05)  # of tier L: from run to run, standard deviation
 
 
 class Tier(StrEnum):
-    """A: the library's forms. B: a second implementation. C: effects the library lacks. D: B with thin data."""
+    """A: the library's forms. B: a second implementation. C: effects the library lacks. D: B with thin data.
+
+    L is to learn from: A with friction that changes from run to run, some cases with thin data, and some with an effect
+    that the model excludes from the library.
+    """
 
     A = "A"
     B = "B"
     C = "C"
     D = "D"
+    L = "L"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,30 +78,34 @@ def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> C
     """
     model = model_tables(rng)
     nominal = read(Nominal, model, "axis.toml: model")
-    motions = protocol.production_cycle(rng) if tier is Tier.D else protocol.full_protocol(rng)
+    thin = tier is Tier.D or (tier is Tier.L and rng.random() < THIN)
+    motions = protocol.production_cycle(rng) if thin else protocol.full_protocol(rng)
     errors = {name: size * float(np.clip(rng.standard_normal(), -2.0, 2.0)) for name, size in ERRORS.items()}
     bench: Bench
     if tier is Tier.A:
         bench = LibraryBench(nominal, errors, protocol.PERIOD_S)
+    elif tier is Tier.L:
+        bench = LibraryBench(nominal, errors, protocol.PERIOD_S, float(rng.uniform(*FRICTION_CHANGE)))
     else:
         bench = ApartBench(nominal, errors, protocol.PERIOD_S, rng)
     sides: tuple[str, ...] = ("table_position_m", "motor_position_m")
     sides = sides if nominal.drive.controller.uses_table else sides[::-1]
-    sides = sides[:1] if tier is Tier.D else sides
+    sides = sides[:1] if thin else sides
     planted, sizes = _planted(bench, tier, effects, list(motions.records.values()), sides, rng)
     axis = bench.axis(planted)
 
     def recorded(name: str, reference: FloatArray) -> Record:
         return record_of(name, reference, axis.readings(reference, rng), sides)
 
-    described = {
-        part: [
-            {"name": name, "parameters": dict(planted[name]), "mean_square": sizes[name]}
-            for name in bench.names(listed=part == "listed")
-            if name in planted
-        ]
-        for part in ("listed", "unlisted")
-    }
+    listed = bench.names(listed=True)
+    hidden = [name for name in planted if name in listed and not bench.is_value_on_paper(name)]
+    if tier is Tier.L and hidden and rng.random() < HIDDEN:
+        model["exclude"] = [str(rng.choice(hidden))]
+        listed = [name for name in listed if name not in model["exclude"]]
+    described: dict[str, list[dict[str, Any]]] = {"listed": [], "unlisted": []}
+    for name, drawn in planted.items():
+        item = {"name": name, "parameters": dict(drawn), "mean_square": sizes[name]}
+        described["listed" if name in listed else "unlisted"].append(item)
     return Case(
         model=model,
         records={
@@ -166,9 +177,12 @@ def _planted(
         drawn = bench.draw(name, rng)
         if any(bench.clash(name, other) for other in planted):
             continue
-        size = yardstick.mean_square(bench.axis({name: drawn}), not bench.is_value_on_paper(name))
+        axis = bench.axis({name: drawn})
+        size = yardstick.mean_square(axis, not bench.is_value_on_paper(name))
+        if size < SMALLEST_SIGNATURE:
+            continue
         together = planted | {name: drawn}
-        if size >= SMALLEST_SIGNATURE and (yardstick.unrest(bench.axis(together), rng) <= MOST_UNREST).all():
+        if (yardstick.unrest(bench.axis(together) if planted else axis, rng) <= MOST_UNREST).all():
             planted, sizes = together, sizes | {name: size}
     if len(planted) == len(wanted):
         return planted, sizes

@@ -3,14 +3,14 @@
 import math
 from collections.abc import Sequence
 
-from fdbench.gap.diagnose import TOO_SMALL, split_runs
+from fdbench.gap.diagnose import split_runs
 from fdbench.gap.evidence import Split
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.replay import Replay
 from fdbench.gap.runs import prepare
 from fdbench.record import Record
 
-STEEP = 20.0
+TOO_SMALL, STEEP = 1.3, 20.0  # mean squared gap in units of the floor that is as likely noise as not
 MEASURABLE = 1.5  # mean squared gap in units of the floor below which its closure means nothing
 
 

@@ -6,21 +6,22 @@ from typing import final
 from fdbench.gap.diagnose import diagnose
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.trial.diagnoser import Answer, Diagnoser
-from fdbench.gap.trial.diagnosers._search import accepted, closure_of
+from fdbench.gap.trial.diagnosers._search import closure_of
 from fdbench.record import Record
 
 
 @final
 class Fdbench(Diagnoser):
-    """What ``fdbench diagnose`` says; effects that it did not name have the probability of their best stage."""
+    """What ``fdbench diagnose`` says: its causes, those it suspects, and what may be there in place of a cause."""
 
     def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Answer:
         found = diagnose(nominal, records, holdouts)
         chances: dict[str, float] = {}
-        for stage in accepted(found):
-            for rival, probability in zip(stage.rivals, stage.probabilities(), strict=True):
-                chances[rival.kind.name] = max(chances.get(rival.kind.name, 0.0), probability)
-        chances |= {cause["effect"]: float(cause["probability"]) for cause in found.answer["causes"]}
+        for cause in (*found.answer["suspects"], *found.answer["causes"]):
+            for name, chance in cause.get("alternatives", {}).items():
+                chances[name] = max(chances.get(name, 0.0), chance)
+        chances |= {cause["effect"]: cause["probability"] for cause in found.answer["suspects"]}
+        chances |= {cause["effect"]: cause["probability"] for cause in found.answer["causes"]}
         return Answer(
             effects=chances,
             unknown=float(found.answer["unknown_probability"]),

@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from typing import final
 
-from fdbench.gap.diagnose import mean_gap, parametric_causes
 from fdbench.gap.hypothesis import start
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.search import Search
+from fdbench.gap.shrink import channel_gaps
 from fdbench.gap.trial.diagnoser import Answer, Diagnoser
 from fdbench.gap.trial.diagnosers._common import closed, prepared
+from fdbench.gap.verdict import off_paper
 from fdbench.record import Record
 
 
@@ -22,10 +23,12 @@ class RecalibrationOnly(Diagnoser):
     def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Answer:
         replay, split = prepared(nominal, records, holdouts)
         paper = start(nominal)
-        before = mean_gap(replay, split, paper)
-        fitted = Search(replay, split).refine(paper)
-        after = mean_gap(replay, split, fitted)
-        causes = {cause["effect"]: cause["probability"] for cause in parametric_causes(replay, split, fitted, before)}
+        before = channel_gaps(replay, split, paper)
+        search = Search(replay, split)
+        fitted = search.refine(paper)
+        after = float(channel_gaps(replay, split, fitted).mean())
+        values, _, _ = off_paper(search, fitted, 1.0 - after / max(float(before.mean()), 1e-12))
+        causes = {cause["effect"]: float(cause["probability"]) for cause in values}
         left = 1.0 - 1.0 / max(after, 1.0)
         none = (1.0 - left) * (1.0 - max(causes.values(), default=0.0))
-        return Answer(effects=causes, unknown=left, none=none, closure=closed(before, after))
+        return Answer(effects=causes, unknown=left, none=none, closure=closed(float(before.mean()), after))

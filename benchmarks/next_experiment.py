@@ -1,0 +1,190 @@
+"""Does the proposed experiment find the cause more often than another one?
+
+Axes of the package's simulator have one effect of the library each, clutter, and values that paper has slightly wrong.
+First only constant speeds are recorded. Where the verdict is ambiguous, one motion of each kind of the menu is recorded
+beside them, and the one that was proposed if it is another; each pair of motions is diagnosed. "Random" is the mean of
+the kinds: what drawing one of them gives. The best fixed kind is the one that turns out best on the same cases.
+
+Cases that are done are kept in a file, so that a run can be broken off and go on.
+"""
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import numpy as np
+from _measure import describe_machine
+from threadpoolctl import threadpool_limits
+
+from fdbench.errors import FdbenchError
+from fdbench.gap import search
+from fdbench.gap.diagnose import Diagnosis, diagnose
+from fdbench.gap.next_experiment import Trajectory, menu_of, proposed
+from fdbench.gap.nominal import Nominal
+from fdbench.gap.trial import protocol, tiers
+from fdbench.gap.trial.bench import ERRORS, Yardstick
+from fdbench.gap.trial.bench_library import LibraryAxis, LibraryBench
+from fdbench.record import FloatArray, Record
+from fdbench.specification import read
+
+AMBIGUOUS = 0.9  # probability of the first effect below which a verdict is ambiguous
+REPEATS = 2
+BAR = 0.10
+RESAMPLES = 10_000
+FIRST, PROPOSED, RANDOM = "no second experiment", "proposed", "random"
+Verdict = dict[str, float]
+
+
+class Machine:
+    """One axis with one effect, which its constant speeds show."""
+
+    def __init__(self, seed: int, number: int) -> None:
+        self.seed = (seed, number)
+        rng = np.random.default_rng(self.seed)
+        self.nominal = read(Nominal, tiers.model_tables(rng), "axis.toml")
+        self.speeds = protocol.full_protocol(rng).records["speeds"]
+        errors = {name: size * float(np.clip(rng.standard_normal(), -2.0, 2.0)) for name, size in ERRORS.items()}
+        bench = LibraryBench(self.nominal, errors, protocol.PERIOD_S)
+        sides = ("table_position_m", "motor_position_m")
+        self.sides = sides if self.nominal.drive.controller.uses_table else sides[::-1]
+        yardstick = Yardstick(bench, [self.speeds], self.sides, rng)
+        bench.add_clutter(yardstick, rng)
+        self.planted, self.axis = self._plant(bench, yardstick, rng)
+
+    @staticmethod
+    def _plant(bench: LibraryBench, yardstick: Yardstick, rng: np.random.Generator) -> tuple[str, LibraryAxis]:
+        names = [name for name in bench.names(listed=True) if not bench.is_value_on_paper(name)]
+        for _ in range(tiers.MOST_DRAWS):
+            name = str(rng.choice(names))
+            axis = bench.axis({name: bench.draw(name, rng)})
+            visible = yardstick.mean_square(axis, beside_paper=True) >= tiers.SMALLEST_SIGNATURE
+            if visible and (yardstick.unrest(axis, rng) <= tiers.MOST_UNREST).all():
+                return name, axis
+        raise FdbenchError(f"{tiers.MOST_DRAWS} draws gave no effect that shows at constant speeds.")
+
+    def records(self, name: str, reference: FloatArray, place: int) -> list[Record]:
+        """Record a motion; ``place`` sets its noise."""
+        rng = np.random.default_rng((*self.seed, 1 + place))
+        return [
+            tiers.record_of(f"{name}_{repeat}", reference, self.axis.readings(reference, rng), self.sides)
+            for repeat in range(REPEATS)
+        ]
+
+
+def chances(found: Diagnosis) -> Verdict:
+    """Return the probability of each effect in a verdict."""
+    result: Verdict = {}
+    for cause in (*found.answer.get("suspects", ()), *found.answer["causes"]):
+        for name, chance in {**cause.get("alternatives", {}), cause["effect"]: cause["probability"]}.items():
+            result[name] = max(result.get(name, 0.0), float(chance))
+    return result
+
+
+def one_of_each_kind(every: Sequence[Trajectory]) -> list[Trajectory]:
+    """Return the motion in the middle of the list of each kind."""
+    kinds = {item.kind: [other for other in every if other.kind == item.kind] for item in every}
+    return [items[len(items) // 2] for items in kinds.values()]
+
+
+def case(seed: int, number: int) -> dict[str, Any]:
+    """Return the planted effect and what is said of it after the first motion and, if in doubt, after two."""
+    machine = Machine(seed, number)
+    records = machine.records("speeds", machine.speeds, 0)
+    found = diagnose(machine.nominal, records)
+    first = chances(found)
+    row: dict[str, Any] = {"seed": seed, "case": number, "planted": machine.planted, FIRST: first}
+    if not 0.0 < max(first.values(), default=0.0) < AMBIGUOUS:
+        return row
+    every = menu_of(found.split, found.final.nominal)
+    choice = proposed(found)
+    tried = one_of_each_kind(every)
+    if choice is not None and choice.words not in [item.words for item in tried]:
+        tried.append(choice)
+    verdicts = {
+        item.words: chances(diagnose(machine.nominal, [*records, *machine.records("second", item.reference, place)]))
+        for place, item in enumerate(tried, 1)
+    }
+    kinds = {item.kind: verdicts[item.words] for item in one_of_each_kind(every)}
+    expected = found.answer["next_experiment"]
+    return {
+        **row,
+        "kinds": kinds,
+        PROPOSED: first if choice is None else verdicts[choice.words],
+        "motion": None if choice is None else choice.words,
+        "expected": None if expected is None else expected["expected_probability"],
+    }
+
+
+def top_1(verdict: Verdict, planted: str) -> float:
+    return float(verdict != {} and max(verdict, key=verdict.__getitem__) == planted)
+
+
+def of_truth(verdict: Verdict, planted: str) -> float:
+    return verdict.get(planted, 0.0)
+
+
+def table(rows: Sequence[dict[str, Any]]) -> bool:
+    """Print both scores of every arm with intervals, and return whether the bar is met."""
+    open_ = [row for row in rows if "kinds" in row]
+    print(
+        f"\n{len(rows)} cases, {len(open_)} ambiguous, {sum(row['motion'] is None for row in open_)} without proposal"
+    )
+    if not open_:
+        return False
+    n = len(open_)
+    draws = np.random.default_rng(0).integers(0, n, (RESAMPLES, n))
+
+    def with_interval(values: FloatArray) -> str:
+        low, high = np.percentile(values[draws].mean(axis=1), [2.5, 97.5])
+        return f"{values.mean():6.3f} [{low:6.3f}, {high:6.3f}]"
+
+    met = False
+    for title, score in (("top-1", top_1), ("mean probability of the truth", of_truth)):
+        arms = {FIRST: np.array([score(row[FIRST], row["planted"]) for row in open_])}
+        arms[PROPOSED] = np.array([score(row[PROPOSED], row["planted"]) for row in open_])
+        kinds = {
+            kind: np.array([score(row["kinds"][kind], row["planted"]) for row in open_]) for kind in open_[0]["kinds"]
+        }
+        arms[RANDOM] = np.mean(list(kinds.values()), axis=0)
+        print(f"\n{title}, 95 % of resampled cases")
+        for name, values in {**arms, **{f"always {kind}": values for kind, values in kinds.items()}}.items():
+            print(f"  {name:28} {with_interval(values)}")
+        best = max(kinds, key=lambda kind: float(kinds[kind].mean()))
+        gain = arms[PROPOSED] - arms[RANDOM]
+        print(f"  {'proposed less random':28} {with_interval(gain)}")
+        print(f"  {f'proposed less {best}':28} {with_interval(arms[PROPOSED] - kinds[best])}")
+        if score is top_1:
+            met = bool(gain.mean() >= BAR)
+            print(f"  bar {BAR:.2f} above random: {'met' if met else 'MISSED'}")
+    forecasts = [row["expected"]["after"] for row in open_ if row["expected"] is not None]
+    if forecasts:
+        print(f"\nexpected probability of the truth after the proposed experiment: {np.mean(forecasts):.3f}")
+    return met
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--ambiguous", type=int, default=5, help="ambiguous cases; about a minute of CPU time each")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--store", type=Path, default=Path("results/next_experiment.jsonl"), help="cases that are done")
+    chosen = parser.parse_args()
+    describe_machine()
+    search.MOST_EFFECTS = 1  # no more are planted; rounds that look for others would double the time
+    chosen.store.parent.mkdir(parents=True, exist_ok=True)
+    lines = chosen.store.read_text("utf-8").splitlines() if chosen.store.exists() else []
+    rows = [row for row in map(json.loads, lines) if row["seed"] == chosen.seed]
+    start = process_time()
+    with threadpool_limits(1), chosen.store.open("a", encoding="utf-8") as file:
+        while sum("kinds" in row for row in rows) < chosen.ambiguous:
+            rows.append(case(chosen.seed, len(rows)))
+            file.write(json.dumps(rows[-1]) + "\n")
+            file.flush()
+    print(f"{process_time() - start:.0f} s of CPU time")
+    table(rows)
+
+
+if __name__ == "__main__":
+    main()

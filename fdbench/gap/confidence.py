@@ -1,0 +1,155 @@
+"""Confidence: how often what the search shows has turned out right, as logistic models learned on simulated trials."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from fdbench.effects import Effect
+from fdbench.gap.search import Stage
+from fdbench.specification import load_toml, read
+
+FILE = Path(__file__).with_name("confidence.toml")
+SMALLEST_SHARE, SMALLEST_SIZE, SMALLEST_MISFIT, SMALLEST_LEFT = 1e-4, 1e-3, 0.3, 1e-3
+
+Signs = Mapping[str, float]
+"""What speaks for a claim, by name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sign:
+    """One sign in a logistic model: its mean and scatter in the trials that were learned from, and its weight."""
+
+    centre: float
+    scatter: float
+    weight: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Head:
+    r"""Probability that a claim is right, :math:`p = 1 / (1 + e^{-z})`, :math:`z = b + \sum_i w_i (s_i - c_i) / d_i`.
+
+    Attributes
+    ----------
+    bias : float
+        :math:`b`.
+    signs : mapping of str to Sign
+        Centre :math:`c`, scatter :math:`d` and weight :math:`w` of each.
+    claims, right : int
+        How many claims were learned from, and how many of them were right.
+    """
+
+    bias: float
+    signs: Mapping[str, Sign]
+    claims: int
+    right: int
+
+    def probability(self, found: Signs) -> float:
+        """Return the probability of a claim; never surer than one claim more could contradict."""
+        z = self.bias + sum(
+            sign.weight * (found[name] - sign.centre) / sign.scatter for name, sign in self.signs.items()
+        )
+        surest = 1.0 / (self.claims + 2.0)
+        return min(max(1.0 / (1.0 + math.exp(-max(min(z, 50.0), -50.0))), surest), 1.0 - surest)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Heads:
+    """Heads for an effect, one that was nearly added, a value on paper, an unknown cause, no gap; and their origin."""
+
+    effect: Head
+    suspect: Head
+    value: Head
+    unknown: Head
+    none: Head
+    source: str
+
+
+@lru_cache(maxsize=1)
+def heads() -> Heads:
+    """Return the heads that the package was shipped with."""
+    return read(Heads, load_toml(FILE), FILE.name)
+
+
+def of_effect(contest: Stage, kind: type[Effect]) -> dict[str, float]:
+    """Return the signs of an effect.
+
+    What else the contest shows (share and size of what it closes, steadiness over time, tempered evidence) told nothing
+    more about other trials than the ones learned from.
+
+    Parameters
+    ----------
+    contest : Stage
+        The model without the effect, and what rivals make of that.
+    kind : Effect class
+    """
+    own = next(rival for rival in contest.rivals if rival.kind is kind)
+    others = [contest.log_evidence(rival.misfit, rival.penalty) for rival in contest.rivals if rival.kind is not kind]
+    best = max([contest.log_evidence(contest.misfit, contest.penalty), *others])
+    return {
+        "before": math.log(max(contest.misfit, SMALLEST_MISFIT)),
+        "after": math.log(max(own.misfit, SMALLEST_MISFIT)),
+        "margin": math.asinh(contest.log_evidence(own.misfit, own.penalty) - best),
+    }
+
+
+def of_value(distance: float, closed: float, share: float, misfit: float) -> dict[str, float]:
+    """Return the signs of a value on paper that is off by more than it should.
+
+    Parameters
+    ----------
+    distance : float
+        Standard deviations by which it moved.
+    closed, misfit : float
+        Mean squared held-out gap that its correction closes, and what is left, in units of the floor.
+    share : float
+        Of the gap on paper.
+    """
+    return {
+        "distance": math.log(max(distance, 0.1)),
+        "size": math.log10(max(closed, SMALLEST_SIZE)),
+        "share": math.log10(max(share, SMALLEST_SHARE)),
+        "misfit": math.log(max(misfit, SMALLEST_MISFIT)),
+    }
+
+
+def of_unknown(misfit: float, gap: float, on_paper: float) -> dict[str, float]:
+    """Return the signs of an unknown cause.
+
+    Parameters
+    ----------
+    misfit : float
+        Weighted misfit that is left beside all effects that were found.
+    gap, on_paper : float
+        Mean squared held-out gap that is left, and on paper, in units of the floor.
+    """
+    return {
+        "misfit": math.log(max(misfit, SMALLEST_MISFIT)),
+        "gap": math.log(max(gap, SMALLEST_MISFIT)),
+        "left": math.log10(max((gap - 1.0) / max(on_paper - 1.0, SMALLEST_MISFIT), SMALLEST_LEFT)),
+    }
+
+
+def of_none(structural: float, misfit: float, moved: float, first: Stage | None) -> dict[str, float]:
+    """Return the signs of no gap.
+
+    Parameters
+    ----------
+    structural, misfit : float
+        Mean squared held-out gap and weighted misfit after re-calibration.
+    moved : float
+        Largest distance of a value on paper, in standard deviations.
+    first : Stage or None
+        The first stage of the search, where there was one.
+    """
+    evidence = 0.0
+    if first is not None and first.rivals:
+        best = first.rivals[0]
+        evidence = first.log_evidence(best.misfit, best.penalty) - first.log_evidence(first.misfit, first.penalty)
+    return {
+        "gap": math.log(max(structural, SMALLEST_MISFIT)),
+        "misfit": math.log(max(misfit, SMALLEST_MISFIT)),
+        "moved": math.log(max(moved, 0.1)),
+        "evidence": math.asinh(evidence),
+    }

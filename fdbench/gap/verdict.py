@@ -1,0 +1,298 @@
+"""The verdict: causes with probabilities, shares and intervals, and the chances of an unknown cause and of no gap."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fdbench.effects import Effect
+from fdbench.gap import confidence
+from fdbench.gap.confidence import Signs
+from fdbench.gap.evidence import Scores
+from fdbench.gap.floor import Floor
+from fdbench.gap.hypothesis import Hypothesis, adjustables, calibrations
+from fdbench.gap.readings import Mark
+from fdbench.gap.search import SMALLEST_GAIN, Search, Stage, numbers_of
+from fdbench.gap.shrink import Closure, channel_gaps, shapley
+from fdbench.record import FloatArray
+
+ALIKE = 0.9  # a rival that removes this share of what the best removes cannot be told apart
+BEYOND_DOUBT = 1.5  # standard deviations of a value on paper below which it is no cause
+NAMED = 0.5  # probability above which causes stand first
+FEWEST = 0.01  # probability of a rival that is worth mentioning
+LEVEL = 0.9  # probability with which the cause is one of a set
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Findings:
+    """What the search came to, from which the verdict is drawn.
+
+    Attributes
+    ----------
+    search : Search
+    paper, calibrated, final : Hypothesis
+        The model as given, re-calibrated, and with effects.
+    stages, contests : sequences of Stage
+        Of the search, and for each final effect the model without it beside its rivals.
+    shut : Closure
+    marks : sequence of Mark
+        Effects that are seen in the readings themselves.
+    """
+
+    search: Search
+    paper: Hypothesis
+    calibrated: Hypothesis
+    final: Hypothesis
+    stages: Sequence[Stage]
+    contests: Sequence[Stage]
+    shut: Closure
+    marks: Sequence[Mark]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Verdict:
+    """Part of the answer, and the signs that its probabilities were drawn from.
+
+    Attributes
+    ----------
+    answer : mapping
+        ``causes``, ``suspects``, ``unknown_probability``, ``no_gap_probability``.
+    signs : mapping
+        By the kind of claim (see `fdbench.gap.confidence.Heads`) and the name of what is claimed.
+    """
+
+    answer: Mapping[str, Any]
+    signs: Mapping[str, Mapping[str, Signs]] = field(default_factory=dict)
+
+
+class Shares:
+    """Shares of the gap on paper; a channel counts by the root mean square of its gap beyond the noise.
+
+    Parameters
+    ----------
+    on_paper : (n_channels,) array
+        Mean squared held-out gap in units of the floor.
+    bridged : (n_channels,) array
+        What was taken out of the readings beforehand.
+    """
+
+    def __init__(self, on_paper: FloatArray, bridged: FloatArray) -> None:
+        self.total = on_paper + bridged
+        weights = np.sqrt(np.maximum(self.total - 1.0, 0.0))
+        self.weights = weights / weights.sum() if weights.sum() > 0.0 else np.full(len(weights), 1.0 / len(weights))
+
+    def of(self, closed: FloatArray) -> float:
+        """Return the share of mean squares that are closed in the channels, between 0 and 1."""
+        return float(np.clip(np.sum(self.weights * self.by_channel(closed)), 0.0, 1.0))
+
+    def by_channel(self, closed: FloatArray) -> FloatArray:
+        """Return the share in each channel."""
+        return np.asarray(np.clip(closed / np.maximum(self.total, 1e-12), 0.0, 1.0))
+
+
+def verdict(found: Findings) -> Verdict:
+    """Return the verdict; see the contract for the answer."""
+    search, shut = found.search, found.shut
+    floors = search.split.floors
+    on_paper = channel_gaps(search.replay, search.split, found.paper)
+    bridged = sum((energies(mark, floors) for mark in found.marks if mark.bridged), np.zeros(len(floors)))
+    shares = Shares(on_paper, bridged)
+    heads = confidence.heads()
+    closed = [shut.of_channel(place)[0] - shut.of_channel(place) for place in range(len(floors))]
+    by_subset = {subset: np.array([gains[index] for gains in closed]) for index, subset in enumerate(shut.subsets)}
+    everything = tuple(range(len(found.final.effects)))
+    parts = [
+        shapley({subset: own[c] for subset, own in by_subset.items()}, len(everything)) for c in range(len(floors))
+    ]
+    bounds = intervals(search, found.final)
+    causes: list[dict[str, Any]] = []
+    effect_signs: dict[str, Signs] = {}
+    for index, (effect, contest) in enumerate(zip(found.final.effects, found.contests, strict=True)):
+        alone = tuple(other for other in everything if other != index)
+        signs = confidence.of_effect(contest, type(effect))
+        effect_signs[effect.name] = signs
+        probability = heads.effect.probability(signs)
+        others = alternatives(contest, type(effect), 1.0 - probability)
+        own = np.maximum([part[index] for part in parts], 0.0)
+        causes.append(
+            {
+                "effect": effect.name,
+                "probability": probability,
+                "share": shares.of(own),
+                "share_of_channel": dict(zip(floors, shares.by_channel(own).tolist(), strict=True)),
+                "unique_share": shares.of(np.maximum(by_subset[everything] - by_subset[alone], 0.0)),
+                "parameters": parameters(effect, bounds[index]),
+                "indistinguishable_from": alike(contest, type(effect)),
+                "alternatives": others,
+                "one_of": one_of({effect.name: probability, **others}),
+            }
+        )
+    recalibrated = shares.of(np.maximum(on_paper - channel_gaps(search.replay, search.split, found.calibrated), 0.0))
+    values, value_signs, moved = off_paper(search, found.final, recalibrated)
+    causes += values
+    causes += [marked(mark, shares.of(energies(mark, floors))) for mark in found.marks]
+    causes.sort(key=lambda cause: (cause["probability"] <= NAMED, -float(cause["share"])))
+    suspect, suspect_signs = suspected(found)
+    before = search.compared(found.calibrated, [(Effect, found.final, True)])
+    first = found.stages[0] if found.stages else None
+    means = shut.mean()
+    unknown = confidence.of_unknown(before.rivals[0].misfit, float(means[-1]), float(on_paper.mean()))
+    none = confidence.of_none(float(means[0]), before.misfit, moved, first)
+    surest = max((float(cause["probability"]) for cause in causes), default=0.0)
+    answer = {
+        "causes": causes,
+        "suspects": suspect,
+        "unknown_probability": heads.unknown.probability(unknown),
+        "no_gap_probability": min(heads.none.probability(none), 1.0 - surest),
+    }
+    claims = {"effect": effect_signs, "suspect": suspect_signs, "value": value_signs}
+    return Verdict(answer=answer, signs={**claims, "unknown": {"unknown": unknown}, "none": {"none": none}})
+
+
+def energies(mark: Mark, floors: Mapping[str, Floor]) -> FloatArray:
+    """Return the mean square that an effect brings into each channel, in units of the floor."""
+    return np.array([mark.energy[name] / floor.rms**2 for name, floor in floors.items()])
+
+
+def marked(mark: Mark, share: float) -> dict[str, Any]:
+    """Return the cause that is seen in the readings themselves."""
+    amplitude = mark.kind.amplitude
+    unit = next(item.unit for item in mark.kind.parameters() if item.name == amplitude)
+    return {
+        "effect": mark.kind.name,
+        "probability": mark.probability,
+        "share": share,
+        "unique_share": share,
+        "parameters": {amplitude: {"value": mark.value, "ci95": [mark.low, mark.high], "unit": unit}},
+        "indistinguishable_from": [],
+    }
+
+
+def suspected(found: Findings) -> tuple[list[dict[str, Any]], dict[str, Signs]]:
+    """Return the effect that the search came closest to adding when it ended, if any, and its signs."""
+    last = found.stages[-1] if found.stages else None
+    named = {type(effect) for effect in found.final.effects}
+    if last is None or not last.rivals or last.rivals[0].kind in named:
+        return [], {}
+    best = last.rivals[0]
+    signs = confidence.of_effect(last, best.kind)
+    chance = min(confidence.heads().suspect.probability(signs), NAMED)
+    return [{"effect": best.kind.name, "probability": chance}], {best.kind.name: signs}
+
+
+def intervals(search: Search, final: Hypothesis) -> list[dict[str, list[float]]]:
+    """Return the 95 % interval of each fitted parameter of each effect.
+
+    From the normal matrix and the scatter of its right-hand sides from segment to segment, which counts what is
+    left as it is, correlated in time or not (White 1980; segments as clusters).
+    """
+    numbers = numbers_of(final)
+    evidence = search.probed(final)
+    inside = ~evidence.held_out
+    n = len(numbers)
+    normal = Scores(evidence, dict(enumerate(final.shifts, start=1))).normal(range(1, 1 + n))
+    groups, place = np.unique(evidence.group[inside], return_inverse=True)
+    sums = np.zeros((len(groups), n))
+    np.add.at(sums, place, evidence.products[inside, 0, 1:])
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+    inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
+    spread = sums.T @ sums * len(groups) / max(len(groups) - n, 1)
+    deviations = 1.96 * np.sqrt(np.diag(inverse @ (spread + np.eye(n)) @ inverse))
+    found, first = [], len(final.shifts)
+    for effect in final.effects:
+        items = adjustables(effect)
+        own: dict[str, list[float]] = {}
+        for item, deviation in zip(items, deviations[first : first + len(items)].tolist(), strict=True):
+            value = float(getattr(effect, item.name))
+            half = deviation * item.step
+            own[item.name] = [max(value - half, item.low), min(value + half, item.high)]
+        found.append(own)
+        first += len(items)
+    return found
+
+
+def off_paper(
+    search: Search, final: Hypothesis, recalibrated: float
+) -> tuple[list[dict[str, Any]], dict[str, Signs], float]:
+    """Return the effects whose size is a value on paper that moved further than it should be wrong, and their signs.
+
+    A kind of value that is corrected on both sides of the screw counts once, with the sum of its changes. The share of
+    the gap that re-calibration closes, ``recalibrated``, is divided in proportion to what each correction closes beside
+    all others. The third result is the largest distance that any of them moved, in standard deviations.
+    """
+    replay, split = search.replay, search.split
+    scale = calibrations(final.nominal)
+    groups: dict[str, list[int]] = {}
+    for place, calibration in enumerate(scale):
+        groups.setdefault(f"{calibration.kind}_{calibration.index}", []).append(place)
+    closed = float(channel_gaps(replay, split, final).mean())
+    moves: list[tuple[str, float, float, float, str]] = []
+    for places in groups.values():
+        sizes = [scale[place].size(final.nominal.drive) for place in places]
+        change = sum(final.shifts[place] * size for place, size in zip(places, sizes, strict=True))
+        distance = abs(change) / max(math.hypot(*sizes), 1e-30)
+        shifts = tuple(0.0 if place in places else shift for place, shift in enumerate(final.shifts))
+        without = float(channel_gaps(replay, split, dataclasses.replace(final, shifts=shifts)).mean())
+        moves.append((scale[places[0]].cause(final.nominal), change, distance, without, scale[places[0]].unit))
+    total = max(sum(max(without - closed, 0.0) for _, _, _, without, _ in moves), 1e-12)
+    present = {item.name for item in final.effects}
+    found: list[dict[str, Any]] = []
+    all_signs: dict[str, Signs] = {}
+    for name, change, distance, without, unit in moves:
+        if distance <= BEYOND_DOUBT or not name or name in present or without - closed < SMALLEST_GAIN * without:
+            continue
+        share = recalibrated * (without - closed) / total
+        all_signs[name] = confidence.of_value(distance, without - closed, share, closed)
+        found.append(
+            {
+                "effect": name,
+                "probability": confidence.heads().value.probability(all_signs[name]),
+                "share": share,
+                "unique_share": share,
+                "parameters": {"change": {"value": change, "ci95": None, "unit": unit}},
+                "indistinguishable_from": [],
+                "parametric": True,
+            }
+        )
+    return found, all_signs, max((distance for _, _, distance, _, _ in moves), default=0.0)
+
+
+def alike(contest: Stage, kind: type[Effect]) -> list[str]:
+    """Return the names of rivals that explain nearly as much as an effect."""
+    gains = {rival.kind: contest.gain(rival) for rival in contest.rivals}
+    return [rival.name for rival, gain in gains.items() if rival is not kind and gain >= ALIKE * gains[kind]]
+
+
+def alternatives(contest: Stage, kind: type[Effect], chance: float) -> dict[str, float]:
+    """Return the probabilities of the rivals of an effect, which share the chance that it is another or none."""
+    chances = {rival.kind: chance for rival, chance in zip(contest.rivals, contest.probabilities(), strict=True)}
+    rest = 1.0 - chances[kind]
+    if rest <= 0.0:
+        return {}
+    found = {other.name: chance * own / rest for other, own in chances.items() if other is not kind}
+    return {name: own for name, own in found.items() if own >= FEWEST}
+
+
+def one_of(chances: Mapping[str, float]) -> list[str]:
+    """Return the fewest effects that hold the cause with a probability of at least 0.9, or all where that is less.
+
+    >>> one_of({"backlash": 0.8, "dead_time": 0.05, "axial_compliance": 0.12})
+    ['backlash', 'axial_compliance']
+    """
+    found: list[str] = []
+    for name in sorted(chances, key=lambda name: -chances[name]):
+        if sum(chances[item] for item in found) >= LEVEL:
+            break
+        found.append(name)
+    return found
+
+
+def parameters(effect: Effect, bounds: Mapping[str, list[float]]) -> dict[str, Any]:
+    """Return the parameters of an effect with units; those that no fit moves have no interval."""
+    return {
+        item.name: {"value": getattr(effect, item.name), "ci95": bounds.get(item.name), "unit": item.unit}
+        for item in type(effect).parameters()
+    }

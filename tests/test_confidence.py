@@ -1,0 +1,151 @@
+"""What probabilities are drawn from, how it is learned, and the board of published trials."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from fdbench.gap import confidence
+from fdbench.gap.confidence import Head, Sign
+from fdbench.gap.trial import board, learn
+from fdbench.specification import load_toml, read
+
+WEIGHTS = np.array([-0.5, 1.5, -0.8])
+
+
+def drawn(n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    design = np.column_stack((np.ones(n), rng.standard_normal((n, 2))))
+    right = rng.random(n) < 1.0 / (1.0 + np.exp(-design @ WEIGHTS))
+    return design, right.astype(float)
+
+
+def test_newton_finds_the_maximum_of_the_penalised_likelihood() -> None:
+    design, right = drawn(80, np.random.default_rng(1))
+
+    share = np.linspace(0.2, 1.5, 80)
+
+    def loss(weights: np.ndarray) -> float:
+        z = design @ weights
+        return float(share @ (np.logaddexp(0.0, z) - right * z) + 0.5 * learn.RIDGE * np.sum(weights[1:] ** 2))
+
+    expected = minimize(loss, np.zeros(3), method="BFGS", options={"gtol": 1e-8}).x
+    np.testing.assert_allclose(learn.newton(design, right, share), expected, atol=2e-5)
+
+
+def test_newton_survives_claims_that_signs_tell_apart_wholly() -> None:
+    design = np.column_stack((np.ones(40), np.linspace(-1.0, 1.0, 40)))
+    weights = learn.newton(design, (design[:, 1] > 0.0).astype(float), np.ones(40))
+    assert np.isfinite(weights).all()
+    assert weights[1] > 1.0
+
+
+def claims_of(kind: str, n: int, rng: np.random.Generator) -> list[learn.Claim]:
+    design, right = drawn(n, rng)
+    return [
+        learn.Claim(kind=kind, signs={"one": 5.0 + 3.0 * row[1], "two": row[2]}, right=bool(value))
+        for row, value in zip(design, right, strict=True)
+    ]
+
+
+def test_learned_probabilities_are_calibrated_on_other_claims() -> None:
+    rng = np.random.default_rng(2)
+    head = learn.fitted(claims_of("effect", 800, rng))
+    others = claims_of("effect", 4000, rng)
+    chances = np.array([head.probability(claim.signs) for claim in others])
+    right = np.array([claim.right for claim in others])
+    for low in (0.0, 0.25, 0.5, 0.75):
+        inside = (chances >= low) & (chances < low + 0.25)
+        assert abs(chances[inside].mean() - right[inside].mean()) < 0.06
+
+
+def test_heads_are_read_as_they_were_written(tmp_path) -> None:
+    rng = np.random.default_rng(3)
+    found = [claim for kind in learn.KINDS for claim in claims_of(kind, 60, rng)]
+    file = tmp_path / "heads.toml"
+    learn.write_heads(found, file, "tier L, 60 cases, nonce abc")
+    heads = read(confidence.Heads, load_toml(file), file.name)
+    assert heads.source == "tier L, 60 cases, nonce abc"
+    own = [claim for claim in found if claim.kind == "value"]
+    assert heads.value.claims == 60
+    assert heads.value.right == sum(claim.right for claim in own)
+    expected = learn.fitted(own)
+    for claim in own:
+        assert heads.value.probability(claim.signs) == pytest.approx(expected.probability(claim.signs), abs=1e-3)
+
+
+def test_a_head_is_never_surer_than_its_claims() -> None:
+    head = Head(bias=0.0, signs={"s": Sign(centre=0.0, scatter=1.0, weight=50.0)}, claims=98, right=49)
+    assert head.probability({"s": 1e9}) == pytest.approx(0.99)
+    assert head.probability({"s": -1e9}) == pytest.approx(0.01)
+    assert head.probability({"s": 0.0}) == 0.5
+
+
+def test_the_shipped_heads_read_the_signs_that_are_given() -> None:
+    heads = confidence.heads()
+    given = {
+        "value": confidence.of_value(3.0, 1.0, 0.2, 1.0),
+        "unknown": confidence.of_unknown(2.0, 2.0, 9.0),
+        "none": confidence.of_none(1.0, 1.0, 0.5, None),
+    }
+    for kind, signs in given.items():
+        head: Head = getattr(heads, kind)
+        assert set(head.signs) == set(signs)
+        assert 0.0 < head.probability(signs) < 1.0
+    assert {field.name for field in dataclasses.fields(heads)} == {*learn.KINDS, "source"}
+    assert heads.unknown.probability(confidence.of_unknown(8.0, 50.0, 60.0)) > heads.unknown.probability(
+        confidence.of_unknown(1.0, 1.0, 60.0)
+    )
+    assert heads.none.probability(given["none"]) > heads.none.probability(confidence.of_none(9.0, 8.0, 5.0, None))
+
+
+def test_claims_are_judged_by_the_truth() -> None:
+    signs = {"effect": {"a": {"s": 1.0}, "b": {"s": 2.0}}, "suspect": {}, "value": {"c": {"s": 0.0}}}
+    signs |= {"unknown": {"unknown": {"s": 0.0}}, "none": {"none": {"s": 0.0}}}
+    truth = {"listed": [{"name": "a"}], "unlisted": [{"name": "odd"}]}
+    judged = [(claim.kind, claim.right) for claim in learn.claims(signs, truth)]
+    assert judged == [("effect", True), ("effect", False), ("value", False), ("unknown", True), ("none", False)]
+
+
+# ---- the board ----
+
+
+def sheet(diagnoser: str, tier: str, exact: float) -> dict:
+    quantity = {"quantity": "exact set", "value": exact, "ci95": [exact - 0.1, exact + 0.1], "cases": 10}
+    effect = {"effect": "backlash", "cases": 3, "recall": 0.67, "mean_probability": 0.6, "mistaken_for": {"cogging": 1}}
+    form = {"form": "bump", "cases": 2, "mean_unknown_probability": 0.8, "mistaken_for": {}}
+    return {
+        "diagnoser": diagnoser,
+        "tier": tier,
+        "cases": 10,
+        "failed": 0,
+        "seconds_per_case": 7.25,
+        "made_by_commit": "0123456789abcdef",
+        "nonce": "feed",
+        "quantities": {"exact_set": quantity},
+        "effects": [effect],
+        "unlisted": [form] if tier == "C" else [],
+    }
+
+
+def test_board_ranks_diagnosers_within_a_tier() -> None:
+    text = board.board([sheet("null", "B", 0.15), sheet("fdbench", "B", 0.8), sheet("fdbench", "C", 0.7)])
+    assert text.index("### Tier B") < text.index("| `fdbench` | 0.80 (0.70 to 0.90)") < text.index("| `null` | 0.15")
+    assert text.index("| `null`") < text.index("### Tier C")
+    assert "10 cases, made by 0123456789ab, nonce `feed`." in text
+    assert "| `backlash` | 3 | 0.67 | 0.60 | `cogging` 1 |" in text
+    assert "| bump | 2 | 0.80 |  |" in text
+
+
+def test_no_board_without_sheets() -> None:
+    assert board.board([]) == ""
+
+
+def test_published_sheets_make_a_board() -> None:
+    sheets = board.published()
+    text = board.board(sheets)
+    for item in sheets:
+        assert item["tier"] in board.TIERS
+        assert f"| `{item['diagnoser']}` |" in text
+        assert json.dumps(item["quantities"])

@@ -1,0 +1,276 @@
+"""The next experiment: its menu, its forecast, what is proposed and when nothing is; and that the motion is written."""
+
+import dataclasses
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fdbench.cli import app
+from fdbench.effects import Effect, effects
+from fdbench.gap.evidence import Split
+from fdbench.gap.floor import Floor
+from fdbench.gap.hypothesis import start
+from fdbench.gap.next_experiment import (
+    NOTHING,
+    Forecast,
+    Forecaster,
+    Limits,
+    Trajectory,
+    chances,
+    design,
+    menu,
+    menu_of,
+    most_open,
+    moves,
+    propose,
+    serious,
+    write_proposed,
+)
+from fdbench.gap.nominal import Nominal
+from fdbench.gap.replay import Replay
+from fdbench.gap.runs import Run
+from fdbench.gap.search import Rival, Stage
+from fdbench.gap.trial import tiers
+from fdbench.reading import read_record
+from fdbench.scenario import load_scenario
+from fdbench.specification import load_toml, read
+
+PERIOD_S = 1e-3
+FLOORS = {"motor_force_N": 4.0, "position_m": 5e-7, "motor_minus_table_position_m": 5e-8}
+GAP = effects.get("backlash").typical(gap_m=5e-6)
+SOFT = effects.get("axial_compliance").typical(stiffness_loss_percent=20.0)
+Lab = tuple[Replay, Split]
+
+
+def nominal() -> Nominal:
+    """Return the axis on paper of the trials."""
+    return read(Nominal, load_toml(tiers.AXIS), "axis.toml")
+
+
+@pytest.fixture(scope="module")
+def lab() -> Lab:
+    """Return a slow run of an axis with a gap, which a soft screw would explain as well."""
+    model = nominal()
+    replay = Replay(model.drive, model.library, model.simulation.substeps)
+    reference = moves((0.0, 0.05, 0.0), (0.02,), 1.0, PERIOD_S)
+    still = dict.fromkeys(FLOORS, np.zeros(len(reference)))
+    run = Run(name="slow", period_s=PERIOD_S, reference=reference, channels=still, lap=None)
+    simulated = replay.simulate(run, [start(model).with_effect(GAP).variant()])
+    run = dataclasses.replace(run, channels={name: values[0] for name, values in simulated.items()})
+    floors = {name: Floor(rms=rms, measured=True) for name, rms in FLOORS.items()}
+    return replay, Split(runs=[run], held_out=[np.zeros(len(reference), dtype=np.bool_)], floors=floors)
+
+
+def stage(*rivals: tuple[Effect, float], alone: float = 2.0) -> Stage:
+    """Return a stage in which effects compete that leave these misfits."""
+    base = start(nominal())
+    return Stage(
+        base=base,
+        misfit=alone,
+        penalty=0.0,
+        test_count=1000.0,
+        rivals=tuple(
+            Rival(kind=type(item), hypothesis=base.with_effect(item), misfit=misfit, penalty=0.0, refined=True)
+            for item, misfit in rivals
+        ),
+    )
+
+
+OPEN = stage((GAP, 1.20), (SOFT, 1.22), (effects.get("cogging").typical(), 3.0))
+
+
+@pytest.fixture(scope="module")
+def chosen(lab: Lab) -> Forecast:
+    """Return what is proposed where a gap and a soft screw compete."""
+    found = design(*lab, [OPEN], nominal())
+    assert found is not None
+    return found
+
+
+# ---- the menu ----
+
+
+@pytest.mark.parametrize("visited", [(0.0, 0.1), (-0.2, 0.25), (0.1, 0.101)])
+def test_menu_keeps_to_the_limits_and_starts_and_ends_at_rest(visited: tuple[float, float]) -> None:
+    drive = nominal().drive
+    found = menu(Limits.of(drive, np.array(visited)), PERIOD_S)
+    assert len({item.words for item in found}) == len(found) >= 12
+    for item in found:
+        position, velocity, acceleration = item.reference.T
+        assert position.min() >= visited[0] - 1e-9, item.words
+        assert position.max() <= max(visited[1], 0.5 * drive.travel_m) + 1e-9, item.words
+        assert np.abs(velocity).max() <= drive.velocity_limit_m_per_s, item.words
+        assert np.abs(acceleration).max() <= drive.controller.force_limit_N / drive.mass_kg, item.words
+        assert abs(velocity[0]) < 1e-4 > abs(velocity[-1]), item.words
+        slope = np.diff(position) / PERIOD_S
+        largest = PERIOD_S * np.abs(acceleration).max()
+        assert np.abs(slope - 0.5 * (velocity[1:] + velocity[:-1])).max() < largest, item.words
+
+
+def test_no_menu_without_room() -> None:
+    drive = dataclasses.replace(nominal().drive, travel_m=0.2)
+    run = SimpleNamespace(reference=np.full((10, 3), 0.15), period_s=PERIOD_S)
+    model: Any = SimpleNamespace(drive=drive)
+    assert menu_of(SimpleNamespace(runs=[run]), model) == []  # type: ignore[arg-type]
+
+
+# ---- candidates ----
+
+
+def test_unlikely_rivals_are_left_out() -> None:
+    assert [rival.kind.name for rival in serious(OPEN).rivals] == ["backlash", "axial_compliance"]
+    assert chances(OPEN).sum() == pytest.approx(1.0)
+
+
+def test_the_stage_in_doubt_is_taken() -> None:
+    decided = stage((GAP, 1.0), (SOFT, 3.0), alone=9.0)
+    assert most_open([decided]) is None
+    found = most_open([decided, OPEN])
+    assert found is not None
+    assert found.rivals == OPEN.rivals[:2]
+
+
+def test_effects_that_hardly_compete_beside_a_found_one_are_no_doubt() -> None:
+    later = stage((SOFT, 1.18), (effects.get("cogging").typical(), 1.19), alone=1.2)
+    assert later.present() < 0.5
+    assert most_open([later]) is not None
+    beside = dataclasses.replace(later, base=later.base.with_effect(GAP))
+    assert most_open([beside]) is None
+
+
+# ---- the forecast ----
+
+
+def by_hand(after: list[list[float]], seconds: float = 2.0) -> Forecast:
+    reference = np.zeros((round(seconds / PERIOD_S), 3))
+    reference[1, 0], reference[2, 1], reference[3, 2] = 0.02, -0.3, 4.0
+    trajectory = Trajectory(kind="sine", words="sine: by hand", period_s=PERIOD_S, reference=reference)
+    return Forecast(
+        trajectory=trajectory, names=["a", "b", NOTHING], now=np.array([0.6, 0.3, 0.1]), after=np.array(after)
+    )
+
+
+def test_gain_and_log_odds_by_hand() -> None:
+    found = by_hand([[0.9, 0.05, 0.05], [0.1, 0.8, 0.1], [0.3, 0.2, 0.5]])
+    now, after = 0.36 + 0.09 + 0.01, 0.6 * 0.9 + 0.3 * 0.8 + 0.1 * 0.5
+    assert found.gain() == pytest.approx(after - now)
+    odds = (2 * (np.log(0.9 / 0.05) - np.log(0.6 / 0.3)) + (np.log(0.8 / 0.1) - np.log(0.3 / 0.6))) / 3
+    assert found.log_odds(0, 1) == pytest.approx(odds)
+    answer = json.loads(json.dumps(found.answer(), allow_nan=False))
+    assert answer["to_separate"] == ["a", "b"]
+    assert answer["expected_log_odds"] == pytest.approx(odds)
+    assert answer["expected_probability"] == pytest.approx({"now": now, "after": after})
+    assert answer["expected_gain_per_s"] == pytest.approx((after - now) / 2.0)
+    assert answer["trajectory"] == "sine: by hand; 2 s"
+    sizes = {"kind": "sine", "amplitude_m": 0.01, "position_m": [0.0, 0.02], "velocity_m_per_s": 0.3}
+    assert {**answer, **sizes, "acceleration_m_per_s2": 4.0, "duration_s": 2.0} == answer
+    assert answer["separates"][0]["effects"] == ["a", "b"]
+
+
+def test_pair_that_is_mixed_up_least_afterwards_is_named() -> None:
+    found = by_hand([[0.6, 0.39, 0.01], [0.65, 0.34, 0.01], [0.01, 0.01, 0.98]])
+    assert found.answer()["to_separate"] == ["a", NOTHING]
+
+
+def test_time_of_the_machine_is_paid_for() -> None:
+    after = [[0.9, 0.05, 0.05], [0.1, 0.8, 0.1], [0.3, 0.2, 0.5]]
+    assert by_hand(after).gain() == by_hand(after, 100.0).gain()
+    assert by_hand(after).utility() > by_hand(after, 100.0).utility()
+
+
+def test_a_motion_that_the_axis_does_not_follow_has_no_forecast(lab: Lab) -> None:
+    replay, split = lab
+    jump = np.zeros((400, 3))
+    jump[100:, 0] = 0.04
+    there = Trajectory(kind="jump", words="jump", period_s=PERIOD_S, reference=jump)
+    assert Forecaster(replay, split, serious(OPEN)).forecast(there) is None
+
+
+def test_old_records_again_hardly_help(lab: Lab, chosen: Forecast) -> None:
+    replay, split = lab
+    again = Trajectory(kind="again", words="again", period_s=PERIOD_S, reference=split.runs[0].reference)
+    repeated = Forecaster(replay, split, serious(OPEN)).forecast(again)
+    assert repeated is not None
+    assert repeated.gain() < 0.5 * chosen.gain()
+
+
+# ---- the proposal ----
+
+
+def test_proposal_separates_what_competes(lab: Lab, chosen: Forecast) -> None:
+    found = propose(*lab, [OPEN], nominal())
+    assert found == chosen.answer()
+    json.dumps(found, allow_nan=False)
+    assert found["to_separate"] == ["backlash", "axial_compliance"]
+    assert found["expected_log_odds"] > 3.0
+    assert found["expected_probability"]["after"] > 0.9 > 0.6 > found["expected_probability"]["now"]
+
+
+def test_nothing_is_proposed_where_nothing_competes(lab: Lab) -> None:
+    decided = stage((GAP, 1.0), (SOFT, 3.0), alone=9.0)
+    assert propose(*lab, [decided], nominal()) is None
+    assert propose(*lab, [stage()], nominal()) is None
+    assert propose(*lab, [], nominal()) is None
+
+
+def test_nothing_is_proposed_where_no_motion_tells_two_apart(lab: Lab) -> None:
+    assert propose(*lab, [stage((GAP, 1.20), (GAP, 1.21), alone=9.0)], nominal()) is None
+
+
+def diagnosis(lab: Lab, answer: dict[str, Any] | None) -> Any:
+    final = SimpleNamespace(nominal=nominal())
+
+    @dataclasses.dataclass
+    class Found:
+        answer: dict[str, Any]
+        split: Split = lab[1]
+        final: Any = None
+
+    return Found(answer={"next_experiment": answer, "causes": []}, final=final)
+
+
+def test_proposed_motion_is_written_and_named(lab: Lab, chosen: Forecast, tmp_path: Path) -> None:
+    before = diagnosis(lab, chosen.answer())
+    found = write_proposed(before, tmp_path / "next.csv")
+    assert found.answer["next_experiment"] == {**chosen.answer(), "trajectory": str(tmp_path / "next.csv")}
+    assert before.answer["next_experiment"] == chosen.answer()
+    written = read_record(tmp_path / "next.csv")
+    assert list(written) == [
+        *("time_s", "reference_position_m", "reference_velocity_m_per_s", "reference_acceleration_m_per_s2")
+    ]
+    columns = np.column_stack([written[name] for name in list(written)[1:]])
+    np.testing.assert_array_equal(columns, chosen.trajectory.reference)
+    assert written.sampling_time_s == pytest.approx(PERIOD_S)
+
+
+def test_nothing_is_written_where_nothing_is_proposed(lab: Lab, tmp_path: Path) -> None:
+    before = diagnosis(lab, None)
+    assert write_proposed(before, tmp_path / "next.csv") is before
+    assert not (tmp_path / "next.csv").exists()
+
+
+# ---- the command ----
+
+
+def test_command_writes_the_motion(lab: Lab, chosen: Forecast, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    load_scenario("BallScrewAxis-v0").record(0).save("axis.csv")
+    command = ["diagnose", "axis.csv", "--model", str(tiers.AXIS), "--json", "-", "--next-experiment"]
+    monkeypatch.setattr("fdbench.gap.diagnose.diagnose", lambda *_: diagnosis(lab, chosen.answer()))
+    result = CliRunner().invoke(app, [*command, "next.csv"])
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["next_experiment"]["trajectory"] == "next.csv"
+    assert read_record("next.csv")["reference_position_m"].shape == chosen.trajectory.reference[:, 0].shape
+    monkeypatch.setattr("fdbench.gap.diagnose.diagnose", lambda *_: diagnosis(lab, None))
+    result = CliRunner().invoke(app, [*command, "none.csv"])
+    assert result.exit_code == 0, result.output
+    assert "no none.csv" in result.stderr
+    assert not Path("none.csv").exists()
+    result = CliRunner().invoke(app, [*command, "next.txt"])
+    assert result.exit_code != 0
+    assert "written as .csv" in str(result.exception or "") + result.output

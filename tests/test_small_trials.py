@@ -1,0 +1,23 @@
+"""The diagnosis on a few sealed cases of each tier: far fewer than a trial needs, enough to notice that it broke."""
+
+from pathlib import Path
+
+import pytest
+
+from fdbench.gap.trial.answer import answer
+from fdbench.gap.trial.make import make
+from fdbench.gap.trial.score import score
+from fdbench.gap.trial.tiers import Tier
+
+NONCE = "0ddba11" + "0" * 57
+
+
+@pytest.mark.parametrize(("tier", "count", "least"), [("A", 3, 2), ("B", 3, 2), ("C", 3, 1), ("D", 4, 2)])
+def test_cases_whose_planted_set_is_named_exactly(tmp_path: Path, tier: str, count: int, least: int) -> None:
+    folder, key, answers = tmp_path / "trial", tmp_path / "key.json", tmp_path / "answers.json"
+    make(folder, key, Tier(tier), count, NONCE)
+    found = answer(folder, "fdbench", answers)
+    assert [case["message"] for case in found["cases"].values() if case["status"] != "ok"] == []
+    quantities = score(folder, answers, key)["quantities"]
+    assert round(quantities["exact_set"]["value"] * count) >= least
+    assert quantities["brier"]["value"] < 0.05
