@@ -441,7 +441,7 @@ def reproduce(
 @app.command()
 def diagnose(
     records: Annotated[list[Path], typer.Argument(help="CSV, Parquet, MAT or mapping TOML files.")],
-    model: Annotated[Path, typer.Option(help="Model TOML, or a scenario file whose [plant] is taken.")],
+    model: Annotated[Path, typer.Option(help="Model TOML, or a scenario file whose table plant is taken.")],
     holdout: Annotated[list[Path] | None, typer.Option(help="Record to judge on; may be repeated.")] = None,
     data: Annotated[Path | None, typer.Option(help="Folder of the files that mapping TOMLs name.")] = None,
     effect: Effects = None,

@@ -75,8 +75,7 @@ def load_toml(path: str | Path) -> dict[str, Any]:
     """Return the tables of a TOML file; syntax errors name file and line."""
     file = Path(path)
     try:
-        with file.open("rb") as stream:
-            return tomllib.load(stream)
+        return tomllib.loads(file.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise SpecError(f"{file}: not valid TOML: {error}.") from error
     except FileNotFoundError as error:

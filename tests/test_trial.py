@@ -4,6 +4,8 @@ import ast
 import json
 import math
 import shutil
+import sys
+import types
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -13,7 +15,7 @@ from typer.testing import CliRunner
 
 from fdbench.cli import app
 from fdbench.effects import effects
-from fdbench.errors import SpecError, UnknownName
+from fdbench.errors import PluginError, SpecError, UnknownName
 from fdbench.gap.next_experiment import moves
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.trial import plants_apart, protocol, seal, tiers
@@ -434,6 +436,44 @@ def test_regressions_find_a_plain_cause(plain_case: tuple[list[Record], list[Rec
     top = max(given.effects, key=lambda effect: given.effects[effect])
     assert given.effects["quadratic_drag"] > 0.5
     assert given.effects["quadratic_drag"] == given.effects[top]
+    assert given.none < 0.01
+
+
+def test_pysindy_is_asked_for_where_it_is_missing(
+    plain_case: tuple[list[Record], list[Record]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pysindy.optimizers", None)
+    monkeypatch.setitem(sys.modules, "pysindy", None)
+    with pytest.raises(PluginError, match="pip install"):
+        diagnosers.get("pysindy_regression")().diagnose(nominal(), *plain_case)
+
+
+def test_pysindy_keeps_what_its_models_keep(
+    plain_case: tuple[list[Record], list[Record]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package, optimizers = types.ModuleType("pysindy"), types.ModuleType("pysindy.optimizers")
+
+    class Bagged:
+        """Plain least squares on the strongest column, twice."""
+
+        def __init__(self, optimizer: object, bagging: bool, n_models: int) -> None:
+            assert bagging
+            assert n_models == 20
+
+        def fit(self, design: np.ndarray, target: np.ndarray) -> None:
+            match = np.abs(design.T @ target[:, 0])
+            found = np.zeros((1, design.shape[1]))
+            best = int(np.argmax(match))
+            found[0, best] = design[:, best] @ target[:, 0] / (design[:, best] @ design[:, best])
+            self.coef_list = [found, found]
+
+    package.optimizers = optimizers
+    optimizers.EnsembleOptimizer, optimizers.STLSQ = Bagged, lambda **_: None
+    monkeypatch.setitem(sys.modules, "pysindy", package)
+    monkeypatch.setitem(sys.modules, "pysindy.optimizers", optimizers)
+    given = diagnosers.get("pysindy_regression")().diagnose(nominal(), *plain_case)
+    assert [name for name, chance in given.effects.items() if chance > 0.5] == ["quadratic_drag"]
+    assert given.unknown < 0.2
     assert given.none < 0.01
 
 

@@ -53,7 +53,7 @@ def summary(found: "Diagnosis") -> str:
         ("Verdict", verdict(found)),
         (f"Gap, root mean square on {judged_on(found.answer)}", _gap(found.answer)),
         ("Where the re-calibrated gap lies (share of what is beyond the noise)", _where(found.answer)),
-        ("Causes (share of the gap on paper, by the root mean square of each channel)", _causes(found)),
+        ("Causes (share of the mean squared gap after re-calibration)", _causes(found)),
         ("How far it shrinks: mean squared gap in units of the noise floor", shrinkage(found.answer)),
         ("Doubts", doubts(found)),
     )
@@ -126,8 +126,9 @@ def verdict(found: "Diagnosis") -> Iterator[str]:
         rivals = cause["indistinguishable_from"]
         if cause["probability"] < WORTH_SAYING:
             continue
-        share = f"{percent(cause['share'])} of the gap on paper"
+        share = f"{percent(cause['share'])} of the mean squared gap"
         if is_parametric(cause):
+            share += " on paper"
             chance = probability_text(cause["probability"])
             words = "Wrong on paper" if cause["probability"] >= LIKELY else "Perhaps wrong on paper"
             yield f"{words}: size of {cause['effect']}, probability {chance}; its correction removes {share}."
@@ -228,10 +229,12 @@ def doubts(found: "Diagnosis") -> Iterator[str]:
             if getattr(effect, item.name) in (item.low, item.high):
                 yield f"{effect.name}: {item.name} lies on the bound of what the library allows."
     nearly = [
-        cause["effect"] for cause in answer["causes"] if any(p["ci95"] is None for p in cause["parameters"].values())
+        cause["effect"]
+        for cause in answer["causes"]
+        if not is_parametric(cause) and all(p["ci95"] is None for p in cause["parameters"].values())
     ]
     if nearly:
-        yield "No intervals of the parameters were computed; take their digits as a guide."
+        yield f"No intervals of the parameters of {' and '.join(nearly)}; take their digits as a guide."
 
 
 def not_fitted(effect: Effect) -> list[str]:
@@ -386,9 +389,10 @@ def si_text(value: float, unit: str) -> str:
 
 def parameter_text(name: str, entry: Mapping[str, Any]) -> str:
     """Return a parameter of a cause with its unit and, where there is one, its interval."""
-    text = f"{split_unit(name)[0].replace('_', ' ')} {si_text(entry['value'], entry['unit'])}"
+    words = split_unit(name)[0].replace("_", " ")
     if entry["ci95"] is None:
-        return text
-    factor, prefixed = scaled(abs(entry["value"]), entry["unit"])
+        return f"{words} {si_text(entry['value'], entry['unit'])}"
     low, high = entry["ci95"]
+    factor, prefixed = scaled(max(abs(entry["value"]), 0.5 * (high - low)), entry["unit"])
+    text = f"{words} {factor * entry['value']:.3g} {prefixed}".rstrip()
     return f"{text} (95 %: {factor * low:.3g} to {factor * high:.3g} {prefixed})".replace(" )", ")")

@@ -69,18 +69,18 @@ class Verdict:
 
 
 class Shares:
-    """Shares of the gap on paper; a channel counts by the root mean square of its gap beyond the noise.
+    """Shares of a gap; a channel counts by the root mean square of its gap beyond the noise.
 
     Parameters
     ----------
-    on_paper : (n_channels,) array
+    gaps : (n_channels,) array
         Mean squared held-out gap in units of the floor.
     bridged : (n_channels,) array
         What was taken out of the readings beforehand.
     """
 
-    def __init__(self, on_paper: FloatArray, bridged: FloatArray) -> None:
-        self.total = on_paper + bridged
+    def __init__(self, gaps: FloatArray, bridged: FloatArray) -> None:
+        self.total = gaps + bridged
         weights = np.sqrt(np.maximum(self.total - 1.0, 0.0))
         self.weights = weights / weights.sum() if weights.sum() > 0.0 else np.full(len(weights), 1.0 / len(weights))
 
@@ -94,12 +94,16 @@ class Shares:
 
 
 def verdict(found: Findings) -> Verdict:
-    """Return the verdict; see the contract for the answer."""
+    """Return the verdict; see the contract for the answer.
+
+    Shares of effects are of the gap that re-calibration leaves, those of values on paper of the gap on paper.
+    """
     search, shut = found.search, found.shut
     floors = search.split.floors
     on_paper = channel_gaps(search.replay, search.split, found.paper)
     bridged = sum((energies(mark, floors) for mark in found.marks if mark.bridged), np.zeros(len(floors)))
-    shares = Shares(on_paper, bridged)
+    recalibrated = channel_gaps(search.replay, search.split, found.calibrated)
+    shares = Shares(recalibrated, bridged)
     heads = confidence.heads()
     closed = [shut.of_channel(place)[0] - shut.of_channel(place) for place in range(len(floors))]
     by_subset = {subset: np.array([gains[index] for gains in closed]) for index, subset in enumerate(shut.subsets)}
@@ -130,8 +134,8 @@ def verdict(found: Findings) -> Verdict:
                 "one_of": one_of({effect.name: probability, **others}),
             }
         )
-    recalibrated = shares.of(np.maximum(on_paper - channel_gaps(search.replay, search.split, found.calibrated), 0.0))
-    values, value_signs, moved = off_paper(search, found.final, recalibrated)
+    corrected = Shares(on_paper, bridged).of(np.maximum(on_paper - recalibrated, 0.0))
+    values, value_signs, moved = off_paper(search, found.final, corrected)
     causes += values
     causes += [marked(mark, shares.of(energies(mark, floors))) for mark in found.marks]
     causes.sort(key=lambda cause: (cause["probability"] <= NAMED, -float(cause["share"])))
