@@ -12,7 +12,7 @@ from fdbench.record import FloatArray
 
 LINES = 2
 LOWEST_HZ = 2.0
-SHORTEST_M, PER_TRAVEL = 1e-3, 2.0
+SHORTEST_M, PER_TRAVEL = 4e-4, 0.9
 BIN_M, OVERSAMPLING = 1e-4, 8
 
 
