@@ -30,6 +30,7 @@ from fdbench.gap.trial.bench_library import LibraryAxis, LibraryBench
 from fdbench.record import FloatArray, Record
 from fdbench.specification import read
 
+VISIBLE = 0.25  # mean square of the effect at constant speeds in units of the noise, at least
 AMBIGUOUS = 0.9  # probability of the first effect below which a verdict is ambiguous
 REPEATS = 2
 BAR = 0.10
@@ -60,7 +61,7 @@ class Machine:
         for _ in range(tiers.MOST_DRAWS):
             name = str(rng.choice(names))
             axis = bench.axis({name: bench.draw(name, rng)})
-            visible = yardstick.mean_square(axis, beside_paper=True) >= tiers.SMALLEST_SIGNATURE
+            visible = yardstick.mean_square(axis, beside_paper=True) >= VISIBLE
             if visible and (yardstick.unrest(axis, rng) <= tiers.MOST_UNREST).all():
                 return name, axis
         raise FdbenchError(f"{tiers.MOST_DRAWS} draws gave no effect that shows at constant speeds.")

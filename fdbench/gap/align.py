@@ -1,15 +1,21 @@
 """Alignment: say what is wrong with a record before anybody explains it by physics."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from fdbench.errors import RecordError
-from fdbench.gap.runs import Run
+from fdbench.gap.runs import COMMAND, Run
 from fdbench.plants.feed_drive import FeedDrive
-from fdbench.record import FloatArray
+from fdbench.record import FloatArray, Record
 
 FORCE, POSITION = "motor_force_N", "position_m"
+LARGEST = 1e9  # that no column of a machine reaches in SI units
+SPIKE = 50.0  # times the force that 99 % of the samples stay below
+JUMP = 50.0  # times the distance between two samples at the velocity limit
+UNMOVED = 0.01  # share of the travel that a position may move under a command that stands still
+MOVES = 20.0  # times the noise of a position
 FEWEST_SAMPLES, SHORTEST_S = 256, 1.0
 OUTSIDE = 1.5  # times the travel or the velocity limit that a command may reach
 OTHER_UNIT = 8.0  # ratio of two lengths or speeds that only a wrong unit gives
@@ -21,6 +27,50 @@ LONGEST_DELAY_S = 1.0
 DELAYED = 0.5  # share of the distance that a shift in time must remove
 SPAN = 5  # samples that a speed is taken over
 PREFIXES = {1e3: "a thousand: millimetres, milliseconds or kilonewtons", 1e6: "a million: micrometres"}
+
+
+def check_sizes(record: Record) -> None:
+    """Raise a RecordError where a column reaches values that no machine has."""
+    for name, values in record.items():
+        place = int(np.argmax(np.abs(values)))
+        if name != "time_s" and abs(values[place]) > LARGEST:
+            raise RecordError(
+                f"{record.source}: {name} is {values[place]:.4g} at sample {place}. A damaged sample, which has to be "
+                "cut out, or a wrong unit or gain in the mapping."
+            )
+
+
+def check_content(runs: Sequence[Run]) -> None:
+    """Raise a RecordError where the force of a run has a damaged sample, or no run shows a motion or a force."""
+    for run in runs:
+        force = np.abs(run.channels[FORCE])
+        usual, place = float(np.quantile(force, 0.99)), int(np.argmax(force))
+        if force[place] > SPIKE * usual > 0.0:
+            raise RecordError(
+                f"{run.name}: {FORCE} reaches {force[place]:.4g} N at sample {place}, and hardly ever more than "
+                f"{usual:.3g} N elsewhere. Probably a damaged sample: cut it out, or split the record there."
+            )
+    if not any(float(np.ptp(run.channels[FORCE])) > 0.0 for run in runs):
+        raise RecordError(
+            f"{runs[0].name}: {FORCE} never changes. Log the controller's output at the motor, or check which column "
+            "is mapped to it."
+        )
+    if not any(_moves(run) for run in runs):
+        raise RecordError(
+            f"{runs[0].name}: the axis stands still throughout, so nothing can be said of it. Record strokes both ways "
+            "at several speeds; a rest may be one record beside them."
+        )
+
+
+def roughness(values: FloatArray) -> float:
+    """Return the standard deviation of the white noise in a channel, from differences that no motion is left in."""
+    return float(np.median(np.abs(np.diff(values, 4)))) / (0.6745 * math.sqrt(70.0)) if len(values) > 4 else 0.0
+
+
+def _moves(run: Run) -> bool:
+    position = run.channels[POSITION]
+    commanded = run.motion is None and float(np.ptp(run.reference[:, 0])) > 0.0
+    return commanded or float(np.ptp(position)) > MOVES * roughness(position)
 
 
 def check_record(run: Run, drive: FeedDrive) -> None:
@@ -44,25 +94,40 @@ def check_record(run: Run, drive: FeedDrive) -> None:
             f"{run.name}: {run.n_samples} samples, {duration_s:.3g} s; needed: {FEWEST_SAMPLES} samples and "
             f"{SHORTEST_S:g} s at least. Record several strokes at several speeds; or is time_s in another unit?"
         )
-    command, velocity = run.reference[:, 0], run.reference[:, 1]
+    position, velocity = run.channels[POSITION], run.reference[:, 1]
+    followed = run.motion is not None
+    name, command = (POSITION, position) if followed else (COMMAND, run.reference[:, 0])
     span, fastest = float(np.ptp(command)), float(np.abs(velocity).max())
-    slope = _slope(np.gradient(command, run.period_s), velocity) if span > 0.0 else 1.0
+    slope = _slope(np.gradient(command, run.period_s), velocity) if span > 0.0 and not followed else 1.0
     if not 1.0 / OTHER_UNIT < slope < OTHER_UNIT:
         raise RecordError(
-            f"{run.name}: reference_velocity_m_per_s is {slope:.4g} times the change of reference_position_m in a "
+            f"{run.name}: reference_velocity_m_per_s is {slope:.4g} times the change of {COMMAND} in a "
             f"second.{_factor_words(slope)} Mend its unit or sign in the mapping, or leave it out."
         )
-    for value, limit, name, unit in (
+    for value, limit, key, unit in (
         (span, drive.travel_m, "travel_m", "m"),
         (fastest, drive.velocity_limit_m_per_s, "velocity_limit_m_per_s", "m/s"),
     ):
         if value > OUTSIDE * limit:
             raise RecordError(
-                f"{run.name}: the command reaches {value:.4g} {unit}, the model's {name} is {limit:g}. Probably the "
-                'unit of reference_position_m or time_s is not m or s; a mapping file converts it: unit = "mm".'
+                f"{run.name}: the {'motion' if followed else 'command'} reaches {value:.4g} {unit}, the model's {key} "
+                f"is {limit:g}. Probably the unit of {name} or time_s is not m or s; a mapping file converts it: "
+                'unit = "mm".'
             )
-    if drive.controller.action_name == POSITION and span > 0.0:
+    if span == 0.0 and float(np.ptp(position)) > UNMOVED * drive.travel_m:
+        raise RecordError(
+            f"{run.name}: {COMMAND} never changes, but {POSITION} moves by {np.ptp(position):.3g} m. Check which "
+            f"column is mapped to {COMMAND}; without that column the measured motion is followed."
+        )
+    if drive.controller.action_name == POSITION and span > 0.0 and not followed:
         _check_position(run, command, span)
+    steps = np.abs(np.diff(position))
+    place, longest = int(np.argmax(steps)), drive.velocity_limit_m_per_s * run.period_s
+    if steps[place] > JUMP * longest:
+        raise RecordError(
+            f"{run.name}: {POSITION} jumps by {steps[place]:.3g} m after sample {place}; at the model's velocity limit "
+            f"it moves {longest:.3g} m between samples. Damaged samples, or two recordings in one: split it there."
+        )
 
 
 def _check_position(run: Run, command: FloatArray, span: float) -> None:

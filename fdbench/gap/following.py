@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.errors import RecordError, SpecError
+from fdbench.gap.align import check_content, check_sizes, roughness
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.runs import (
     COMMAND,
@@ -34,7 +35,7 @@ from fdbench.plants.feed_drive import FeedDrive, Following
 from fdbench.record import FloatArray, Record, held_samples
 
 SLOWER = 0.8
-LOWEST_HZ = 1.0
+LOWEST_HZ, QUIETEST_HZ = 1.0, 5.0  # that has to hold the axis, and that is slow enough for any noise
 HIGHEST_PEAK = 1.5  # of the complementary sensitivity
 FREQUENCIES = 400
 REACTION = 0.02  # of the measured force that the noise of the position may cause, unless the force is as noisy itself
@@ -50,22 +51,28 @@ def prepared(nominal: Nominal, records: Sequence[Record]) -> tuple[Nominal, list
     Raises
     ------
     RecordError
-        If a record lacks the force or the position.
+        If a record lacks the force or the position, has impossible values, or none of them shows a motion.
     """
+    for item in records:
+        check_sizes(item)
     drive = nominal.drive
     known = not isinstance(drive.controller, Following)
     silent = [item.source for item in records if COMMAND not in item]
     if known and not silent:
-        return nominal, [prepare(item, drive) for item in records], []
+        runs = [prepare(item, drive) for item in records]
+        check_content(runs)
+        return nominal, runs, []
     controller = virtual_controller(drive, records)
     drive = dataclasses.replace(drive, controller=controller)
     runs = [follow(item, drive) for item in records]
-    why = f"{silent[0]}: no column {COMMAND}" if known else "The model has no [plant.controller]"
+    check_content(runs)
+    why = f"{silent[0]}: no column {COMMAND}" if known else "No controller was given in [plant.controller]"
     warning = (
         f"{why}: the model was made to follow the measured motion by a virtual controller of "
-        f"{controller.bandwidth_Hz:.3g} Hz, and the force that it needs compared with the measured one. What the "
-        "real controller does by itself (its delays, filters and limits, errors of the position that it reads) cannot "
-        f"be seen, nor what lies far above {controller.bandwidth_Hz:.3g} Hz."
+        f"{controller.bandwidth_Hz:.3g} Hz, and the force that it needs compared with the measured one; the gap of "
+        "position_m is that of this loop. What the real controller does by itself (its delay, filters, limits) cannot "
+        "be seen, errors of the encoder only by the force that they cost, and little of what lies far above "
+        f"{controller.bandwidth_Hz:.3g} Hz."
     )
     return dataclasses.replace(nominal, plant=drive), runs, [warning]
 
@@ -87,19 +94,20 @@ def virtual_controller(drive: FeedDrive, records: Sequence[Record]) -> Following
     )
     noise_m = max(roughness(item[_column(item, drive, controller)]) for item in records)
     quiet_N = max(max(roughness(force), REACTION * float(np.std(force))) for force in forces)
-    while not holds(drive, controller, period) or loudness(controller, period) * noise_m > quiet_N > 0.0:
+    while not holds(drive, controller, period):
+        controller = _slower(controller)
         if controller.bandwidth_Hz < LOWEST_HZ:
             raise SpecError(
                 f"plant: no virtual controller holds this axis at one sample each {period:.4g} s. Check masses, "
                 "stiffness and the sampling time, or give the real controller as [plant.controller]."
             )
-        controller = dataclasses.replace(controller, bandwidth_Hz=SLOWER * controller.bandwidth_Hz)
+    while loudness(controller, period) * noise_m > quiet_N and controller.bandwidth_Hz > QUIETEST_HZ:
+        controller = _slower(controller)
     return controller
 
 
-def roughness(values: FloatArray) -> float:
-    """Return the standard deviation of the white noise in a channel, from differences that no motion is left in."""
-    return float(np.median(np.abs(np.diff(values, 4)))) / (0.6745 * math.sqrt(70.0)) if len(values) > 4 else 0.0
+def _slower(controller: Following) -> Following:
+    return dataclasses.replace(controller, bandwidth_Hz=SLOWER * controller.bandwidth_Hz)
 
 
 def loudness(controller: Following, period_s: float) -> float:

@@ -29,6 +29,7 @@ MOST_RIVALS = 6
 SMALLEST_PROBABILITY = 0.02
 SMALLEST_GAIN = 0.02  # of the probability of the truth, below which nothing is proposed
 PRICE_PER_S = 1e-3  # probability that a second of machine time has to bring
+RELIED_ON = 0.25  # share of the energy that candidates are expected to differ by; real effects have other forms
 SPLIT_LOG_ODDS = 3.0  # 20 to 1
 CERTAIN = 1e-12  # smallest probability that log odds tell from none
 NOTHING = "no further effect"
@@ -388,7 +389,7 @@ class Forecaster:
         whole = self.count + count
 
         def together(misfit: float, more: float) -> float:
-            return (self.count * misfit + count + max(more, 0.0)) / whole
+            return (self.count * misfit + count + RELIED_ON * max(more, 0.0)) / whole
 
         rivals = [
             replace(rival, misfit=together(rival.misfit, more))
