@@ -21,6 +21,7 @@ from fdbench.gap.replay import Replay
 from fdbench.gap.runs import Run, merged, same_command
 from fdbench.gap.search import SMALLEST_GAIN, Search, Stage
 from fdbench.gap.shrink import Closure, channel_gaps, closure
+from fdbench.gap.unnamed import types
 from fdbench.gap.verdict import Findings, energies, verdict
 from fdbench.gap.where import Gaps, where
 from fdbench.record import FloatArray, Record
@@ -137,9 +138,8 @@ def diagnose(
     final, stages = search.run(calibrated)
     final, contests = search.review(final, stages)
     shut = closure(replay, split, calibrated, final)
-    simulated = [
-        {name: values[0] for name, values in replay.simulate(run, [calibrated.variant()]).items()} for run in split.runs
-    ]
+    both = [replay.simulate(run, [calibrated.variant(), final.variant()]) for run in split.runs]
+    simulated, repaired = ([{name: values[i] for name, values in own.items()} for own in both] for i in range(2))
     seen = [mark for mark in marks if mark is not None and mean_energy(mark, split.floors) > SMALLEST_GAIN]
     findings = Findings(
         search=search,
@@ -156,6 +156,7 @@ def diagnose(
         "gap": {"channels": channels_of(replay, split, paper, calibrated, final)},
         "where": where(Gaps.of(split.runs, simulated, split.floors)),
         **judged.answer,
+        "rest_depends_on": types(split, repaired, drive),
         "shrinkage": shrinkage(shut, final, seen, split, judged_on, raw),
         "next_experiment": propose(replay, split, [*contests, *stages[-1:]], nominal),
         "warnings": warnings,

@@ -154,6 +154,10 @@ def verdict(found: "Diagnosis") -> Iterator[str]:
         )
     elif causes and left > UNEXPLAINED:
         yield f"Not all: {percent(left)} of the mean squared gap is neither explained nor noise."
+    if unknown >= LIKELY and answer["rest_depends_on"]:
+        best = answer["rest_depends_on"][0]
+        words = best["function_of"].replace("_", " ")
+        yield f"What is left depends most on {words}: a function of it would remove {percent(best['share'])}."
 
 
 def _names(causes: Sequence[Mapping[str, Any]]) -> str:

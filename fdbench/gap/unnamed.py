@@ -1,0 +1,101 @@
+"""Of what type the rest is: nameless functions of the motion, fitted to what no listed effect explains.
+
+A cause that the library lacks has no name, but what it depends on narrows it down: a function of speed is friction, one
+of position a property of the way, one of time a drift.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.gap.evidence import Split
+from fdbench.gap.runs import Run
+from fdbench.plants.feed_drive import FeedDrive
+from fdbench.record import FloatArray
+
+CELLS = 24
+SHRINKAGE = 50.0  # samples that a cell counts for too few by
+SMALLEST = 0.02  # share of the rest that is worth mentioning
+NOISE = 0.1  # mean square beyond the noise, in units of it, below which there is no rest
+AT_REST = 1e-6  # of the largest commanded speed
+
+Cells = NDArray[np.intp]
+Places = Callable[[Run], FloatArray]
+
+
+def types(split: Split, simulated: Sequence[Mapping[str, FloatArray]], drive: FeedDrive) -> list[dict[str, object]]:
+    """Return what the rest depends on and the share of it that such a function removes, best first.
+
+    The function is a mean in each of 24 cells (48 where it may differ by direction), fitted on the training samples of
+    each channel and judged on the held-out ones; shares are of the squared rest beyond the noise, and do not add up.
+
+    Parameters
+    ----------
+    split : Split
+    simulated : sequence of mappings
+        Channels of each run as the final model has them.
+    drive : FeedDrive
+
+    Examples
+    --------
+    ``[{"function_of": "velocity", "share": 0.31}, {"function_of": "position_by_direction", "share": 0.05}]``
+    """
+    rest = [
+        {name: (run.channels[name] - own[name]) * (np.sqrt(run.repeats) / split.floors[name].rms) for name in own}
+        for run, own in zip(split.runs, simulated, strict=True)
+    ]
+    found: list[dict[str, object]] = []
+    for words, (places, by_direction) in _kinds(drive).items():
+        cells = _cells([places(run) for run in split.runs])
+        if by_direction:
+            cells = [2 * own + (run.reference[:, 1] < 0.0) for own, run in zip(cells, split.runs, strict=True)]
+        share = _share(split, rest, cells)
+        if share >= SMALLEST:
+            found.append({"function_of": words, "share": share})
+    return sorted(found, key=lambda item: -float(str(item["share"])))
+
+
+def _kinds(drive: FeedDrive) -> dict[str, tuple[Places, bool]]:
+    """Return the functions that are tried: where a sample lies, and whether both directions have their own."""
+    kinds: dict[str, tuple[Places, bool]] = {
+        "velocity": (_speed, False),
+        "position": (lambda run: run.channels["position_m"], False),
+        "position_by_direction": (lambda run: run.channels["position_m"], True),
+        "acceleration": (lambda run: run.reference[:, 2], False),
+        "motor_force": (lambda run: run.channels["motor_force_N"], False),
+        "time": (lambda run: np.asarray(np.arange(run.n_samples) * run.period_s, dtype=np.float64), False),
+    }
+    lead = getattr(drive.motor, "lead_m", None)
+    if lead is not None:
+        kinds["position_within_a_lead"] = (lambda run: np.asarray(np.mod(run.channels["position_m"], lead)), False)
+    return kinds
+
+
+def _speed(run: Run) -> FloatArray:
+    """Return the commanded speed on a scale that resolves slow motion: its root with its sign, (n_samples,)."""
+    speed = run.reference[:, 1]
+    return np.asarray(np.sign(speed) * np.sqrt(np.abs(speed)))
+
+
+def _cells(values: Sequence[FloatArray]) -> list[Cells]:
+    low, high = min(float(item.min()) for item in values), max(float(item.max()) for item in values)
+    width = max(high - low, 1e-30) / CELLS
+    return [np.minimum(((item - low) / width).astype(np.intp), CELLS - 1) for item in values]
+
+
+def _share(split: Split, rest: Sequence[Mapping[str, FloatArray]], cells: Sequence[Cells]) -> float:
+    before = after = 0.0
+    n_judged = 0
+    for name in split.floors:
+        sums, counts = np.zeros(2 * CELLS), np.zeros(2 * CELLS)
+        for own, place, out in zip(rest, cells, split.held_out, strict=True):
+            sums += np.bincount(place[~out], weights=own[name][~out], minlength=2 * CELLS)
+            counts += np.bincount(place[~out], minlength=2 * CELLS)
+        mean = sums / (counts + SHRINKAGE)
+        for own, place, out in zip(rest, cells, split.held_out, strict=True):
+            judged = own[name][out]
+            n_judged += len(judged)
+            before += float(np.sum(judged**2) - len(judged))
+            after += float(np.sum((judged - mean[place[out]]) ** 2) - len(judged))
+    return 1.0 - after / before if before > NOISE * n_judged else 0.0

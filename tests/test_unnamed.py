@@ -1,0 +1,55 @@
+"""Of what type the rest of a gap is."""
+
+import numpy as np
+import pytest
+
+from fdbench.gap.evidence import Split
+from fdbench.gap.floor import Floor
+from fdbench.gap.next_experiment import moves
+from fdbench.gap.nominal import Nominal
+from fdbench.gap.runs import Run
+from fdbench.gap.trial import tiers
+from fdbench.gap.unnamed import types
+from fdbench.specification import load_toml, read
+
+PERIOD_S = 1e-3
+LEAD_M = 0.01
+STROKES = moves((0.0, 0.15, 0.02, 0.1, 0.0), (0.1, 0.03, 0.2, 0.01), 4.0, PERIOD_S)
+RESTS = {
+    "velocity": lambda x, v, a, t: 8.0 * np.exp(-np.abs(v) / 0.02) * np.sign(v) * (v != 0.0),
+    "position": lambda x, v, a, t: 8.0 * np.sin(x / 0.03),
+    "position_by_direction": lambda x, v, a, t: 8.0 * np.sin(x / 0.03) * np.sign(v),
+    "acceleration": lambda x, v, a, t: 3.0 * a,
+    "time": lambda x, v, a, t: 0.5 * t,
+    "position_within_a_lead": lambda x, v, a, t: 8.0 * np.sin(2.0 * np.pi * x / LEAD_M),
+}
+
+
+def split_of(rest: np.ndarray, rng: np.random.Generator) -> tuple[Split, list[dict[str, np.ndarray]]]:
+    """Return two runs of strokes, the second held out, and what the model has of them."""
+    runs = []
+    for _ in range(2):
+        force = 20.0 * np.sin(STROKES[:, 0] / 0.05)
+        channels = {"motor_force_N": force + rest + rng.standard_normal(len(rest)), "position_m": STROKES[:, 0]}
+        runs.append(Run(name="strokes", period_s=PERIOD_S, reference=STROKES, channels=channels, lap=None))
+    held_out = [np.full(len(rest), out) for out in (False, True)]
+    floors = {"motor_force_N": Floor(rms=1.0, measured=True), "position_m": Floor(rms=1e-7, measured=True)}
+    model = {"motor_force_N": force, "position_m": STROKES[:, 0] + 1e-7}
+    return Split(runs=runs, held_out=held_out, floors=floors), [model, model]
+
+
+@pytest.mark.parametrize("kind", RESTS)
+def test_the_rest_is_a_function_of_what_made_it(kind: str) -> None:
+    drive = read(Nominal, load_toml(tiers.AXIS), "axis.toml").drive
+    x, v, a = STROKES.T
+    split, simulated = split_of(RESTS[kind](x, v, a, np.arange(len(x)) * PERIOD_S), np.random.default_rng(0))
+    best, *others = types(split, simulated, drive)
+    assert best["function_of"] == kind
+    assert float(best["share"]) > 0.7
+    assert [item["share"] for item in others] == sorted((item["share"] for item in others), reverse=True)
+
+
+def test_noise_is_a_function_of_nothing() -> None:
+    drive = read(Nominal, load_toml(tiers.AXIS), "axis.toml").drive
+    split, simulated = split_of(np.zeros(len(STROKES)), np.random.default_rng(1))
+    assert types(split, simulated, drive) == []
