@@ -550,8 +550,8 @@ def test_records_of_nothing_are_said(nominal: Nominal, clean: Record) -> None:
 def test_different_clocks_and_missing_columns(nominal: Nominal, clean: Record) -> None:
     with pytest.raises(RecordError, match="one clock"):
         diagnose(nominal, [clean, changed(clean, time_s=2.0 * clean["time_s"])])
-    columns = {name: column for name, column in clean.items() if name != "reference_position_m"}
-    with pytest.raises(RecordError, match="no column reference_position_m; the command is needed"):
+    columns = {name: column for name, column in clean.items() if name != "motor_force_N"}
+    with pytest.raises(RecordError, match="no column motor_force_N or .*; log the controller's output"):
         diagnose(nominal, [Record(columns)])
 
 
@@ -559,7 +559,10 @@ def test_different_clocks_and_missing_columns(nominal: Nominal, clean: Record) -
     ("spoil", "words"),
     [
         (lambda lines: lines[:900] + lines[950:], "samples of 0.001 s seem to be missing"),
-        (lambda lines: [line.replace("reference_position_m", "feedrate_m_per_s") for line in lines], "reference_pos"),
+        (
+            lambda lines: [line.replace("motor_force_N", "feedrate_m_per_s") for line in lines],
+            "no column motor_force_N",
+        ),
     ],
 )
 def test_command_line_says_what_is_wrong(
