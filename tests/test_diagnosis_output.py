@@ -551,7 +551,7 @@ def test_different_clocks_and_missing_columns(nominal: Nominal, clean: Record) -
     with pytest.raises(RecordError, match="one clock"):
         diagnose(nominal, [clean, changed(clean, time_s=2.0 * clean["time_s"])])
     columns = {name: column for name, column in clean.items() if name != "motor_force_N"}
-    with pytest.raises(RecordError, match="no column motor_force_N or .*; log the controller's output"):
+    with pytest.raises(RecordError, match=r"no column motor_force_N or .*; log the controller's output"):
         diagnose(nominal, [Record(columns)])
 
 

@@ -199,6 +199,7 @@ def score(folder: Path, answers: Path, key: Path) -> dict[str, Any]:
         "cases": len(table.none),
         "failed": sum(case.get("status") == FAILED for case in cases),
         "seconds_per_case": float(np.median([case.get("seconds", np.nan) for case in cases])),
+        "nonce": opened["nonce"],
         "made_by_commit": manifest["commit"],
         "answered_by_commit": given.get("commit", ""),
         "quantities": sheet(table),
