@@ -2,14 +2,20 @@
 
 import dataclasses
 import json
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from fdbench.errors import SpecError
 from fdbench.gap import confidence
 from fdbench.gap.confidence import Head, Sign
-from fdbench.gap.trial import board, learn
+from fdbench.gap.nominal import Nominal
+from fdbench.gap.trial import board, learn, tiers
+from fdbench.gap.trial.make import make
+from fdbench.gap.trial.tiers import Tier
 from fdbench.specification import load_toml, read
 
 WEIGHTS = np.array([-0.5, 1.5, -0.8])
@@ -149,3 +155,45 @@ def test_published_sheets_make_a_board() -> None:
         assert item["tier"] in board.TIERS
         assert f"| `{item['diagnoser']}` |" in text
         assert json.dumps(item["quantities"])
+
+
+# ---- learning from a trial ----
+
+
+def test_learning_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, key, output = tmp_path / "L", tmp_path / "key.json", tmp_path / "heads.toml"
+    monkeypatch.setattr(tiers, "THIN", 1.0)
+    make(folder, key, Tier.L, 2, "feed" * 16)
+    asked = []
+
+    def diagnosed(nominal: Nominal, records: object, holdouts: object) -> SimpleNamespace:
+        asked.append(nominal)
+        if len(asked) == 2:
+            raise KeyboardInterrupt
+        signs = {kind: {f"{kind} {place}": {"s": float(place)} for place in range(4)} for kind in learn.KINDS[:3]}
+        return SimpleNamespace(signs={**signs, "unknown": {"unknown": {"s": 0.0}}, "none": {"none": {"s": 1.0}}})
+
+    monkeypatch.setattr(learn, "diagnose", diagnosed)
+    with pytest.raises(KeyboardInterrupt):
+        learn.learn(folder, key, output)
+    assert not output.exists()
+    with pytest.raises(SpecError, match="claims of kind 'effect' that are right and wrong"):
+        learn.learn(folder, key, output)
+    assert len(asked) == 3  # the first case is not diagnosed again
+
+
+def test_tier_to_learn_from_excludes_effects_from_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tiers, "THIN", 1.0)
+    monkeypatch.setattr(tiers, "HIDDEN", 1.0)
+    monkeypatch.setattr(tiers, "HOW_MANY", (0.0, 1.0, 0.0, 0.0))
+    names = ["quadratic_drag", "constant_force"]
+    hidden = []
+    for number in range(3):
+        case = tiers.draw_case(Tier.L, names, np.random.default_rng([7, number]))
+        listed, unlisted = ([item["name"] for item in case.truth[part]] for part in ("listed", "unlisted"))
+        assert unlisted == case.model.get("exclude", [])
+        assert (listed, unlisted) in ((["constant_force"], []), ([], ["quadratic_drag"]))  # paper's values stay listed
+        library = read(Nominal, case.model, "model").library
+        assert all(name not in [kind.name for kind in library] for name in unlisted)
+        hidden += unlisted
+    assert 0 < len(hidden) < 3
