@@ -47,6 +47,14 @@ def test_newton_survives_claims_that_signs_tell_apart_wholly() -> None:
     assert weights[1] > 1.0
 
 
+def test_balanced_claims_are_right_as_often_as_asked() -> None:
+    found = claims_of("unknown", 90, np.random.default_rng(4))
+    given = learn.balanced(found, 0.25)
+    total = sum(claim.weight for claim in given)
+    assert total == pytest.approx(90.0)
+    assert sum(claim.weight for claim in given if claim.right) == pytest.approx(0.25 * total)
+
+
 def claims_of(kind: str, n: int, rng: np.random.Generator) -> list[learn.Claim]:
     design, right = drawn(n, rng)
     return [

@@ -1,5 +1,6 @@
 """Learn: diagnose cases whose truth is known, and fit how often what the search shows turns out right."""
 
+import dataclasses
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +19,8 @@ from fdbench.gap.trial.score import check_key
 from fdbench.record import FloatArray
 
 RIDGE = 1.0  # prior precision of a weight, per unit of standardised sign
-HIDDEN_WEIGHT = 0.1  # of a case whose cause the library lacks: there are more of them than one meets
+HIDDEN_WEIGHT = 0.1  # of a case whose cause the library lacks, as far as named causes go: a stand-in cannot be told
+UNLISTED = 1.0 / 3.0  # how often an axis is taken to have a cause that the library lacks
 ITERATIONS = 50
 KINDS = ("effect", "suspect", "value", "unknown", "none")
 
@@ -64,6 +66,13 @@ def fitted(found: Sequence[Claim]) -> Head:
     return Head(bias=float(weights[0]), signs=signs, claims=len(found), right=int(right.sum()))
 
 
+def balanced(found: Sequence[Claim], share: float) -> list[Claim]:
+    """Return the claims weighted so that this share of them is right."""
+    right = sum(claim.right for claim in found)
+    weights = {True: share * len(found) / right, False: (1.0 - share) * len(found) / (len(found) - right)}
+    return [dataclasses.replace(claim, weight=weights[claim.right]) for claim in found]
+
+
 def newton(design: FloatArray, right: FloatArray, share: FloatArray) -> FloatArray:
     """Return the weights of a logistic model, the first of them without penalty; each claim counts by its share."""
     penalty = RIDGE * np.eye(design.shape[1])
@@ -84,7 +93,8 @@ def write_heads(found: Sequence[Claim], output: Path, source: str) -> None:
     """Fit each kind of claim and write the file that `fdbench.gap.confidence` reads."""
     lines = [f'source = "{source}"']
     for kind in KINDS:
-        head = fitted([claim for claim in found if claim.kind == kind])
+        own = [claim for claim in found if claim.kind == kind]
+        head = fitted(balanced(own, UNLISTED) if kind == "unknown" else own)
         lines += ["", f"[{kind}]", f"bias = {head.bias:.4f}", f"claims = {head.claims}", f"right = {head.right}", ""]
         lines += [f"[{kind}.signs]"]
         lines += [
