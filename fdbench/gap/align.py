@@ -104,6 +104,13 @@ def check_record(run: Run, drive: FeedDrive) -> None:
             f"{run.name}: reference_velocity_m_per_s is {slope:.4g} times the change of {COMMAND} in a "
             f"second.{_factor_words(slope)} Mend its unit or sign in the mapping, or leave it out."
         )
+    steps = np.abs(np.diff(position))
+    place, longest = int(np.argmax(steps)), drive.velocity_limit_m_per_s * run.period_s
+    if steps[place] > JUMP * max(longest, float(np.quantile(steps, 0.99))):
+        raise RecordError(
+            f"{run.name}: {POSITION} jumps by {steps[place]:.3g} m after sample {place}; at the model's velocity limit "
+            f"it moves {longest:.3g} m between samples. Damaged samples, or two recordings in one: split it there."
+        )
     for value, limit, key, unit in (
         (span, drive.travel_m, "travel_m", "m"),
         (fastest, drive.velocity_limit_m_per_s, "velocity_limit_m_per_s", "m/s"),
@@ -121,13 +128,6 @@ def check_record(run: Run, drive: FeedDrive) -> None:
         )
     if drive.controller.action_name == POSITION and span > 0.0 and not followed:
         _check_position(run, command, span)
-    steps = np.abs(np.diff(position))
-    place, longest = int(np.argmax(steps)), drive.velocity_limit_m_per_s * run.period_s
-    if steps[place] > JUMP * longest:
-        raise RecordError(
-            f"{run.name}: {POSITION} jumps by {steps[place]:.3g} m after sample {place}; at the model's velocity limit "
-            f"it moves {longest:.3g} m between samples. Damaged samples, or two recordings in one: split it there."
-        )
 
 
 def _check_position(run: Run, command: FloatArray, span: float) -> None:
@@ -216,11 +216,12 @@ def _clock_warnings(run: Run, delays: Mapping[str, float]) -> list[str]:
     late = {name: delay for name, delay in delays.items() if abs(delay) > 1.0}
     if len(late) == 2 and abs(late[FORCE] - late[POSITION]) <= 1.0 + 0.02 * abs(late[POSITION]):
         late = {f"{FORCE} and {POSITION} together": late[POSITION]}
+    of_the_loop = " or a wrong gain of the controller" if run.motion is None else ""
     return [
         f"{run.name}: {name}: {abs(delay):.1f} samples ({1e3 * abs(delay) * run.period_s:.3g} ms) "
         f"{'after' if delay > 0.0 else 'before'} the simulation throughout. Probably logged on another clock than the "
-        "command: shift the columns against each other. If the clocks are one, it is a dead time or a wrong gain of "
-        "the controller, and may be named as a cause."
+        f"{'command' if run.motion is None else 'position'}: shift the columns against each other. If the clocks are "
+        f"one, it is a dead time{of_the_loop}, and may be named as a cause."
         for name, delay in late.items()
     ]
 
