@@ -33,7 +33,7 @@ from fdbench.specification import read
 VISIBLE = 0.25  # mean square of the effect at constant speeds in units of the noise, at least
 AMBIGUOUS = 0.9  # probability of the first effect below which a verdict is ambiguous
 REPEATS = 2
-BAR = 0.10
+BAR, FEWEST = 0.10, 20  # of top-1 above random, and ambiguous cases below which it is not judged
 RESAMPLES = 10_000
 FIRST, PROPOSED, RANDOM = "no second experiment", "proposed", "random"
 Verdict = dict[str, float]
@@ -127,14 +127,14 @@ def of_truth(verdict: Verdict, planted: str) -> float:
     return verdict.get(planted, 0.0)
 
 
-def table(rows: Sequence[dict[str, Any]]) -> bool:
-    """Print both scores of every arm with intervals, and return whether the bar is met."""
+def table(rows: Sequence[dict[str, Any]]) -> None:
+    """Print both scores of every arm with intervals, and whether the bar is met."""
     open_ = [row for row in rows if "kinds" in row]
     print(
         f"\n{len(rows)} cases, {len(open_)} ambiguous, {sum(row['motion'] is None for row in open_)} without proposal"
     )
     if not open_:
-        return False
+        return
     n = len(open_)
     draws = np.random.default_rng(0).integers(0, n, (RESAMPLES, n))
 
@@ -142,7 +142,6 @@ def table(rows: Sequence[dict[str, Any]]) -> bool:
         low, high = np.percentile(values[draws].mean(axis=1), [2.5, 97.5])
         return f"{values.mean():6.3f} [{low:6.3f}, {high:6.3f}]"
 
-    met = False
     for title, score in (("top-1", top_1), ("mean probability of the truth", of_truth)):
         arms = {FIRST: np.array([score(row[FIRST], row["planted"]) for row in open_])}
         arms[PROPOSED] = np.array([score(row[PROPOSED], row["planted"]) for row in open_])
@@ -158,12 +157,11 @@ def table(rows: Sequence[dict[str, Any]]) -> bool:
         print(f"  {'proposed less random':28} {with_interval(gain)}")
         print(f"  {f'proposed less {best}':28} {with_interval(arms[PROPOSED] - kinds[best])}")
         if score is top_1:
-            met = bool(gain.mean() >= BAR)
-            print(f"  bar {BAR:.2f} above random: {'met' if met else 'MISSED'}")
+            judged = "met" if gain.mean() >= BAR else "MISSED"
+            print(f"  bar {BAR:.2f} above random: {judged if n >= FEWEST else 'too few cases'}")
     forecasts = [row["expected"]["after"] for row in open_ if row["expected"] is not None]
     if forecasts:
         print(f"\nexpected probability of the truth after the proposed experiment: {np.mean(forecasts):.3f}")
-    return met
 
 
 def main() -> None:

@@ -98,8 +98,8 @@ def virtual_controller(drive: FeedDrive, records: Sequence[Record]) -> Following
         controller = _slower(controller)
         if controller.bandwidth_Hz < LOWEST_HZ:
             raise SpecError(
-                f"plant: no virtual controller holds this axis at one sample each {period:.4g} s. Check that time_s is in "
-                "seconds, masses and stiffness, or give the real controller as [plant.controller]."
+                f"plant: no virtual controller holds this axis at one sample each {period:.4g} s. Check that time_s is "
+                "in seconds, masses and stiffness, or give the real controller as [plant.controller]."
             )
     while loudness(controller, period) * noise_m > quiet_N and controller.bandwidth_Hz > QUIETEST_HZ:
         controller = _slower(controller)
