@@ -4,7 +4,7 @@ BIN := .venv/bin
 RUNTIME := .venv/.installed
 TEST := .venv/.installed-test
 
-.PHONY: run test check format report leaderboard trial clean
+.PHONY: run test check format report leaderboard trial benchmark clean
 
 run: $(RUNTIME)
 	$(BIN)/fdbench run
@@ -27,6 +27,11 @@ trial: $(RUNTIME)
 	  test -e $(OUT).$$name.json || $(BIN)/fdbench trial answer $(OUT) --diagnoser $$name -o $(OUT).$$name.json || exit; \
 	  echo; $(BIN)/fdbench trial score $(OUT) $(OUT).$$name.json --key $(OUT).key.json; \
 	done
+
+# Speed beside other packages, which are installed into .venv.
+benchmark: $(RUNTIME)
+	@$(PYTHON) -m pip --python $(BIN)/python install --quiet --editable ".[peers]"
+	@for script in benchmarks/*_speed.py; do echo; $(BIN)/python $$script || exit; done
 
 test: $(TEST)
 	$(BIN)/python -m pytest -n 2 --dist loadfile
