@@ -57,6 +57,8 @@ class Port(enum.Enum):
         return self in (Port.MOTOR_FORCE, Port.TABLE_FORCE, Port.TABLE_INERTIA)
 
 
+Located = Literal["", "frequency", "wavelength", "wavelength of a ratio"]
+
 LEADING_ARGUMENTS = ("t", "h", "x", "v", "u")
 
 
@@ -87,7 +89,7 @@ class Parameter:
         Whether it is a phase in radians, so that two values a quarter turn apart span all.
     locate : str
         ``"frequency"`` or ``"wavelength"`` where the diagnosis finds the values to try in the residual's spectrum
-        over time (Hz) or over position (m).
+        over time (Hz) or over position (m); ``"wavelength of a ratio"`` where the effect scales with the force.
     """
 
     name: str
@@ -97,7 +99,7 @@ class Parameter:
     typical: float
     grid: tuple[float, ...] = ()
     phase: bool = False
-    locate: Literal["", "frequency", "wavelength"] = ""
+    locate: Located = ""
 
     @property
     def unit(self) -> str:
@@ -113,7 +115,7 @@ def parameter(
     typical: float,
     grid: tuple[float, ...] = (),
     phase: bool = False,
-    locate: Literal["", "frequency", "wavelength"] = "",
+    locate: Located = "",
 ) -> Any:
     """Declare a parameter of an effect; see `Parameter`."""
     metadata = {"symbol": symbol, "low": low, "high": high, "typical": typical}

@@ -8,6 +8,7 @@ from fdbench.effects._effect import Effect, Port, kernel, parameter
 from fdbench.effects._functions import cos, exp, sin
 
 TURN = 2.0 * math.pi
+MODES_HZ = (20.0, 30.0, 42.0, 60.0, 85.0, 120.0, 170.0)
 
 
 @final
@@ -42,7 +43,7 @@ class StructuralMode(Effect):
     confusable_with = ("axial_compliance", "inertia_mismatch")
 
     moving_mass_kg: float = parameter("m", low=0.0, high=60.0, typical=6.0)
-    natural_frequency_Hz: float = parameter("f", low=1.0, high=2000.0, typical=60.0, locate="frequency")
+    natural_frequency_Hz: float = parameter("f", low=1.0, high=2000.0, typical=60.0, grid=MODES_HZ)
     damping_ratio: float = parameter("zeta", low=0.0, high=0.9, typical=0.03)
 
     @kernel

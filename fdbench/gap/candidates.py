@@ -64,6 +64,12 @@ class Candidate:
             changes[name] = min(value, bounds[name].high)
         return Candidate(members=(effect.changed(**changes),))
 
+    def sizes(self, shares: Sequence[float]) -> "list[Candidate]":
+        """Return one effect at shares of its size; a replacement has no other size."""
+        if self.replaces is not None:
+            return [self]
+        return [Candidate(members=(self.members[0].scaled(share),)) for share in shares]
+
 
 def amplitudes(kind: type[Effect]) -> tuple[str, ...]:
     """Return the parameters in which an effect is linear: its amplitude and further ones."""

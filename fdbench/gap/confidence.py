@@ -1,7 +1,7 @@
 """Confidence: how often what the search shows has turned out right, as logistic models learned on simulated trials."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -72,8 +72,8 @@ def heads() -> Heads:
     return read(Heads, load_toml(FILE), FILE.name)
 
 
-def of_effect(contest: Stage, kind: type[Effect]) -> dict[str, float]:
-    """Return the signs of an effect.
+def of_effect(contest: Stage, kind: type[Effect], alike: Collection[str] = ()) -> dict[str, float]:
+    """Return the signs of an effect, or of one of several that cannot be told apart.
 
     What else the contest shows (share and size of what it closes, steadiness over time, tempered evidence) told nothing
     more about other trials than the ones learned from.
@@ -83,9 +83,12 @@ def of_effect(contest: Stage, kind: type[Effect]) -> dict[str, float]:
     contest : Stage
         The model without the effect, and what rivals make of that.
     kind : Effect class
+    alike : collection of str
+        Names of the rivals that cannot be told from it.
     """
     own = next(rival for rival in contest.rivals if rival.kind is kind)
-    others = [contest.log_evidence(rival.misfit, rival.penalty) for rival in contest.rivals if rival.kind is not kind]
+    different = (rival for rival in contest.rivals if rival.kind is not kind and rival.kind.name not in alike)
+    others = [contest.log_evidence(rival.misfit, rival.penalty) for rival in different]
     best = max([contest.log_evidence(contest.misfit, contest.penalty), *others])
     return {
         "before": math.log(max(contest.misfit, SMALLEST_MISFIT)),

@@ -130,6 +130,7 @@ def diagnose(
     if (grid := grid_mark(runs, replay)) is not None and mean_energy(grid, split.floors) > SMALLEST_GAIN:
         split = dataclasses.replace(split, floors=raised(split.floors, grid.energy))
         marks.append(grid)
+    replay = replay.coarsened(split.runs, split.floors)
     search = Search(replay, split, progress)
     raw = float(channel_gaps(replay, split, paper).mean())
     search.progress("re-calibrating the values on paper")

@@ -12,6 +12,7 @@ from fdbench.plants.feed_drive import FeedDrive, RotaryMotor, Table
 from fdbench.record import FloatArray
 
 SMALLEST_RATIO = 0.05
+FREEDOM = 3.0  # degrees of freedom of a value on paper: most are nearly right, a few are far off
 LINE_STEP = 3e-4  # relative; a record holds hundreds of periods
 
 
@@ -72,6 +73,10 @@ class Hypothesis:
     def penalty(self) -> float:
         """Return the squared distance from the values on paper, in standard deviations."""
         return float(sum(shift**2 for shift in self.shifts))
+
+    def surprise(self) -> float:
+        r"""Return :math:`\sum_i (\nu + 1) \ln(1 + s_i^2 / \nu)`, minus twice the log prior of Student's t."""
+        return float(sum((FREEDOM + 1.0) * math.log1p(shift**2 / FREEDOM) for shift in self.shifts))
 
     def moved(self, change: Sequence[float] | FloatArray) -> "Hypothesis":
         """Return the hypothesis with its values on paper moved further; what follows in ``change`` is not for them."""

@@ -1,13 +1,16 @@
-"""Locate periods: the strongest lines of the gap over time and over position."""
+"""Locate periods: the strongest lines of what the model lacks, over time and over position."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from fdbench.gap.evidence import Split
+from fdbench.gap.floor import Floor
 from fdbench.gap.hypothesis import Hypothesis
 from fdbench.gap.replay import Replay
-from fdbench.gap.runs import Run
+from fdbench.gap.runs import STRETCH, Run
+from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 
 LINES = 2
@@ -19,24 +22,70 @@ BIN_M, OVERSAMPLING = 1e-4, 8
 def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list[float]]:
     """Return the frequencies (Hz) and wavelengths (m) that stand out in what the model lacks.
 
-    Over time the longest run and the one that differs most are looked at, over position all runs.
+    Over time the longest run and the one that differs most are looked at, over position all runs: the forces that the
+    gap asks for, and these times the force of the motor, in which what scales with it stands out whatever its sign.
     """
     gaps = []
     for run in split.runs:
         simulated = replay.simulate(run, [base.variant()])
-        scaled = [
-            (measured - simulated[name][0]) / split.floors[name].rms
-            for name, measured in run.channels.items()
-            if name != "position_m"
-        ]
-        gap = np.stack(scaled)
-        gaps.append(np.where(np.isfinite(gap), gap, 0.0))
-    longest = max(range(len(gaps)), key=lambda index: gaps[index].shape[1])
-    worst = max(range(len(gaps)), key=lambda index: float(np.mean(gaps[index] ** 2)))
+        gap = {name: measured - simulated[name][0] for name, measured in run.channels.items()}
+        gaps.append({name: np.where(np.isfinite(values), values, 0.0) for name, values in gap.items()})
+    scaled = [
+        np.stack([values / split.floors[name].rms for name, values in gap.items() if name != "position_m"])
+        for gap in gaps
+    ]
+    longest = max(range(len(scaled)), key=lambda index: scaled[index].shape[1])
+    worst = max(range(len(scaled)), key=lambda index: float(np.mean(scaled[index] ** 2)))
     frequencies: list[float] = []
     for place in dict.fromkeys((longest, worst)):
-        frequencies += _lines_in_time(gaps[place], split.runs[place].period_s)
-    return {"frequency": frequencies, "wavelength": _lines_in_position(gaps, split.runs)}
+        frequencies += _lines_in_time(scaled[place], split.runs[place].period_s)
+    lacking = [balances(run, own, split.floors, base.nominal.drive) for run, own in zip(split.runs, gaps, strict=True)]
+    times_force = [own * run.channels["motor_force_N"][1:-2] for own, run in zip(lacking, split.runs, strict=True)]
+    return {
+        "frequency": frequencies,
+        "wavelength": _lines_in_position(lacking, split.runs),
+        "wavelength of a ratio": _lines_in_position(times_force, split.runs),
+    }
+
+
+def balances(run: Run, gap: Mapping[str, FloatArray], floors: Mapping[str, Floor], drive: FeedDrive) -> FloatArray:
+    r"""Return the forces that the gap of a run asks for, (n_balances, n_samples - 3), in units of their noise.
+
+    The gaps of two runs of one linear drive obey its equations of motion, so that what is left is what acts on the
+    motor side and on the table, at the time and the place where it acts, whatever the loop makes of it:
+
+    .. math::
+        d_m = \Delta F - m_m \Delta\ddot x_m - B_m \Delta\dot x_m - k \Delta s - c \Delta\dot s, \qquad
+        d_t = k \Delta s + c \Delta\dot s - m_t \Delta\ddot x_t - B_t \Delta\dot x_t
+
+    with the stretch :math:`s = x_m - x_t`; where it was not measured, the sum of both with one mass. Derivatives are
+    those in the middle between samples, where a force that is held acts on average.
+    """
+    h, force, position = run.period_s, gap["motor_force_N"][1:-2], gap["position_m"]
+    noise = {name: floor.rms for name, floor in floors.items()}
+    motor, table, screw = drive.motor, drive.table, drive.screw
+
+    def inertia_and_drag(mass_kg: float, viscous: float, x: FloatArray) -> FloatArray:
+        acceleration = (x[3:] - x[2:-1] - x[1:-2] + x[:-3]) / (2.0 * h**2)
+        return np.asarray(mass_kg * acceleration + viscous * (x[2:-1] - x[1:-2]) / h)
+
+    if screw is None or table is None or STRETCH not in gap:
+        left = force - inertia_and_drag(drive.mass_kg, drive.viscous_friction_N_s_per_m, position)
+        return np.asarray(left / math.hypot(noise["motor_force_N"], drive.mass_kg / h**2 * noise["position_m"]))[None]
+    stretch = gap[STRETCH]
+    x_t = position if drive.controller.uses_table else position - stretch
+    k, c = screw.stiffness_N_per_m, screw.damping_N_s_per_m
+    spring = k * 0.5 * (stretch[1:-2] + stretch[2:-1]) + c * (stretch[2:-1] - stretch[1:-2]) / h
+    spread = noise[STRETCH] * math.hypot(k / math.sqrt(2.0), c * math.sqrt(2.0) / h)
+    on_motor = force - inertia_and_drag(motor.mass_kg, motor.viscous_friction_N_s_per_m, x_t + stretch) - spring
+    on_table = spring - inertia_and_drag(table.mass_kg, table.viscous_friction_N_s_per_m, x_t)
+    jerky = noise["position_m"] / h**2
+    return np.stack(
+        [
+            on_motor / math.hypot(noise["motor_force_N"], motor.mass_kg * jerky, spread),
+            on_table / math.hypot(table.mass_kg * jerky, spread),
+        ]
+    )
 
 
 def _lines_in_time(gap: FloatArray, period_s: float) -> list[float]:
@@ -66,8 +115,10 @@ def _lines_in_position(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[
     wavenumber = np.asarray(np.fft.rfftfreq(OVERSAMPLING * n_bins, travel / n_bins), dtype=np.float64)
     power = np.zeros(len(wavenumber))
     for run, gap in zip(runs, gaps, strict=True):
-        place = np.minimum(((run.channels["position_m"] - lowest) * (n_bins / travel)).astype(np.intp), n_bins - 1)
-        for moving in (run.reference[:, 1] > 0.0, run.reference[:, 1] < 0.0):
+        inside = slice(1, 1 + gap.shape[1])
+        position, speed = run.channels["position_m"][inside], run.reference[inside, 1]
+        place = np.minimum(((position - lowest) * (n_bins / travel)).astype(np.intp), n_bins - 1)
+        for moving in (speed > 0.0, speed < 0.0):
             visits = np.bincount(place[moving], minlength=n_bins)
             for signal in gap:
                 sums = np.bincount(place[moving], weights=signal[moving], minlength=n_bins)

@@ -1,5 +1,6 @@
 """Replay: simulate the command of a run on many variants of the model at once, with one stepper of all effects."""
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -7,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from fdbench.effects import Effect
+from fdbench.gap.floor import Floor
 from fdbench.gap.runs import STRETCH, Run
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
@@ -14,6 +16,8 @@ from fdbench.simulate import layout
 from fdbench.simulate.axis import ROW
 from fdbench.simulate.compose import block_rows, compose, slots
 
+COARSER = (3, 4, 5, 6, 8)  # substeps that are tried where the model has more
+MISSED = 0.03  # of the noise, root mean square, by which coarser substeps may move a reading
 WIDTH = 8  # few effects in a block beat many lanes in it
 PIECE = 4096  # samples simulated at once, which bounds the memory
 
@@ -81,6 +85,22 @@ class Replay:
             for name in run.channels:
                 result[name][lanes] = columns[name][:, : len(lanes)].T
         return result
+
+    def coarsened(self, runs: Sequence[Run], floors: Mapping[str, Floor]) -> "Replay":
+        """Return the simulator with the fewest substeps that move no reading of the drive by 3 % of the noise."""
+        plain = [Variant(plant=self.drive)]
+        fine = [self.simulate(run, plain) for run in runs]
+        n_samples = sum(run.n_samples for run in runs)
+        for substeps in COARSER:
+            if substeps >= self.substeps:
+                break
+            coarse = copy.copy(self)
+            coarse.substeps = substeps
+            both = [(own, coarse.simulate(run, plain)) for own, run in zip(fine, runs, strict=True)]
+            moved = {name: sum(float(np.sum((a[name] - b[name]) ** 2)) for a, b in both) for name in floors}
+            if all(moved[name] <= n_samples * (MISSED * floor.rms) ** 2 for name, floor in floors.items()):
+                return coarse
+        return self
 
     def _block(self, run: Run, variants: Sequence[Variant], width: int) -> dict[str, FloatArray]:
         block = np.zeros((1, self._rows, width))

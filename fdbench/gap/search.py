@@ -17,6 +17,7 @@ from fdbench.record import FloatArray
 
 MOST_EFFECTS = 4
 RESCALED = 10  # classes that are simulated again at their fitted size
+SIZES = (1.0, 0.5)  # of that size: large effects are not proportional to it
 REFINED = 3  # classes that are refined in closed loop before one is chosen, at most
 SERIOUS = 0.5  # share of the best gain that makes a class worth refining
 SMALLEST_GAIN = 0.04  # share of the excess misfit that an effect must remove
@@ -40,6 +41,7 @@ class Rival:
     misfit : float
         On held-out segments, weighted, after the fit.
     penalty : float
+        Minus twice the log prior of the values on paper.
     refined : bool
         Whether it was fitted in closed loop, and not only linearly.
     """
@@ -139,8 +141,8 @@ class Search:
         if alone.train < NOISE_ALONE:
             return None
         best = self._best_of_class(base, every, fits)
-        order = sorted(best, key=lambda kind: best[kind][1].train)
-        again = [best[kind][0] for kind in order[:RESCALED]]
+        order = sorted(best, key=lambda kind: best[kind][1].train)[:RESCALED]
+        again = [size for kind in order for size in best[kind][0].sizes(SIZES)]
         alone, fits = self._screen(base, again)
         ranked = self._best_of_class(base, again, fits)
         order = sorted(ranked, key=lambda kind: ranked[kind][1].misfit)
@@ -162,13 +164,13 @@ class Search:
         alone, *misfits = evidence.misfits(held_out=True).tolist()
         outside = evidence.held_out
         rivals = [
-            Rival(kind=kind, hypothesis=hypothesis, misfit=misfit, penalty=hypothesis.penalty(), refined=refined)
+            Rival(kind=kind, hypothesis=hypothesis, misfit=misfit, penalty=hypothesis.surprise(), refined=refined)
             for (kind, hypothesis, refined), misfit in zip(hypotheses, misfits, strict=True)
         ]
         stage = Stage(
             base=base,
             misfit=alone,
-            penalty=base.penalty(),
+            penalty=base.surprise(),
             test_count=float(np.sum(evidence.counts[outside])),
             rivals=tuple(rivals),
             effective=min(EFFECTIVE_SAMPLES, float(len(np.unique(evidence.group[outside])))),

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,6 +23,7 @@ ALIKE = 0.9  # a rival that removes this share of what the best removes cannot b
 BEYOND_DOUBT = 1.5  # standard deviations of a value on paper below which it is no cause
 NAMED = 0.5  # probability above which causes stand first
 FEWEST = 0.01  # probability of a rival that is worth mentioning
+OR = " or "  # between the names of one claim
 LEVEL = 0.9  # probability with which the cause is one of a set
 
 
@@ -61,7 +62,8 @@ class Verdict:
     answer : mapping
         ``causes``, ``suspects``, ``unknown_probability``, ``no_gap_probability``.
     signs : mapping
-        By the kind of claim (see `fdbench.gap.confidence.Heads`) and the name of what is claimed.
+        By the kind of claim (see `fdbench.gap.confidence.Heads`) and the name of what is claimed; names of effects
+        that cannot be told apart are joined by " or ".
     """
 
     answer: Mapping[str, Any]
@@ -116,22 +118,22 @@ def verdict(found: Findings) -> Verdict:
     effect_signs: dict[str, Signs] = {}
     for index, (effect, contest) in enumerate(zip(found.final.effects, found.contests, strict=True)):
         alone = tuple(other for other in everything if other != index)
-        signs = confidence.of_effect(contest, type(effect))
-        effect_signs[effect.name] = signs
-        probability = heads.effect.probability(signs)
-        others = alternatives(contest, type(effect), 1.0 - probability)
+        same = alike(contest, type(effect))
+        signs = confidence.of_effect(contest, type(effect), same)
+        effect_signs[OR.join((effect.name, *same))] = signs
+        chances = divided(contest, type(effect), same, heads.effect.probability(signs))
         own = np.maximum([part[index] for part in parts], 0.0)
         causes.append(
             {
                 "effect": effect.name,
-                "probability": probability,
+                "probability": chances[effect.name],
                 "share": shares.of(own),
                 "share_of_channel": dict(zip(floors, shares.by_channel(own).tolist(), strict=True)),
                 "unique_share": shares.of(np.maximum(by_subset[everything] - by_subset[alone], 0.0)),
                 "parameters": parameters(effect, bounds[index]),
-                "indistinguishable_from": alike(contest, type(effect)),
-                "alternatives": others,
-                "one_of": one_of({effect.name: probability, **others}),
+                "indistinguishable_from": same,
+                "alternatives": {name: p for name, p in chances.items() if name != effect.name},
+                "one_of": one_of(chances),
             }
         )
     corrected = Shares(on_paper, bridged).of(np.maximum(on_paper - recalibrated, 0.0))
@@ -270,14 +272,19 @@ def alike(contest: Stage, kind: type[Effect]) -> list[str]:
     return [rival.name for rival, gain in gains.items() if rival is not kind and gain >= ALIKE * gains[kind]]
 
 
-def alternatives(contest: Stage, kind: type[Effect], chance: float) -> dict[str, float]:
-    """Return the probabilities of the rivals of an effect, which share the chance that it is another or none."""
-    chances = {rival.kind: chance for rival, chance in zip(contest.rivals, contest.probabilities(), strict=True)}
-    rest = 1.0 - chances[kind]
-    if rest <= 0.0:
-        return {}
-    found = {other.name: chance * own / rest for other, own in chances.items() if other is not kind}
-    return {name: own for name, own in found.items() if own >= FEWEST}
+def divided(contest: Stage, kind: type[Effect], same: Collection[str], probability: float) -> dict[str, float]:
+    """Return the probabilities of an effect and its rivals.
+
+    The effect and those that cannot be told from it divide ``probability`` as the contest has it. The others divide
+    the chance that it is another or none, but keep their odds against these.
+    """
+    chances = {rival.kind.name: p for rival, p in zip(contest.rivals, contest.probabilities(), strict=True)}
+    together = sum(p for name, p in chances.items() if name == kind.name or name in same)
+    if not 0.0 < together < 1.0:
+        return {kind.name: probability}
+    own, other = probability / together, min((1.0 - probability) / (1.0 - together), probability / together)
+    found = {name: p * (own if name == kind.name or name in same else other) for name, p in chances.items()}
+    return {name: p for name, p in found.items() if p >= FEWEST or name == kind.name}
 
 
 def one_of(chances: Mapping[str, float]) -> list[str]:

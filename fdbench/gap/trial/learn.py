@@ -16,6 +16,7 @@ from fdbench.gap.trial import seal
 from fdbench.gap.trial.answer import read_case
 from fdbench.gap.trial.make import read_manifest
 from fdbench.gap.trial.score import check_key
+from fdbench.gap.verdict import OR
 from fdbench.record import FloatArray
 
 RIDGE = 1.0  # prior precision of a weight, per unit of standardised sign
@@ -42,7 +43,7 @@ def claims(signs: Mapping[str, Mapping[str, Signs]], truth: Mapping[str, Any]) -
     weight = HIDDEN_WEIGHT if hidden else 1.0
     for kind in ("effect", "suspect", "value"):
         for name, own in signs[kind].items():
-            yield Claim(kind=kind, signs=own, right=name in listed, weight=weight)
+            yield Claim(kind=kind, signs=own, right=not listed.isdisjoint(name.split(OR)), weight=weight)
     yield Claim(kind="unknown", signs=signs["unknown"]["unknown"], right=hidden)
     yield Claim(kind="none", signs=signs["none"]["none"], right=not listed and not hidden, weight=weight)
 
