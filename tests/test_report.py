@@ -462,7 +462,7 @@ def test_an_answer_becomes_a_page(tmp_path: Path) -> None:
             "+4.00",
             "a slow stroke",
         ),
-        *("Re-calibration moved motor_mass by +4.0 standard deviations", "is assumed, from the quietest quarter"),
+        *("Re-calibration moved motor_mass by +4.0 standard deviations", "is assumed, from what the model leaves"),
     ):
         assert words in text, words
     first = [figure["data"][0] for figure in shown.figures.values()]

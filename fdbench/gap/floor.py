@@ -1,14 +1,18 @@
 """The noise floor: what repeats of one command differ by, so that nobody explains noise."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from fdbench.gap.runs import Run, differences
+from fdbench.record import FloatArray
 
 ASSUMED_QUANTILE = 0.25
-PIECE = 128
+PIECE = 256
+BAND = 9  # frequencies
 SMALLEST = 1e-12
 
 
@@ -21,7 +25,7 @@ class Floor:
     rms : float
         Standard deviation of a sample, in the unit of the channel.
     measured : bool
-        Whether it comes from repeats; else it is assumed from the quietest parts of the records.
+        Whether it comes from repeats; else it is assumed, see `assumed`.
     """
 
     rms: float
@@ -32,20 +36,40 @@ def noise_floor(runs: Sequence[Run], channel: str) -> Floor:
     """Return the floor of a channel.
 
     With repeats (of records, or of laps within one) it is the root mean square of their differences over the root of
-    two, drift from repeat to repeat included. Without, second differences remove the motion and enlarge white noise
-    by the root of six; their quietest quarter counts.
+    two, drift from repeat to repeat included. Without, it is `assumed`.
     """
     found = differences(runs, channel)
     if found:
         mean_square = float(np.mean(np.concatenate(found) ** 2)) / 2.0
         return Floor(rms=max(np.sqrt(mean_square), SMALLEST), measured=True)
-    pieces = []
-    for run in runs:
-        rough = np.diff(run.channels[channel], 2)
-        n = len(rough) // PIECE * PIECE
-        pieces.append(np.mean(rough[:n].reshape(-1, PIECE) ** 2, axis=1) / 6.0)
-    level = float(np.quantile(np.concatenate(pieces), ASSUMED_QUANTILE))
-    return Floor(rms=max(np.sqrt(level), SMALLEST), measured=False)
+    return Floor(
+        rms=max(assumed([run.channels[channel] if run.left is None else run.left[channel] for run in runs]), SMALLEST),
+        measured=False,
+    )
+
+
+def assumed(signals: Sequence[FloatArray]) -> float:
+    r"""Return the root mean square of the noise in what a model leaves, without repeats to tell it from the gap.
+
+    Noise is what is there all the time and at no frequency in particular: of the spectra of all pieces of 256 samples
+    (overlapping by half, without their trend) the quietest quarter counts, at each frequency, and of neighbouring
+    frequencies the median. A gap that comes and goes with the motion, and lines, are left out; what is steady and
+    broad is not told from noise, and noise slower than a piece is not seen. A quartile of the power of Gaussian noise
+    is its mean times :math:`\ln 4/3`.
+    """
+    window, trend = np.hanning(PIECE), np.linspace(-1.0, 1.0, PIECE)
+    pieces = np.concatenate([sliding_window_view(_long_enough(values), PIECE)[:: PIECE // 2] for values in signals])
+    centred = pieces - pieces.mean(axis=1, keepdims=True)
+    centred = centred - np.outer(centred @ trend / (trend @ trend), trend)
+    power = np.abs(np.fft.rfft(centred * window)) ** 2 / np.sum(window**2)
+    quiet = np.quantile(power, ASSUMED_QUANTILE, axis=0)[1:-1] / -math.log(1.0 - ASSUMED_QUANTILE)
+    smooth = np.median(sliding_window_view(np.pad(quiet, BAND // 2, mode="edge"), BAND), axis=1)
+    return math.sqrt(2.0 / PIECE * float(smooth.sum()))
+
+
+def _long_enough(values: FloatArray) -> FloatArray:
+    missing = PIECE - len(values)
+    return np.pad(values, (0, missing), mode="reflect") if missing > 0 else values
 
 
 def floors(runs: Sequence[Run]) -> Mapping[str, Floor]:

@@ -1,7 +1,9 @@
 """The next experiment: the motion of a menu after which the true cause is expected to be most probable.
 
 Each motion is simulated with each candidate as the truth, and the others are fitted again to the old records and the
-new one together; the misfits that this leaves are read as those of the records are.
+new one together; the misfits that this leaves are read as those of the records are. Candidates are the rivals of the
+verdict and, with the probability that it leaves, every other effect of the library, as large as the records may have
+hidden.
 """
 
 import itertools
@@ -12,12 +14,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from fdbench.gap import confidence
+from fdbench.gap.candidates import candidates
 from fdbench.gap.evidence import MODEL_ERROR, Split, gather
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.replay import Replay
 from fdbench.gap.runs import Run
-from fdbench.gap.search import EFFECTIVE_SAMPLES, Stage
+from fdbench.gap.search import EFFECTIVE_SAMPLES, NOISE_ALONE, Rival, Stage
+from fdbench.gap.verdict import alike, divided
 from fdbench.motions import motions
 from fdbench.plants.feed_drive import FeedDrive, Following
 from fdbench.record import FloatArray, Record
@@ -27,12 +33,13 @@ if TYPE_CHECKING:
 
 MOST_RIVALS = 6
 SMALLEST_PROBABILITY = 0.02
+SURE = 0.9  # probability from which on a verdict needs no further experiment
+OVERLOOKED = 0.1  # least probability that the cause is an effect that the records gave no reason to consider
 SMALLEST_GAIN = 0.02  # of the probability of the truth, below which nothing is proposed
 PRICE_PER_S = 1e-3  # probability that a second of machine time has to bring
-RELIED_ON = 0.25  # share of the energy that candidates are expected to differ by; real effects have other forms
 SPLIT_LOG_ODDS = 3.0  # 20 to 1
 CERTAIN = 1e-12  # smallest probability that log odds tell from none
-NOTHING = "no further effect"
+NOTHING, OTHER = "no further effect", "any other effect"
 USED_TRAVEL = 0.5  # share of the travel that a stroke may take where the records do not show more
 FOLLOWED = 0.1  # share of the stroke by which the simulated axis may miss the command
 FADE_S = 0.25
@@ -167,7 +174,10 @@ def from_position(position_m: FloatArray, period_s: float) -> FloatArray:
 
 
 def menu(limits: Limits, period_s: float) -> list[Trajectory]:
-    """Return the motions that may be proposed: constant speeds, reversals, multisines, strokes and small sines."""
+    """Return the motions that may be proposed: constant speeds, reversals, multisines, strokes and small sines.
+
+    One has strokes and a multisine of all frequencies, for what nobody thinks of.
+    """
     x, length = limits.start_m, limits.stroke_m
     fastest, hardest = limits.velocity_m_per_s, limits.acceleration_m_per_s2
     middle, gentle = x + 0.5 * length, 0.2 * hardest
@@ -189,10 +199,20 @@ def menu(limits: Limits, period_s: float) -> list[Trajectory]:
         speed = min(max(0.5 * stroke, 1e-4), 0.2 * fastest)
         reference = moves(stops, (speed,), gentle, period_s)
         add("nested reversals", f"within {_mm(stroke)} at {_mm(speed)}/s", reference)
-    for low, high, part in ((0.5, 10.0, 0.3), (1.0, 60.0, 0.1), (1.0, 60.0, 0.3), (10.0, 150.0, 0.1)):
-        _, speed, acceleration = multisine(0.0, 1.0, (low, high), 5.0, period_s).std(axis=0)
+
+    def wave(band_Hz: tuple[float, float], part: float) -> tuple[str, FloatArray]:
+        _, speed, acceleration = multisine(0.0, 1.0, band_Hz, 5.0, period_s).std(axis=0)
         rms = min(part * fastest / speed, part * hardest / acceleration, 0.2 * length)
-        add("multisine", f"{low:g} to {high:g} Hz, {_mm(rms)} rms", multisine(middle, rms, (low, high), 5.0, period_s))
+        words = f"{band_Hz[0]:g} to {band_Hz[1]:g} Hz, {_mm(rms)} rms"
+        return words, multisine(middle, rms, band_Hz, 5.0, period_s)
+
+    for band_Hz, part in (((0.5, 10.0), 0.3), ((1.0, 60.0), 0.1), ((1.0, 60.0), 0.3), ((10.0, 150.0), 0.1)):
+        add("multisine", *wave(band_Hz, part))
+    stops = [x + length * share for share in (0.0, 0.6, 0.1, 0.4, 0.0, 0.5)]
+    words, reference = wave((1.0, 150.0), 0.3)
+    strokes = moves(stops, (fastest,), 0.8 * hardest, period_s)
+    words = f"up to {_mm(0.6 * length)} at {0.8 * hardest:.3g} m/s^2, then {words}"
+    add("strokes and multisine", words, np.concatenate((strokes, reference)))
     for part in (0.3, 0.8):
         stops = [x + length * share for share in (0.0, 0.6, 0.1, 0.4, 0.0)]
         reference = moves(stops, (fastest,), part * hardest, period_s)
@@ -206,8 +226,8 @@ def menu(limits: Limits, period_s: float) -> list[Trajectory]:
     time = np.arange(round(5.0 / period_s)) * period_s
     fade = np.clip(np.minimum(time, time[-1] - time) / FADE_S, 0.0, 1.0)
     for size, frequency in ((2e-5, 2.0), (2e-4, 2.0), (2e-4, 10.0)):
-        wave = size * np.sin(2.0 * math.pi * frequency * time) * fade**2 * (3.0 - 2.0 * fade)
-        add("sine", f"{_mm(size)} at {frequency:g} Hz about one place", from_position(middle + wave, period_s))
+        position = middle + size * np.sin(2.0 * math.pi * frequency * time) * fade**2 * (3.0 - 2.0 * fade)
+        add("sine", f"{_mm(size)} at {frequency:g} Hz about one place", from_position(position, period_s))
     return found
 
 
@@ -238,14 +258,43 @@ def chances(stage: Stage) -> FloatArray:
     return np.array([*found, max(1.0 - sum(found), 0.0)])
 
 
+def told(stage: Stage) -> dict[str, float]:
+    """Return the probabilities that the verdict gives to rivals and to none; what lacks to 1 is what it doubts."""
+    *own, none = chances(stage).tolist()
+    if none >= max(own, default=0.0):
+        return {**{rival.kind.name: p for rival, p in zip(stage.rivals, own, strict=True)}, NOTHING: none}
+    kind = stage.rivals[int(np.argmax(own))].kind
+    same = alike(stage, kind)
+    found = divided(stage, kind, same, confidence.heads().effect.probability(confidence.of_effect(stage, kind, same)))
+    return {**found, NOTHING: min(none, 1.0 - sum(found.values()))}
+
+
 def most_open(stages: Sequence[Stage]) -> Stage | None:
-    """Return the stage, with its serious rivals, that is furthest from a decision; None where all are decided.
+    """Return the stage that is furthest from a decision; None where all are decided.
 
     Beside effects that were found, rivals count only if one of them is there more likely than not.
     """
-    found = [serious(stage) for stage in stages if stage.present() >= 0.5 or not stage.base.effects]
-    stage = min(found, key=lambda item: float(np.sum(chances(item) ** 2)), default=None)
-    return stage if stage is not None and np.sum(chances(stage) ** 2) <= 1.0 - SMALLEST_GAIN else None
+    found = [stage for stage in stages if stage.rivals and (stage.present() >= 0.5 or not stage.base.effects)]
+    surest = [max(told(stage).values()) for stage in found]
+    open_ = [(p, stage) for p, stage in zip(surest, found, strict=True) if p < SURE]
+    return min(open_, key=lambda item: item[0])[1] if open_ else None
+
+
+def overlooked(stage: Stage) -> list[Rival]:
+    """Return the effects of the library beside the serious rivals: of typical size, with nothing explained yet."""
+    known = {rival.kind for rival in serious(stage).rivals}
+    others = [item for item in candidates(stage.base, {}) if item.kind not in known]
+    kinds = {item.kind: [other for other in others if other.kind is item.kind] for item in others}
+    return [
+        Rival(
+            kind=kind,
+            hypothesis=shapes[len(shapes) // 2].hypotheses(stage.base)[0],
+            misfit=stage.misfit,
+            penalty=stage.penalty,
+            refined=False,
+        )
+        for kind, shapes in kinds.items()
+    ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -256,7 +305,7 @@ class Forecast:
     ----------
     trajectory : Trajectory
     names : list of str
-        Candidates: the rivals of a stage and, last, none of them.
+        Candidates: the rivals of a stage, other effects under one name and, last, none of them.
     now : (n_candidates,) array
         Probabilities before the motion.
     after : (n_candidates, n_candidates) array
@@ -284,12 +333,16 @@ class Forecast:
 
     def answer(self) -> dict[str, Any]:
         """Return what the diagnosis says of it; see `propose`."""
-        pairs = list(itertools.combinations(range(len(self.names)), 2))
+        pairs: dict[tuple[str, str], list[tuple[int, int]]] = {}
+        for a, b in itertools.combinations(range(len(self.names)), 2):
+            if self.names[a] != self.names[b]:
+                pairs.setdefault((self.names[a], self.names[b]), []).append((a, b))
         mistaken = self.now[:, None] * (self.now - self.after)
-        best = max(pairs, key=lambda pair: mistaken[pair] + mistaken[pair[::-1]])
-        likely = [pair for pair in pairs if self.now[list(pair)].min() >= SMALLEST_PROBABILITY and pair != best]
-        odds = {(self.names[a], self.names[b]): self.log_odds(a, b) for a, b in (best, *likely)}
-        first = next(iter(odds))
+        mistaken += mistaken.T
+        first = max(pairs, key=lambda pair: sum(mistaken[own] for own in pairs[pair]))
+        chance = {name: self.now[[other == name for other in self.names]].sum() for name in self.names}
+        likely = [pair for pair in pairs if min(map(chance.__getitem__, pair)) >= SMALLEST_PROBABILITY]
+        odds = {pair: float(np.mean([self.log_odds(*own) for own in pairs[pair]])) for pair in (first, *likely)}
         return {
             "to_separate": list(first),
             "trajectory": f"{self.trajectory.words}; {self.trajectory.duration_s:.3g} s",
@@ -306,7 +359,7 @@ class Forecast:
 
 
 class Forecaster:
-    """Forecasts for the rivals of one stage.
+    """Forecasts for the serious rivals of one stage, and for the effects that its records may have hidden.
 
     Parameters
     ----------
@@ -316,16 +369,33 @@ class Forecaster:
     """
 
     def __init__(self, replay: Replay, split: Split, stage: Stage) -> None:
-        self.replay, self.split, self.stage = replay, split, stage
+        known, hidden = serious(stage), overlooked(stage)
+        self.replay, self.split = replay, split
+        self.stage = replace(known, rivals=(*known.rivals, *hidden))
+        belief = told(stage)
+        own, none = [belief.get(rival.kind.name, 0.0) for rival in known.rivals], belief[NOTHING]
+        left = max(1.0 - sum(own) - none, OVERLOOKED)
+        weights = np.array([*own, *(left / len(hidden) for _ in hidden), none])
+        self.now = weights / weights.sum()
+        self.names = [*(rival.kind.name for rival in known.rivals), *(OTHER for _ in hidden), NOTHING]
         shifted = [stage.base.moved(row) for row in np.eye(len(stage.base.shifts))]
         self.n_shifts = len(shifted)
-        self.variants = [*shifted, *(rival.hypothesis for rival in stage.rivals)]
+        self.variants = [*shifted, *(rival.hypothesis for rival in self.stage.rivals)]
         evidence = gather(replay, split, stage.base, self.variants, fitted_only=True)
         inside = ~evidence.held_out
         self.known = evidence.products[inside].sum(axis=0)
         self.count = float(evidence.counts[inside].sum())
         self.alone = self._distances(self.known)
+        # What would have shown at its typical size is smaller, if it is there.
+        shown = [self._distances(self._as_gap(self.known, column))[-1] for column in self._columns[len(known.rivals) :]]
+        largest = np.sqrt((NOISE_ALONE - 1.0) * self.count / np.maximum(shown, 1e-12))
+        self.sizes = np.concatenate((np.ones(len(known.rivals)), np.minimum(largest, 1.0)))
         self.most_missed_m = FOLLOWED * float(np.ptp(np.concatenate([run.reference[:, 0] for run in split.runs])))
+
+    @property
+    def _columns(self) -> range:
+        """Columns of the responses of the rivals."""
+        return range(1 + self.n_shifts, 1 + len(self.variants))
 
     def forecast(self, trajectory: Trajectory) -> Forecast | None:
         """Return what a motion is expected to show, or None if the axis would not follow it."""
@@ -336,12 +406,12 @@ class Forecaster:
         evidence = gather(self.replay, alike, self.stage.base, self.variants)
         count = float(evidence.counts.sum())
         after = []
-        for truth in (*range(1 + self.n_shifts, 1 + len(self.variants)), 0):
-            sums = self._products(evidence.products, evidence.counts, truth)
-            added = self._distances(self.known + sums) - self.alone
+        for truth, size in zip((*self._columns, 0), (*self.sizes, 0.0), strict=True):
+            excess = np.maximum(size**2 * evidence.products[:, truth, truth] / evidence.counts - 1.0, 0.0)
+            sums = np.einsum("s,sij->ij", 1.0 / (1.0 + MODEL_ERROR * excess), evidence.products)
+            added = self._distances(self.known + self._as_gap(sums, truth, size)) - self.alone
             after.append(chances(self._judged(added, count)))
-        names = [*(rival.kind.name for rival in self.stage.rivals), NOTHING]
-        return Forecast(trajectory=trajectory, names=names, now=chances(self.stage), after=np.array(after))
+        return Forecast(trajectory=trajectory, names=self.names, now=self.now, after=np.array(after))
 
     def _recorded(self, trajectory: Trajectory) -> Run | None:
         """Return what the base of the stage would do."""
@@ -361,35 +431,37 @@ class Forecaster:
         return replace(run, channels=channels) if follows else None
 
     @staticmethod
-    def _products(products: FloatArray, counts: FloatArray, truth: int) -> FloatArray:
-        """Return the sums over segments if the response of column ``truth`` is the gap; column 0 has none."""
-        excess = np.maximum(products[:, truth, truth] / counts - 1.0, 0.0)
-        columns = [truth, *range(1, products.shape[1])]
-        sums: FloatArray = np.einsum("s,sij->ij", 1.0 / (1.0 + MODEL_ERROR * excess), products)
-        return sums[np.ix_(columns, columns)]
+    def _as_gap(sums: FloatArray, truth: int, size: float = 1.0) -> FloatArray:
+        """Return sums in which the response of column ``truth``, times ``size``, is the gap."""
+        columns = [truth, *range(1, len(sums))]
+        scale = np.array([size, *np.ones(len(sums) - 1)])
+        return np.asarray(sums[np.ix_(columns, columns)] * np.outer(scale, scale))
 
     def _distances(self, sums: FloatArray) -> FloatArray:
         """Return what each rival, and last the base, leaves of the gap at its best size and re-calibration."""
-        shifts = list(range(1, 1 + self.n_shifts))
-        every = [[*shifts, column] for column in range(1 + self.n_shifts, len(sums))] + [shifts]
-        return np.array([self._distance(sums, columns) for columns in every])
+        shifts = np.arange(1, 1 + self.n_shifts)
+        rivals = np.array([[*shifts, column] for column in self._columns], dtype=np.intp)
+        parts = [self._distance(sums, columns) for columns in (rivals, shifts[None]) if len(columns)]
+        return np.concatenate(parts)
 
-    def _distance(self, sums: FloatArray, columns: list[int]) -> float:
-        normal, right = sums[np.ix_(columns, columns)].copy(), sums[columns, 0].copy()
+    def _distance(self, sums: FloatArray, columns: NDArray[np.intp]) -> FloatArray:
+        """Return what each row of columns leaves of the gap."""
+        normal, right = sums[columns[:, :, None], columns[:, None, :]], sums[columns, 0]
         priors = np.arange(self.n_shifts)
-        normal[priors, priors] += 1.0
-        right[priors] -= self.stage.base.shifts
-        scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+        normal[:, priors, priors] += 1.0
+        right[:, priors] -= self.stage.base.shifts
+        scale = np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2), 1e-30))
         right /= scale
-        fitted = np.linalg.solve(normal / np.outer(scale, scale) + 1e-9 * np.eye(len(columns)), right)
-        return float(sums[0, 0] - right @ fitted)
+        normal = normal / (scale[:, :, None] * scale[:, None, :]) + 1e-9 * np.eye(columns.shape[1])
+        fitted = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
+        return np.asarray(sums[0, 0] - np.sum(right * fitted, axis=1))
 
     def _judged(self, added: FloatArray, count: float) -> Stage:
         """Return the stage with the misfits that old records and new one have together."""
         whole = self.count + count
 
         def together(misfit: float, more: float) -> float:
-            return (self.count * misfit + count + RELIED_ON * max(more, 0.0)) / whole
+            return (self.count * misfit + count + max(more, 0.0)) / whole
 
         rivals = [
             replace(rival, misfit=together(rival.misfit, more))

@@ -44,7 +44,7 @@ class Run:
         Where the reference is made from the measured motion (`fdbench.gap.following`): the position by which repeats
         are recognised, and how far it may differ between them, relative to its range.
     left : mapping of str to (n_samples,) array or None
-        The same: what the model on paper leaves of the channels, whose noise then counts.
+        What the model on paper leaves of the channels, once it has been simulated.
     """
 
     name: str
@@ -69,9 +69,7 @@ class Run:
         return float(offset), float(slope)
 
     def beside(self, on_paper: Mapping[str, FloatArray]) -> "Run":
-        """Return the run with what the model on paper leaves, if its reference is made from the measured motion."""
-        if self.motion is None:
-            return self
+        """Return the run with what the model on paper leaves of it."""
         left = {name: values - on_paper[name] for name, values in self.channels.items()}
         return dataclasses.replace(self, left=left)
 
@@ -190,7 +188,7 @@ def differences(runs: Sequence[Run], channel: str) -> list[FloatArray]:
 
 
 def _noisy(run: Run, channel: str) -> FloatArray:
-    return run.channels[channel] if run.left is None else run.left[channel]
+    return run.channels[channel] if run.left is None or run.motion is None else run.left[channel]
 
 
 def merged(runs: Sequence[Run]) -> list[Run]:

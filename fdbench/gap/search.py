@@ -267,11 +267,14 @@ class Search:
                 return hypothesis
         return hypothesis
 
-    def probed(self, hypothesis: Hypothesis) -> Evidence:
-        """Return the responses to a step of each number of a hypothesis, on the runs of which something is fitted."""
+    def probed(self, hypothesis: Hypothesis, beside: Sequence[Hypothesis] = ()) -> Evidence:
+        """Return the responses to a step of each number of a hypothesis, on the runs of which something is fitted.
+
+        Those of the hypotheses ``beside`` it follow.
+        """
         values = read(hypothesis)
         probes = [write(hypothesis, values + row) for row in np.diag([item.step for item in numbers_of(hypothesis)])]
-        return gather(self.replay, self.split, hypothesis, probes, fitted_only=True)
+        return gather(self.replay, self.split, hypothesis, [*probes, *beside], fitted_only=True)
 
 
 def numbers_of(hypothesis: Hypothesis) -> list[Adjustable]:

@@ -157,7 +157,11 @@ def verdict(found: "Diagnosis") -> Iterator[str]:
     if unknown >= LIKELY and answer["rest_depends_on"]:
         best = answer["rest_depends_on"][0]
         words = best["function_of"].replace("_", " ")
-        yield f"What is left depends most on {words}: a function of it would remove {percent(best['share'])}."
+        where = ""
+        if most := best.get("most"):
+            span = f"{most['from']:.3g} and {most['to']:.3g} {most['unit']}"
+            where = f", most of all between {span}, where the motor gives {most['force_N']:+.3g} N beside the model"
+        yield f"What is left depends most on {words}: a function of it would remove {percent(best['share'])}{where}."
 
 
 def _names(causes: Sequence[Mapping[str, Any]]) -> str:
@@ -194,8 +198,8 @@ def doubts(found: "Diagnosis") -> Iterator[str]:
     assumed = [name for name, floor in answer["noise_floor"].items() if not floor["measured_from_repeats"]]
     if assumed:
         yield (
-            f"The noise floor of {', '.join(assumed)} is assumed, from the quietest quarter of the records: nothing "
-            "was repeated. All sizes and probabilities depend on it; record each motion three times."
+            f"The noise floor of {', '.join(assumed)} is assumed, from what the model leaves all the time: nothing was "
+            "repeated. All sizes and probabilities depend on it; record each motion three times."
         )
     judged = answer["shrinkage"]["judged_on"]
     if judged != "held-out":

@@ -25,10 +25,12 @@ Places = Callable[[Run], FloatArray]
 
 
 def types(split: Split, simulated: Sequence[Mapping[str, FloatArray]], drive: FeedDrive) -> list[dict[str, object]]:
-    """Return what the rest depends on and the share of it that such a function removes, best first.
+    """Return what the rest depends on, the share of it that such a function removes, and where most; best first.
 
     The function is a mean in each of 24 cells (48 where it may differ by direction), fitted on the training samples of
     each channel and judged on the held-out ones; shares are of the squared rest beyond the noise, and do not add up.
+    ``most`` is where the force stands out most from what it scatters, as far as it is half of that or more, and by how
+    much the motor gives more there than the final model, on average.
 
     Parameters
     ----------
@@ -39,49 +41,73 @@ def types(split: Split, simulated: Sequence[Mapping[str, FloatArray]], drive: Fe
 
     Examples
     --------
-    ``[{"function_of": "velocity", "share": 0.31}, {"function_of": "position_by_direction", "share": 0.05}]``
+    ``[{"function_of": "velocity", "share": 0.31, "most": {"from": 0.0, "to": 0.01, "unit": "m/s", "force_N": -3.0}}]``
     """
     rest = [
         {name: (run.channels[name] - own[name]) * (np.sqrt(run.repeats) / split.floors[name].rms) for name in own}
         for run, own in zip(split.runs, simulated, strict=True)
     ]
     found: list[dict[str, object]] = []
-    for words, (places, by_direction) in _kinds(drive).items():
-        cells = _cells([places(run) for run in split.runs])
+    for words, (places, unit, by_direction) in _kinds(drive).items():
+        values = [places(run) for run in split.runs]
+        alone = cells = _cells(values, root=words == "velocity")
         if by_direction:
             cells = [2 * own + (run.reference[:, 1] < 0.0) for own, run in zip(cells, split.runs, strict=True)]
         share = _share(split, rest, cells)
         if share >= SMALLEST:
             found.append({"function_of": words, "share": share})
+            if not by_direction:
+                found[-1]["most"] = {**_most(split, rest, values, alone), "unit": unit}
     return sorted(found, key=lambda item: -float(str(item["share"])))
 
 
-def _kinds(drive: FeedDrive) -> dict[str, tuple[Places, bool]]:
-    """Return the functions that are tried: where a sample lies, and whether both directions have their own."""
-    kinds: dict[str, tuple[Places, bool]] = {
-        "velocity": (_speed, False),
-        "position": (lambda run: run.channels["position_m"], False),
-        "position_by_direction": (lambda run: run.channels["position_m"], True),
-        "acceleration": (lambda run: run.reference[:, 2], False),
-        "motor_force": (lambda run: run.channels["motor_force_N"], False),
-        "time": (lambda run: np.asarray(np.arange(run.n_samples) * run.period_s, dtype=np.float64), False),
+def _most(
+    split: Split, rest: Sequence[Mapping[str, FloatArray]], values: Sequence[FloatArray], cells: Sequence[Cells]
+) -> dict[str, float]:
+    """Return from where to where the force stands out most, and its mean there; speeds are as they are commanded."""
+    value, cell = np.concatenate(values), np.concatenate(cells)
+    force = np.concatenate(
+        [own["motor_force_N"] / np.sqrt(run.repeats) for own, run in zip(rest, split.runs, strict=True)]
+    )
+    counts = np.bincount(cell, minlength=CELLS)
+    mean = np.bincount(cell, weights=force, minlength=CELLS) / np.maximum(counts, 1)
+    first = last = int(np.argmax(np.abs(mean) * np.sqrt(counts)))
+    enough = mean * np.sign(mean[first]) >= 0.5 * abs(mean[first])
+    while first > 0 and enough[first - 1]:
+        first -= 1
+    while last < CELLS - 1 and enough[last + 1]:
+        last += 1
+    there = (cell >= first) & (cell <= last)
+    mean_N = split.floors["motor_force_N"].rms * float(force[there].mean())
+    return {"from": float(value[there].min()), "to": float(value[there].max()), "force_N": mean_N}
+
+
+def _kinds(drive: FeedDrive) -> dict[str, tuple[Places, str, bool]]:
+    """Return the functions that are tried: where a sample lies, in what unit, and whether directions differ."""
+    kinds: dict[str, tuple[Places, str, bool]] = {
+        "velocity": (lambda run: run.reference[:, 1], "m/s", False),
+        "position": (lambda run: run.channels["position_m"], "m", False),
+        "position_by_direction": (lambda run: run.channels["position_m"], "m", True),
+        "acceleration": (lambda run: run.reference[:, 2], "m/s^2", False),
+        "motor_force": (lambda run: run.channels["motor_force_N"], "N", False),
+        "time": (lambda run: np.asarray(np.arange(run.n_samples) * run.period_s, dtype=np.float64), "s", False),
     }
     lead = getattr(drive.motor, "lead_m", None)
     if lead is not None:
-        kinds["position_within_a_lead"] = (lambda run: np.asarray(np.mod(run.channels["position_m"], lead)), False)
+        kinds["position_within_a_lead"] = (
+            lambda run: np.asarray(np.mod(run.channels["position_m"], lead)),
+            "m",
+            False,
+        )
     return kinds
 
 
-def _speed(run: Run) -> FloatArray:
-    """Return the commanded speed on a scale that resolves slow motion: its root with its sign, (n_samples,)."""
-    speed = run.reference[:, 1]
-    return np.asarray(np.sign(speed) * np.sqrt(np.abs(speed)))
-
-
-def _cells(values: Sequence[FloatArray]) -> list[Cells]:
-    low, high = min(float(item.min()) for item in values), max(float(item.max()) for item in values)
+def _cells(values: Sequence[FloatArray], root: bool = False) -> list[Cells]:
+    """Return the cells, of equal width, or with roots of the values of equal width, which resolves slow motion."""
+    scaled = [np.sign(item) * np.sqrt(np.abs(item)) if root else item for item in values]
+    low, high = min(float(item.min()) for item in scaled), max(float(item.max()) for item in scaled)
     width = max(high - low, 1e-30) / CELLS
-    return [np.minimum(((item - low) / width).astype(np.intp), CELLS - 1) for item in values]
+    return [np.minimum(((item - low) / width).astype(np.intp), CELLS - 1) for item in scaled]
 
 
 def _share(split: Split, rest: Sequence[Mapping[str, FloatArray]], cells: Sequence[Cells]) -> float:

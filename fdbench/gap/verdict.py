@@ -10,8 +10,8 @@ import numpy as np
 
 from fdbench.effects import Effect
 from fdbench.gap import confidence
+from fdbench.gap.candidates import candidates
 from fdbench.gap.confidence import Signs
-from fdbench.gap.evidence import Scores
 from fdbench.gap.floor import Floor
 from fdbench.gap.hypothesis import Hypothesis, adjustables, calibrations
 from fdbench.gap.readings import Mark
@@ -23,6 +23,7 @@ ALIKE = 0.9  # a rival that removes this share of what the best removes cannot b
 BEYOND_DOUBT = 1.5  # standard deviations of a value on paper below which it is no cause
 NAMED = 0.5  # probability above which causes stand first
 FEWEST = 0.01  # probability of a rival that is worth mentioning
+HIDDEN = 0.05  # of its typical size: standard deviation of an effect that is not named
 OR = " or "  # between the names of one claim
 LEVEL = 0.9  # probability with which the cause is one of a set
 
@@ -193,20 +194,22 @@ def intervals(search: Search, final: Hypothesis) -> list[dict[str, list[float]]]
     """Return the 95 % interval of each fitted parameter of each effect.
 
     From the normal matrix and the scatter of its right-hand sides from segment to segment, which counts what is
-    left as it is, correlated in time or not (White 1980; segments as clusters).
+    left as it is, correlated in time or not (White 1980; segments as clusters). Every other effect of the library may
+    be there too, with a standard deviation of 5 % of its typical size, which the numbers may make up for.
     """
-    numbers = numbers_of(final)
-    evidence = search.probed(final)
+    numbers, others = numbers_of(final), one_of_each(final)
+    evidence = search.probed(final, others)
     inside = ~evidence.held_out
-    n = len(numbers)
-    normal = Scores(evidence, dict(enumerate(final.shifts, start=1))).normal(range(1, 1 + n))
+    n, n_all = len(numbers), len(numbers) + len(others)
+    prior = np.r_[[float(item.prior) for item in numbers], np.full(len(others), HIDDEN**-2)]
+    normal = evidence.products[inside].sum(axis=0)[1:, 1:] + np.diag(prior)
     groups, place = np.unique(evidence.group[inside], return_inverse=True)
-    sums = np.zeros((len(groups), n))
+    sums = np.zeros((len(groups), n_all))
     np.add.at(sums, place, evidence.products[inside, 0, 1:])
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
     inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
     spread = sums.T @ sums * len(groups) / max(len(groups) - n, 1)
-    deviations = 1.96 * np.sqrt(np.diag(inverse @ (spread + np.eye(n)) @ inverse))
+    deviations = 1.96 * np.sqrt(np.diag(inverse @ (spread + np.diag(prior)) @ inverse))
     found, first = [], len(final.shifts)
     for effect in final.effects:
         items = adjustables(effect)
@@ -218,6 +221,15 @@ def intervals(search: Search, final: Hypothesis) -> list[dict[str, list[float]]]
         found.append(own)
         first += len(items)
     return found
+
+
+def one_of_each(final: Hypothesis) -> list[Hypothesis]:
+    """Return a hypothesis with each effect that it lacks, at a typical size and in the middle of its shapes."""
+    found: dict[type[Effect], list[Hypothesis]] = {}
+    for item in candidates(final, {}):
+        if item.replaces is None:
+            found.setdefault(item.kind, []).append(item.hypotheses(final)[0])
+    return [shapes[len(shapes) // 2] for shapes in found.values()]
 
 
 def off_paper(

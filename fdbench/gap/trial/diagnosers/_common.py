@@ -18,7 +18,8 @@ def prepared(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Rec
     """Return the replay of a model and its runs, repeats merged."""
     runs, others = ([prepare(item, nominal.drive) for item in group] for group in (records, holdouts))
     split, _ = split_runs(runs, others)
-    return Replay(nominal.drive, nominal.library, nominal.simulation.substeps), split
+    replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
+    return replay.coarsened(split.runs, split.floors), split
 
 
 def gap_probability(mean_square: float) -> float:
