@@ -108,7 +108,7 @@ def verdict(found: "Diagnosis") -> Iterator[str]:
     paper, size = sizes(answer)
     causes, unknown, none = answer["causes"], answer["unknown_probability"], answer["no_gap_probability"]
     if answer["warnings"]:
-        yield "Read the warnings under Doubts first: a flaw of the records may be what is explained here."
+        yield "Read the warnings under Doubts first: what they speak of may be what is explained here."
     measured = any(floor["measured_from_repeats"] for floor in answer["noise_floor"].values())
     if not measured and answer["shrinkage"]["judged_on"] != "held-out":
         yield "Nothing was repeated and no other motion held out: a first guess, whatever the probabilities say."
@@ -313,6 +313,9 @@ def _causes(found: "Diagnosis") -> Iterator[str]:
         share = f"share {percent(cause['share'])}, of which no other named effect explains {percent(unique(cause))}"
         yield f"{cause['effect']}{', a value on paper' if is_parametric(cause) else ''}: {share}"
         yield "  " + "; ".join(values)
+        if other := cause.get("instead"):
+            removed = f"{percent(max(other['reduction'], 0.0))} instead of {percent(other['reduction_of_named'])}"
+            yield f"  in its place {other['effect']} would remove {removed} of the held-out misfit"
     experiment = found.answer["next_experiment"]
     if experiment is not None:
         yield f"Next experiment, to separate {' from '.join(experiment['to_separate'])}: {experiment['trajectory']}"

@@ -135,6 +135,7 @@ def verdict(found: Findings) -> Verdict:
                 "indistinguishable_from": same,
                 "alternatives": {name: p for name, p in chances.items() if name != effect.name},
                 "one_of": one_of(chances),
+                "instead": instead(contest, type(effect), same),
             }
         )
     corrected = Shares(on_paper, bridged).of(np.maximum(on_paper - recalibrated, 0.0))
@@ -282,6 +283,19 @@ def alike(contest: Stage, kind: type[Effect]) -> list[str]:
     """Return the names of rivals that explain nearly as much as an effect."""
     gains = {rival.kind: contest.gain(rival) for rival in contest.rivals}
     return [rival.name for rival, gain in gains.items() if rival is not kind and gain >= ALIKE * gains[kind]]
+
+
+def instead(contest: Stage, kind: type[Effect], same: Collection[str]) -> dict[str, Any] | None:
+    """Return the best effect that can be told from one, and the share of the held-out excess that each would remove.
+
+    It is the control against mere flexibility: a wrong effect, fitted just as well, should remove much less.
+    """
+    gains = {rival.kind.name: contest.gain(rival) for rival in contest.rivals}
+    others = {name: gain for name, gain in gains.items() if name != kind.name and name not in same}
+    if not others:
+        return None
+    best = max(others, key=lambda name: others[name])
+    return {"effect": best, "reduction": others[best], "reduction_of_named": gains[kind.name]}
 
 
 def divided(contest: Stage, kind: type[Effect], same: Collection[str], probability: float) -> dict[str, float]:
