@@ -19,7 +19,16 @@ ENCODERS = ("motor_position_m", "table_position_m")
 
 
 @pytest.mark.parametrize(
-    "name", ["backlash", "cogging", "current_loop_lag", "direction_dependent_friction", "lead_error", "quadratic_drag"]
+    "name",
+    [
+        "backlash",
+        "cogging",
+        "current_loop_lag",
+        "direction_dependent_friction",
+        "lead_error",
+        "quadratic_drag",
+        "shaker_force",
+    ],
 )
 def test_a_hidden_effect_is_named_first(name: str) -> None:
     answer = diagnose(*case((effects.get(name).typical(),), seed=1)).answer
@@ -29,6 +38,37 @@ def test_a_hidden_effect_is_named_first(name: str) -> None:
     assert first["probability"] > 0.5
     assert answer["no_gap_probability"] < 0.5
     assert answer["shrinkage"]["total"] > 0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "teeth", "spindle_frequency_Hz", "angle_rad"),
+    [
+        ("tooth_passing_force", 2.0, 50.0, 0.9),
+        ("tooth_passing_force", 3.0, 21.3, -0.5),
+        ("runout_force", 2.0, 50.0, 2.0),
+    ],
+)
+def test_an_axis_that_cuts_is_told_by_its_spindle(
+    name: str, teeth: float, spindle_frequency_Hz: float, angle_rad: float
+) -> None:
+    kind = effects.get(name)
+    cut = kind.typical(teeth=teeth, spindle_frequency_Hz=spindle_frequency_Hz, angle_rad=angle_rad)
+    first = diagnose(*case((cut,), seed=1)).answer["causes"][0]
+    assert first["effect"] == name
+    assert first["probability"] > 0.9
+    found = {item: value["value"] for item, value in first["parameters"].items()}
+    assert found["teeth"] == teeth
+    assert found["spindle_frequency_Hz"] == pytest.approx(spindle_frequency_Hz, rel=1e-3)
+    assert found[kind.amplitude] == pytest.approx(getattr(cut, kind.amplitude), rel=0.05)
+
+
+def test_the_same_signal_has_all_its_names() -> None:
+    nominal, fitted, judged = case((effects.get("shaker_force").typical(),), seed=2)
+    first = diagnose(nominal, fitted, judged).answer["causes"][0]
+    assert {"periodic_force", "shaker_force"} <= {first["effect"], *first["indistinguishable_from"]}
+    assert {"periodic_force", "shaker_force"} <= set(first["one_of"])
+    without = dataclasses.replace(nominal, exclude=("periodic_force",))
+    assert "shaker_force" in {kind.name for kind in without.library}
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -178,9 +178,9 @@ def declares_what_the_kernel_takes(case: Case) -> None:
             raise PluginError(f"the amplitude {name} is not one of the parameters {', '.join(parameters)}.")
         if not parameters[name].low <= 0.0 <= parameters[name].high:
             raise PluginError(f"the amplitude {name} cannot be zero within its bounds.")
-    unknown = set(cls.confusable_with) - set(effects.names())
+    unknown = {*cls.confusable_with, cls.same_signal_as} - {"", *effects.names()}
     if unknown:
-        raise PluginError(f"confusable_with names {', '.join(sorted(unknown))}, which is no effect.")
+        raise PluginError(f"confusable_with or same_signal_as names {', '.join(sorted(unknown))}, which is no effect.")
 
 
 def has_bounds_around_its_typical_size(case: Case) -> None:

@@ -57,9 +57,8 @@ class Port(enum.Enum):
         return self in (Port.MOTOR_FORCE, Port.TABLE_FORCE, Port.TABLE_INERTIA)
 
 
-Located = Literal["", "frequency", "wavelength", "wavelength of a ratio"]
-
 LEADING_ARGUMENTS = ("t", "h", "x", "v", "u")
+Locate = Literal["", "line", "line_of_motion", "wavelength", "wavelength_of_ratio"]
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -86,10 +85,14 @@ class Parameter:
     grid : tuple of float
         Values that the diagnosis tries; empty: the typical one alone.
     phase : bool
-        Whether it is a phase in radians, so that two values a quarter turn apart span all.
+        Whether it is a phase in radians; without a grid two values a quarter turn apart span all.
     locate : str
-        ``"frequency"`` or ``"wavelength"`` where the diagnosis finds the values to try in the residual's spectrum
-        over time (Hz) or over position (m); ``"wavelength of a ratio"`` where the effect scales with the force.
+        Where the diagnosis finds the values to try; nothing is tried where nothing is found. ``"line"`` or
+        ``"line_of_motion"``: what stands out of the gap's spectrum over time (Hz) like a line, or of that of the gap
+        with the sign of the commanded velocity. ``"wavelength"`` or ``"wavelength_of_ratio"``: the strongest of its
+        spectrum over position (m), or of that of its ratio to the force.
+    whole : bool
+        Whether it is a whole number, which no fit moves.
     """
 
     name: str
@@ -99,7 +102,8 @@ class Parameter:
     typical: float
     grid: tuple[float, ...] = ()
     phase: bool = False
-    locate: Located = ""
+    locate: Locate = ""
+    whole: bool = False
 
     @property
     def unit(self) -> str:
@@ -115,11 +119,14 @@ def parameter(
     typical: float,
     grid: tuple[float, ...] = (),
     phase: bool = False,
-    locate: Located = "",
+    locate: Locate = "",
+    whole: bool = False,
+    default: Any = dataclasses.MISSING,
 ) -> Any:
-    """Declare a parameter of an effect; see `Parameter`."""
+    """Declare a parameter of an effect; see `Parameter`. One with a default may be left out of a scenario."""
     metadata = {"symbol": symbol, "low": low, "high": high, "typical": typical}
-    return dataclasses.field(metadata={**metadata, "grid": grid, "phase": phase, "locate": locate})
+    search = {"grid": grid, "phase": phase, "locate": locate, "whole": whole}
+    return dataclasses.field(default=default, metadata={**metadata, **search})
 
 
 class Effect(ABC):
@@ -146,6 +153,9 @@ class Effect(ABC):
         Whether the effect is a property of an elastic screw, so that a rigid axis has none of it.
     confusable_with : tuple of str
         Effects that leave nearly the same signature in ordinary runs.
+    same_signal_as : str
+        Effect that can do all that this one does in its typical shape: the diagnosis looks for that one, and reports
+        both.
     calibrates : str
         Uncertain value on paper that the effect corrects: ``mass``, ``viscous``, ``known_effects`` or
         ``force_offset``; within that uncertainty a gap is parametric and the effect is not a cause.
@@ -162,6 +172,7 @@ class Effect(ABC):
     rank: ClassVar[int] = 0
     needs_screw: ClassVar[bool] = False
     confusable_with: ClassVar[tuple[str, ...]] = ()
+    same_signal_as: ClassVar[str] = ""
     calibrates: ClassVar[str] = ""
     kernel: ClassVar[Any]
     expected_failures: ClassVar[Mapping[str, str]] = {}
@@ -194,6 +205,11 @@ class Effect(ABC):
     def typical(cls, **changes: float) -> Self:
         """Return the effect at its typical size, with ``changes``."""
         return cls(**{item.name: item.typical for item in cls.parameters()} | changes)
+
+    @classmethod
+    def shape(cls, point: Mapping[str, float]) -> dict[str, float]:
+        """Return the parameters at a point of the grids and of what was located, the same where nothing is said."""
+        return dict(point)
 
     @classmethod
     def in_place_of(cls, known: "Effect") -> Self | None:

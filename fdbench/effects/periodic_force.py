@@ -34,7 +34,7 @@ class PeriodicForce(Effect):
     disturbance = True
 
     force_amplitude_N: float = parameter("A", low=0.0, high=5000.0, typical=10.0)
-    frequency_Hz: float = parameter("f", low=0.1, high=2000.0, typical=50.0, locate="frequency")
+    frequency_Hz: float = parameter("f", low=0.1, high=2000.0, typical=50.0, locate="line")
     phase_rad: float = parameter("phi", low=-TURN, high=TURN, typical=0.0, phase=True)
 
     @kernel

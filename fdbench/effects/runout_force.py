@@ -50,8 +50,8 @@ class RunoutForce(Effect):
     }
 
     radial_runout_m: float = parameter("e", low=0.0, high=2e-4, typical=1e-5)
-    teeth: float = parameter("N_t", low=1.0, high=12.0, typical=2.0)
-    spindle_frequency_Hz: float = parameter("f_s", low=0.1, high=1000.0, typical=50.0)
+    teeth: float = parameter("N_t", low=1.0, high=12.0, typical=2.0, whole=True)
+    spindle_frequency_Hz: float = parameter("f_s", low=0.1, high=1000.0, typical=50.0, locate="line_of_motion")
     axial_depth_m: float = parameter("a_p", low=0.0, high=0.05, typical=1.5e-3)
     tangential_cutting_Pa: float = parameter("K_tc", low=0.0, high=1e10, typical=796.1e6)
     radial_cutting_Pa: float = parameter("K_rc", low=0.0, high=1e10, typical=168.8e6)
@@ -60,9 +60,10 @@ class RunoutForce(Effect):
     entry_angle_rad: float = parameter("phi_in", low=0.0, high=TURN, typical=0.0)
     exit_angle_rad: float = parameter("phi_out", low=0.0, high=TURN, typical=math.pi)
     direction_rad: float = parameter("theta", low=-TURN, high=TURN, typical=0.0)
+    angle_rad: float = parameter("phi_0", low=-TURN, high=TURN, typical=0.0, default=0.0, phase=True)
 
     @kernel
-    def kernel(t, h, x, v, u, e, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta):
-        with_runout = cutting_force(t, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, e)
-        without = cutting_force(t, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, 0.0)
+    def kernel(t, h, x, v, u, e, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0):
+        with_runout = cutting_force(t, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, e)
+        without = cutting_force(t, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, 0.0)
         return with_runout - without, 0.0

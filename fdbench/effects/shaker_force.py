@@ -7,7 +7,7 @@ from typing import final
 from fdbench.effects._effect import Effect, Port, kernel, parameter
 from fdbench.effects._functions import cos, sin
 
-PI = math.pi
+PI, TURN = math.pi, 2.0 * math.pi
 
 
 @final
@@ -16,7 +16,7 @@ class ShakerForce(Effect):
     r"""Electrodynamic shaker mounted on the table.
 
     .. math::
-        F(t) = A\, e(t) \cos(2 \pi f t), \quad t_0 < t < t_1, \qquad
+        F(t) = A\, e(t) \cos(2 \pi f t + \varphi), \quad t_0 < t < t_1, \qquad
         e(t) = 1 - d + d \sin\frac{\pi (t - t_0)}{t_1 - t_0}
 
     The sweep depth d is 0 for constant amplitude and 1 for an amplitude that rises from zero and falls back.
@@ -34,19 +34,21 @@ class ShakerForce(Effect):
     port = Port.TABLE_FORCE
     amplitude = "force_amplitude_N"
     confusable_with = ("periodic_force",)
+    same_signal_as = "periodic_force"
     disturbance = True
 
     force_amplitude_N: float = parameter("A", low=0.0, high=5000.0, typical=20.0)
-    frequency_Hz: float = parameter("f", low=0.1, high=2000.0, typical=55.0)
+    frequency_Hz: float = parameter("f", low=0.1, high=2000.0, typical=55.0, locate="line")
     start_s: float = parameter("t_0", low=0.0, high=1e6, typical=0.0)
     stop_s: float = parameter("t_1", low=0.0, high=1e6, typical=1e6)
     sweep_depth: float = parameter("d", low=0.0, high=1.0, typical=0.0)
+    phase_rad: float = parameter("phi", low=-TURN, high=TURN, typical=0.0, default=0.0, phase=True)
 
     @kernel
-    def kernel(t, h, x, v, u, A, f, t_0, t_1, d):
+    def kernel(t, h, x, v, u, A, f, t_0, t_1, d, phi):
         running = t_0 < t < t_1
         phase = (t - t_0) / (t_1 - t_0) if running else 0.0
         envelope = 1.0 - d + d * sin(PI * phase)
         turns = f * t
-        force = A * envelope * cos(2.0 * PI * (turns - math.floor(turns)))
+        force = A * envelope * cos(TURN * (turns - math.floor(turns)) + phi)
         return (force if running else 0.0), 0.0

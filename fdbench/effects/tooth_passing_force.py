@@ -1,21 +1,22 @@
 """Tooth-passing force: mechanistic milling force of a tool without run-out."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
 
 from fdbench.effects._effect import Effect, Port, kernel, parameter
 from fdbench.effects._functions import cos, sin
 
-TURN = 2.0 * math.pi
+PI, TURN = math.pi, 2.0 * math.pi
 SMALLEST_CHIP_M = 1e-9
 
 
 @kernel
-def cutting_force(t, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, e):
+def cutting_force(t, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, e):
     """Return the force (N) along the axis of all engaged teeth; tooth j runs out by +e if j is even, else by -e."""
     feed_per_tooth = abs(v) / (f_s * N_t)
-    turns = f_s * t
+    turns = f_s * t + phi_0 / TURN
     total = 0.0
     for j in range(int(N_t)):
         angle = turns + j / N_t
@@ -38,7 +39,7 @@ class ToothPassingForce(Effect):
     r"""Sum over the engaged teeth of a milling cutter that feeds along the axis.
 
     .. math::
-        h_j = \frac{|v|}{f_s N_t} \sin\varphi_j, \quad \varphi_j = 2 \pi (f_s t + j / N_t), \quad
+        h_j = \frac{|v|}{f_s N_t} \sin\varphi_j, \quad \varphi_j = 2 \pi (f_s t + j / N_t) + \varphi_0, \quad
         F_t = a_p (K_{tc} h_j + K_{te}), \quad F_r = a_p (K_{rc} h_j + K_{re}),
 
     .. math:: F = \sum_j \cos\theta (-F_t \cos\varphi_j - F_r \sin\varphi_j)
@@ -46,9 +47,9 @@ class ToothPassingForce(Effect):
 
     where v is the commanded feed: what the axis swings about it returns with the next tooth and cancels in the chip.
     The sum runs over the teeth with :math:`\varphi_{in} < \varphi_j < \varphi_{out}`; h is the chip thickness, F_t and
-    F_r the tangential and radial force on a tooth. The direction :math:`\theta` is 0 along the feed and :math:`\pi/2`
-    across it. F turns its sign with v and is 0 at standstill. Like every force of its port it counts against motion: in
-    a slot its mean is negative, so that it draws the table on.
+    F_r the tangential and radial force on a tooth, :math:`\varphi_0` the angle of the tool at t = 0. The direction
+    :math:`\theta` is 0 along the feed and :math:`\pi/2` across it. F turns its sign with v and is 0 at standstill. Like
+    every force of its port it counts against motion: in a slot its mean is negative, so that it draws the table on.
 
     Source: Altintas, Manufacturing Automation (2012), chapter 2, mechanics of milling.
 
@@ -56,7 +57,8 @@ class ToothPassingForce(Effect):
     --------
     One tooth at 90 degrees, full chip of 0.01 m/s / 10 Hz = 1 mm: minus the radial force, 1.5 mm * 168.8 MPa * 1 mm.
 
-    >>> effect = ToothPassingForce.typical(teeth=1.0, spindle_frequency_Hz=10.0, radial_edge_N_per_m=0.0)
+    >>> shape = {"teeth": 1.0, "spindle_frequency_Hz": 10.0, "axial_depth_m": 1.5e-3, "radial_edge_N_per_m": 0.0}
+    >>> effect = ToothPassingForce.typical(**shape)
     >>> force, slope = ToothPassingForce.kernel(0.025, 1e-5, 0.0, 0.01, 0.0, *effect.values())
     >>> round(force, 6)
     -253.2
@@ -68,9 +70,9 @@ class ToothPassingForce(Effect):
     disturbance = True
     follows_command = True
 
-    teeth: float = parameter("N_t", low=1.0, high=12.0, typical=2.0)
-    spindle_frequency_Hz: float = parameter("f_s", low=0.1, high=1000.0, typical=50.0)
-    axial_depth_m: float = parameter("a_p", low=0.0, high=0.05, typical=1.5e-3)
+    teeth: float = parameter("N_t", low=1.0, high=12.0, typical=2.0, grid=(1.0, 2.0, 3.0, 4.0), whole=True)
+    spindle_frequency_Hz: float = parameter("f_s", low=0.1, high=1000.0, typical=50.0, locate="line_of_motion")
+    axial_depth_m: float = parameter("a_p", low=0.0, high=0.05, typical=1e-4)
     tangential_cutting_Pa: float = parameter("K_tc", low=0.0, high=1e10, typical=796.1e6)
     radial_cutting_Pa: float = parameter("K_rc", low=0.0, high=1e10, typical=168.8e6)
     tangential_edge_N_per_m: float = parameter("K_te", low=0.0, high=1e6, typical=27.7e3)
@@ -78,7 +80,17 @@ class ToothPassingForce(Effect):
     entry_angle_rad: float = parameter("phi_in", low=0.0, high=TURN, typical=0.0)
     exit_angle_rad: float = parameter("phi_out", low=0.0, high=TURN, typical=math.pi)
     direction_rad: float = parameter("theta", low=-TURN, high=TURN, typical=0.0)
+    angle_rad: float = parameter(
+        "phi_0", low=-TURN, high=TURN, typical=0.0, default=0.0, phase=True, grid=(0.0, 0.5 * PI, PI, -0.5 * PI)
+    )
+
+    @classmethod
+    def shape(cls, point: Mapping[str, float]) -> dict[str, float]:
+        """Return the parameters: the line that is located is that of the teeth, and so is the angle."""
+        pitch = {name: point[name] / point["teeth"] for name in ("spindle_frequency_Hz", "angle_rad")}
+        return {**point, **pitch}
 
     @kernel
-    def kernel(t, h, x, v, u, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta):
-        return cutting_force(t, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, 0.0), 0.0
+    def kernel(t, h, x, v, u, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0):
+        force = cutting_force(t, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, 0.0)
+        return force, 0.0

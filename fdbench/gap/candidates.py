@@ -81,15 +81,15 @@ def phase_of(kind: type[Effect]) -> str | None:
     return next((item.name for item in kind.parameters() if item.phase), None)
 
 
-def candidates(base: Hypothesis, located: Mapping[str, Sequence[float]]) -> list[Candidate]:
+def candidates(base: Hypothesis, located: Mapping[str, Sequence[float]] | None = None) -> list[Candidate]:
     """Return all candidates that may be added to a hypothesis.
 
     Not those whose size is a value on paper: re-calibration moves it in every hypothesis.
 
     Parameters
     ----------
-    located : mapping
-        Values found in the residual for parameters to be located: ``"frequency"`` (Hz), ``"wavelength"`` (m).
+    located : mapping, optional
+        Values found in the residual for parameters to be located: see `fdbench.gap.locate`. Without, they are typical.
     """
     drive = base.nominal.drive
     present = {type(effect) for effect in (*base.effects, *drive.effects)}
@@ -102,24 +102,25 @@ def candidates(base: Hypothesis, located: Mapping[str, Sequence[float]]) -> list
     return found
 
 
-def _of_kind(base: Hypothesis, kind: type[Effect], located: Mapping[str, Sequence[float]]) -> list[Candidate]:
+def _of_kind(base: Hypothesis, kind: type[Effect], located: Mapping[str, Sequence[float]] | None) -> list[Candidate]:
     axes = []
     for item in kind.parameters():
-        values = located.get(item.locate, ()) if item.locate else item.grid
-        inside = [value for value in values if item.low <= value <= item.high]
-        if inside:
-            axes.append([(item.name, value) for value in inside])
+        values: Sequence[float] = item.grid
+        if item.locate:
+            values = (item.typical,) if located is None else located.get(item.locate, ())
+        if item.locate or values:
+            axes.append([(item.name, value) for value in values if item.low <= value <= item.high])
     phase, further = phase_of(kind), kind.further_amplitudes
     found = []
     for point in itertools.product(*axes):
-        shape = dict(point)
+        shape = kind.shape(dict(point))
         for index, known in enumerate(base.nominal.drive.effects):
             replacement = None if index in base.replaced else kind.in_place_of(known)
             if replacement is not None:
                 found.append(Candidate(members=(replacement.changed(**shape),), replaces=index))
         effect = kind.typical(**shape, **dict.fromkeys(further, 0.0))
         members = [effect]
-        if phase is not None:
+        if phase is not None and phase not in shape:
             members = [effect.changed(**{phase: angle}) for angle in (0.0, QUARTER_TURN)]
         silent = effect.changed(**{kind.amplitude: 0.0})
         typical = kind.typical(**shape)

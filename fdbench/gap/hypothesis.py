@@ -223,7 +223,7 @@ def adjustables(effect: Effect) -> list[Adjustable]:
     found = []
     for item in type(effect).parameters():
         is_amplitude = item.name in (type(effect).amplitude, *type(effect).further_amplitudes)
-        if not (is_amplitude or item.phase or item.grid or item.locate):
+        if item.whole or not (is_amplitude or item.phase or item.grid or item.locate):
             continue
         value = getattr(effect, item.name)
         share = LINE_STEP if item.locate else 0.1

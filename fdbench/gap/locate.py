@@ -15,15 +15,17 @@ from fdbench.record import FloatArray
 
 LINES = 2
 LOWEST_HZ = 2.0
+NEAR, FAR = 4, 24  # bins beside a line that are its surroundings
+STANDS_OUT = 15.0  # power of a line against the highest of its surroundings
 SHORTEST_M, PER_TRAVEL = 4e-4, 0.9
 BIN_M, OVERSAMPLING = 1e-4, 8
 
 
 def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list[float]]:
-    """Return the frequencies (Hz) and wavelengths (m) that stand out in what the model lacks.
+    """Return the lines (Hz) and wavelengths (m) of what the model lacks; see `fdbench.effects.Parameter.locate`.
 
-    Over time the longest run and the one that differs most are looked at, over position all runs: the forces that the
-    gap asks for, and these times the force of the motor, in which what scales with it stands out whatever its sign.
+    Over time the gap itself is looked at, over position the forces that it asks for, and these times the force of the
+    motor, in which what scales with it stands out whatever its sign.
     """
     gaps = []
     for run in split.runs:
@@ -34,17 +36,14 @@ def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list
         np.stack([values / split.floors[name].rms for name, values in gap.items() if name != "position_m"])
         for gap in gaps
     ]
-    longest = max(range(len(scaled)), key=lambda index: scaled[index].shape[1])
-    worst = max(range(len(scaled)), key=lambda index: float(np.mean(scaled[index] ** 2)))
-    frequencies: list[float] = []
-    for place in dict.fromkeys((longest, worst)):
-        frequencies += _lines_in_time(scaled[place], split.runs[place].period_s)
+    turned = [gap * np.sign(run.reference[:, 1]) for gap, run in zip(scaled, split.runs, strict=True)]
     lacking = [balances(run, own, split.floors, base.nominal.drive) for run, own in zip(split.runs, gaps, strict=True)]
     times_force = [own * run.channels["motor_force_N"][1:-2] for own, run in zip(lacking, split.runs, strict=True)]
     return {
-        "frequency": frequencies,
+        "line": _lines_in_time(scaled, split.runs),
+        "line_of_motion": _lines_in_time(turned, split.runs),
         "wavelength": _lines_in_position(lacking, split.runs),
-        "wavelength of a ratio": _lines_in_position(times_force, split.runs),
+        "wavelength_of_ratio": _lines_in_position(times_force, split.runs),
     }
 
 
@@ -88,18 +87,23 @@ def balances(run: Run, gap: Mapping[str, FloatArray], floors: Mapping[str, Floor
     )
 
 
-def _lines_in_time(gap: FloatArray, period_s: float) -> list[float]:
-    n = gap.shape[1]
-    centred = gap - gap.mean(axis=1, keepdims=True)
-    power = np.sum(np.abs(np.fft.rfft(centred * np.hanning(n))) ** 2, axis=0)
-    frequency = np.asarray(np.fft.rfftfreq(n, period_s), dtype=np.float64)
-    power[frequency < LOWEST_HZ] = 0.0
-    found = []
-    for _ in range(LINES):
-        peak = int(np.argmax(power))
-        found.append(_parabola(frequency, power, peak))
-        power[max(0, peak - 5) : peak + 6] = 0.0
-    return found
+def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[float]:
+    """Return the lines that tower over the spectrum around them in any run, the sharpest first."""
+    found: list[tuple[float, float, float]] = []
+    for gap, run in zip(gaps, runs, strict=True):
+        centred = gap - gap.mean(axis=1, keepdims=True)
+        power = np.sum(np.abs(np.fft.rfft(centred * np.hanning(run.n_samples))) ** 2, axis=0)
+        frequency = np.asarray(np.fft.rfftfreq(run.n_samples, run.period_s), dtype=np.float64)
+        power[frequency < LOWEST_HZ] = 0.0
+        side = np.lib.stride_tricks.sliding_window_view(np.pad(power, FAR, mode="edge"), FAR - NEAR + 1).max(axis=1)
+        height = power / np.maximum(np.maximum(side[: len(power)], side[FAR + NEAR :]), 1e-30)
+        for peak in np.flatnonzero(height > STANDS_OUT).tolist():
+            found.append((float(height[peak]), _parabola(frequency, power, peak), NEAR * float(frequency[1])))
+    lines: list[float] = []
+    for _, line, width in sorted(found, reverse=True):
+        if all(abs(line - other) > width for other in lines):
+            lines.append(line)
+    return lines[:LINES]
 
 
 def _lines_in_position(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[float]:

@@ -283,7 +283,7 @@ def most_open(stages: Sequence[Stage]) -> Stage | None:
 def overlooked(stage: Stage) -> list[Rival]:
     """Return the effects of the library beside the serious rivals: of typical size, with nothing explained yet."""
     known = {rival.kind for rival in serious(stage).rivals}
-    others = [item for item in candidates(stage.base, {}) if item.kind not in known]
+    others = [item for item in candidates(stage.base) if item.kind not in known]
     kinds = {item.kind: [other for other in others if other.kind is item.kind] for item in others}
     return [
         Rival(

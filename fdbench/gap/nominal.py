@@ -1,6 +1,6 @@
 """The nominal model that a gap is measured against: the plant on paper, and how well its values are known."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -57,9 +57,19 @@ class Nominal:
 
     @cached_property
     def library(self) -> tuple[type[Effect], ...]:
-        """Every registered effect that can be simulated: nothing random, no process force of unknown course."""
-        known = (effects.get(name) for name in effects.names() if name not in self.exclude)
+        """Every registered effect that can be simulated: nothing random, no process force of unknown course.
+
+        Of effects that give the same signal there is one.
+        """
+        names = [name for name in effects.names() if name not in self.exclude]
+        known = [effects.get(name) for name in names if effects.get(name).same_signal_as not in names]
         return tuple(kind for kind in known if not kind.random and (not kind.disturbance or _is_located(kind)))
+
+    def beside_twins(self, names: Sequence[str]) -> list[str]:
+        """Return names of effects, each followed by those of effects that give the same signal."""
+        allowed = [other for other in effects.names() if other not in self.exclude]
+        twins = {name: [other for other in allowed if effects.get(other).same_signal_as == name] for name in names}
+        return [item for name in names for item in (name, *twins[name])]
 
     @property
     def drive(self) -> FeedDrive:

@@ -108,6 +108,7 @@ def verdict(found: Findings) -> Verdict:
     recalibrated = channel_gaps(search.replay, search.split, found.calibrated)
     shares = Shares(recalibrated, bridged)
     heads = confidence.heads()
+    beside_twins = found.final.nominal.beside_twins
     closed = [shut.of_channel(place)[0] - shut.of_channel(place) for place in range(len(floors))]
     by_subset = {subset: np.array([gains[index] for gains in closed]) for index, subset in enumerate(shut.subsets)}
     everything = tuple(range(len(found.final.effects)))
@@ -132,9 +133,9 @@ def verdict(found: Findings) -> Verdict:
                 "share_of_channel": dict(zip(floors, shares.by_channel(own).tolist(), strict=True)),
                 "unique_share": shares.of(np.maximum(by_subset[everything] - by_subset[alone], 0.0)),
                 "parameters": parameters(effect, bounds[index]),
-                "indistinguishable_from": same,
+                "indistinguishable_from": beside_twins([effect.name, *same])[1:],
                 "alternatives": {name: p for name, p in chances.items() if name != effect.name},
-                "one_of": one_of(chances),
+                "one_of": beside_twins(one_of(chances)),
                 "instead": instead(contest, type(effect), same),
             }
         )
@@ -227,7 +228,7 @@ def intervals(search: Search, final: Hypothesis) -> list[dict[str, list[float]]]
 def one_of_each(final: Hypothesis) -> list[Hypothesis]:
     """Return a hypothesis with each effect that it lacks, at a typical size and in the middle of its shapes."""
     found: dict[type[Effect], list[Hypothesis]] = {}
-    for item in candidates(final, {}):
+    for item in candidates(final):
         if item.replaces is None:
             found.setdefault(item.kind, []).append(item.hypotheses(final)[0])
     return [shapes[len(shapes) // 2] for shapes in found.values()]

@@ -152,6 +152,8 @@ class LibraryBench(Bench):
             if item.name in amplitudes:
                 sign = -1.0 if item.low < 0.0 and not is_value and rng.random() < 0.5 else 1.0
                 value *= sign * between(rng, *sizes)
+            elif item.whole and item.grid:
+                value = float(rng.choice(item.grid))
             elif item.phase:
                 value = float(rng.uniform(-math.pi, math.pi))
             elif item.locate:
@@ -159,7 +161,7 @@ class LibraryBench(Bench):
             elif item.grid:
                 value = between(rng, min(item.grid), max(item.grid))
             found[item.name] = min(max(value, item.low), item.high)
-        return found
+        return kind.shape(found)
 
     def clash(self, name: str, other: str) -> bool:
         """Return whether one effect replaces what the other corrects."""
