@@ -7,6 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from fdbench.effects import Effect
+from fdbench.gap.hypothesis import adjustables
 from fdbench.gap.search import Stage
 from fdbench.specification import load_toml, read
 
@@ -75,8 +76,9 @@ def heads() -> Heads:
 def of_effect(contest: Stage, kind: type[Effect], alike: Collection[str] = ()) -> dict[str, float]:
     """Return the signs of an effect, or of one of several that cannot be told apart.
 
-    What else the contest shows (share and size of what it closes, steadiness over time, tempered evidence) told nothing
-    more about other trials than the ones learned from.
+    How many numbers were fitted to it counts: the more, the sooner it passes for what it is not. What else the contest
+    shows (share and size of what it closes, steadiness over time, tempered evidence) told nothing more about other
+    trials than the ones learned from.
 
     Parameters
     ----------
@@ -87,6 +89,7 @@ def of_effect(contest: Stage, kind: type[Effect], alike: Collection[str] = ()) -
         Names of the rivals that cannot be told from it.
     """
     own = next(rival for rival in contest.rivals if rival.kind is kind)
+    effect = next(item for item in own.hypothesis.effects if type(item) is kind)
     different = (rival for rival in contest.rivals if rival.kind is not kind and rival.kind.name not in alike)
     others = [contest.log_evidence(rival.misfit, rival.penalty) for rival in different]
     best = max([contest.log_evidence(contest.misfit, contest.penalty), *others])
@@ -94,6 +97,7 @@ def of_effect(contest: Stage, kind: type[Effect], alike: Collection[str] = ()) -
         "before": math.log(max(contest.misfit, SMALLEST_MISFIT)),
         "after": math.log(max(own.misfit, SMALLEST_MISFIT)),
         "margin": math.asinh(contest.log_evidence(own.misfit, own.penalty) - best),
+        "numbers": float(len(adjustables(effect))),
     }
 
 
