@@ -1,6 +1,7 @@
 """Does the proposed experiment find the cause more often than another one?
 
-Axes of the package's simulator have one effect of the library each, clutter, and values that paper has slightly wrong.
+Axes of the package's simulator have one effect of the library each, clutter that is small in every motion that may be
+tried, and values that paper has slightly wrong.
 First only constant speeds are recorded. Where the verdict is ambiguous, one motion of each kind of the menu is recorded
 beside them, and the one that was proposed if it is another; each pair of motions is diagnosed. "Random" is the mean of
 the kinds: what drawing one of them gives. The best fixed kind is the one that turns out best on the same cases.
@@ -22,7 +23,7 @@ from threadpoolctl import threadpool_limits
 from fdbench.errors import FdbenchError
 from fdbench.gap import search
 from fdbench.gap.diagnose import Diagnosis, diagnose
-from fdbench.gap.next_experiment import Trajectory, menu_of, proposed
+from fdbench.gap.next_experiment import Limits, Trajectory, menu, menu_of, proposed
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.trial import protocol, tiers
 from fdbench.gap.trial.bench import ERRORS, Yardstick
@@ -52,7 +53,10 @@ class Machine:
         sides = ("table_position_m", "motor_position_m")
         self.sides = sides if self.nominal.drive.controller.uses_table else sides[::-1]
         yardstick = Yardstick(bench, [self.speeds], self.sides, rng)
-        bench.add_clutter(yardstick, rng)
+        # What is small at constant speeds may be large in another motion, and would be a second effect there.
+        limits = Limits.of(self.nominal.drive, self.speeds[:, 0])
+        others = [item.reference for item in one_of_each_kind(menu(limits, protocol.PERIOD_S))]
+        bench.add_clutter(Yardstick(bench, [self.speeds, *others], self.sides, rng), rng)
         self.planted, self.axis = self._plant(bench, yardstick, rng)
 
     @staticmethod

@@ -139,7 +139,7 @@ def test_the_stage_in_doubt_is_taken() -> None:
 
 
 def test_effects_that_hardly_compete_beside_a_found_one_are_no_doubt() -> None:
-    later = stage((SOFT, 1.18), (effects.get("cogging").typical(), 1.19), alone=1.2)
+    later = stage((SOFT, 1.18), (effects.get("cogging").typical(), 1.19), alone=1.22)
     assert later.present() < 0.5
     assert most_open([later]) is not None
     beside = dataclasses.replace(later, base=later.base.with_effect(GAP))
