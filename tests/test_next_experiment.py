@@ -147,7 +147,7 @@ def test_effects_that_hardly_compete_beside_a_found_one_are_no_doubt() -> None:
 
 
 def test_a_stage_that_decides_more_surely_than_such_claims_have_earned_is_open() -> None:
-    poor = stage((GAP, 1.6), alone=2.5)
+    poor = stage((GAP, 1.25), alone=1.6)
     assert chances(poor).max() > SURE > told(poor)["backlash"]
     assert sum(told(poor).values()) < 1.0
     assert most_open([poor]) is poor
