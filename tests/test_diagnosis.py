@@ -13,7 +13,7 @@ from fdbench.gap.diagnose import diagnose
 from fdbench.gap.nominal import load_nominal
 from fdbench.reading import read_record
 from fdbench.record import Record
-from fdbench.scenario import scenario_folder
+from fdbench.scenario import load_scenario, scenario_folder
 
 ENCODERS = ("motor_position_m", "table_position_m")
 
@@ -124,3 +124,17 @@ def test_the_documented_cause_of_emps_comes_first() -> None:
         cause["effect"] for cause in answer["causes"]
     }
     assert answer["unknown_probability"] > 0.5
+
+
+def test_what_a_milling_scenario_withholds_is_found() -> None:
+    scenario = load_scenario("MillingUpDown-v0")
+    records = [scenario.observe(seed)[0] for seed in (1, 2, 3)]
+    nominal = load_nominal(scenario_folder() / "MillingUpDown-v0.toml")
+    causes = {item["effect"]: item for item in diagnose(nominal, records).answer["causes"]}
+    assert {"tooth_passing_force", "runout_force"} <= {
+        name for name, item in causes.items() if item["probability"] > 0.9
+    }
+    depth = causes["tooth_passing_force"]["parameters"]["axial_depth_m"]["value"]
+    runout = causes["runout_force"]["parameters"]["radial_runout_m"]["value"]
+    assert depth == pytest.approx(1.5e-3, rel=0.06)
+    assert runout == pytest.approx(1e-5, rel=0.06)

@@ -1,7 +1,9 @@
 """Replay: simulate the command of a run on many variants of the model at once, with one stepper of all effects."""
 
 import copy
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -49,6 +51,11 @@ def _mechanics_rows(plant: FeedDrive, h: float) -> tuple[FloatArray, FloatArray,
     return mechanics.propagators(h / 2), mechanics.propagators(h), scalars
 
 
+@lru_cache(maxsize=1)
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(os.cpu_count(), "replay")
+
+
 class Replay:
     """Simulator of variants of one nominal drive.
 
@@ -78,12 +85,18 @@ class Replay:
         """
         order = sorted(range(len(variants)), key=lambda index: sorted(kind.name for kind in variants[index].kinds()))
         result = {name: np.empty((len(variants), run.n_samples)) for name in run.channels}
-        for first in range(0, len(order), WIDTH):
-            lanes = order[first : first + WIDTH]
+        blocks = [order[first : first + WIDTH] for first in range(0, len(order), WIDTH)]
+
+        def advance(lanes: list[int]) -> None:
             width = 1 if len(lanes) == 1 else WIDTH
             columns = self._block(run, [variants[index] for index in lanes], width)
             for name in run.channels:
                 result[name][lanes] = columns[name][:, : len(lanes)].T
+
+        if len(blocks) == 1:
+            advance(blocks[0])
+        else:
+            list(_threads().map(advance, blocks))
         return result
 
     def coarsened(self, runs: Sequence[Run], floors: Mapping[str, Floor]) -> "Replay":

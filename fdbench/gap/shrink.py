@@ -69,8 +69,8 @@ def channel_gaps(replay: Replay, split: Split, hypothesis: Hypothesis) -> FloatA
 def closure(replay: Replay, split: Split, base: Hypothesis, final: Hypothesis) -> Closure:
     """Simulate every subset of the final effects at their final values; each is re-calibrated on its own.
 
-    Re-calibration is linear around the final hypothesis and made on the training segments; the gaps are those of the
-    held-out segments.
+    Re-calibration is linear around the final hypothesis and made on the training segments, and that of the model
+    without effects is ``base``; the gaps are those of the held-out segments.
     """
     effects = list(final.effects)
     subsets = [c for n in range(len(effects) + 1) for c in itertools.combinations(range(len(effects)), n)]
@@ -89,7 +89,7 @@ def closure(replay: Replay, split: Split, base: Hypothesis, final: Hypothesis) -
         residual[0], residual[1 + place] = 1.0, -1.0
         normal = responses @ train @ responses.T + np.eye(m)
         right = responses @ train @ residual - np.asarray(variant.shifts)
-        combined = residual - np.linalg.solve(normal, right) @ responses
+        combined = residual - np.linalg.solve(normal, right) @ responses if subsets[place] else residual
         squares = np.einsum("i,sij,j->s", combined, evidence.products[outside], combined)
         gaps.append(squares / evidence.weights[outside])
     return Closure(

@@ -246,9 +246,9 @@ def doubts(found: "Diagnosis") -> Iterator[str]:
 
 
 def not_fitted(effect: Effect) -> list[str]:
-    """Return the parameters that no fit moves, so that they have their typical values."""
+    """Return the parameters that are neither searched nor fitted, so that they have their typical values."""
     fitted = {item.name for item in adjustables(effect)}
-    return [item.name for item in effect.parameters() if item.name not in fitted]
+    return [item.name for item in effect.parameters() if item.name not in fitted and not item.grid]
 
 
 def fixed_parameters(found: "Diagnosis", cause: Mapping[str, Any]) -> list[str]:

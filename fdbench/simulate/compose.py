@@ -27,7 +27,7 @@ _HEADER = '''"""Generated stepper for {names}, {lanes} lane(s) side by side."""
 
 from numba import njit
 
-compiled = njit(cache=True, error_model="numpy")
+compiled = njit(cache=True, error_model="numpy", nogil=True)
 inlined = njit(error_model="numpy", forceinline=True)
 LANES = {lanes}
 {constants}
