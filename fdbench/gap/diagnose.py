@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from fdbench.errors import RecordError
+from fdbench.gap import confidence
 from fdbench.gap.align import check_alignment, check_record
-from fdbench.gap.confidence import Signs
+from fdbench.gap.confidence import Heads, Signs
 from fdbench.gap.evidence import Split, gather
 from fdbench.gap.floor import Floor, floors, raised
 from fdbench.gap.following import prepared
@@ -57,6 +58,66 @@ class Diagnosis:
     signs: Mapping[str, Mapping[str, Signs]]
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Aligned:
+    """Records beside their model, before anything is explained.
+
+    Attributes
+    ----------
+    nominal : Nominal
+        As given, or with a virtual controller.
+    runs : list of Run
+        Of the records and then of the held-out ones; samples that the logger held are bridged.
+    replay : Replay
+    split : Split
+    judged_on : str
+    marks : list of Mark
+    warnings : list of str
+    """
+
+    nominal: Nominal
+    runs: list[Run]
+    replay: Replay
+    split: Split
+    judged_on: str
+    marks: list[Mark]
+    warnings: list[str]
+
+
+def aligned(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Aligned:
+    """Return records as they are compared with their model; see `diagnose` for parameters and errors."""
+    if not records:
+        raise RecordError("no records: at least one is needed, better three repeats of several motions.")
+    nominal, raw_runs, warnings = prepared(nominal, [*records, *holdouts])
+    drive = nominal.drive
+    check_alike(raw_runs)
+    for run in raw_runs:
+        check_record(run, drive)
+    replay, paper = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
+    runs, counts = [], []
+    for run in raw_runs:
+        on_paper = {name: values[0] for name, values in replay.simulate(run, [paper.variant()]).items()}
+        warnings += check_alignment(run, on_paper)
+        mended, n_held = bridged(run, on_paper)
+        runs.append(mended.beside(on_paper))
+        counts.append(n_held)
+    split, judged_on = split_runs(runs[: len(records)], runs[len(records) :])
+    held = held_mark(raw_runs, runs, counts)
+    marks = [] if held is None else [held]
+    if (grid := grid_mark(runs, replay)) is not None and mean_energy(grid, split.floors) > SMALLEST_GAIN:
+        split = dataclasses.replace(split, floors=raised(split.floors, grid.energy))
+        marks.append(grid)
+    return Aligned(
+        nominal=nominal,
+        runs=runs,
+        replay=replay,
+        split=split,
+        judged_on=judged_on,
+        marks=marks,
+        warnings=warnings,
+    )
+
+
 def split_runs(records: Sequence[Run], holdouts: Sequence[Run]) -> tuple[Split, str]:
     """Return what is fitted and what is judged on.
 
@@ -95,6 +156,7 @@ def diagnose(
     records: Sequence[Record],
     holdouts: Sequence[Record] = (),
     progress: Callable[[str], None] | None = None,
+    heads: Heads | None = None,
 ) -> Diagnosis:
     """Diagnose the gap between a nominal model and records of the real axis.
 
@@ -104,33 +166,17 @@ def diagnose(
     records, holdouts : sequences of Record
         Fitted on, and judged on.
     progress : callable, optional
+    heads : Heads, optional
+        What probabilities are drawn from; without, those that the package was shipped with.
 
     Raises
     ------
     RecordError
         If there are no records, or one lacks what is needed; the message says what to do.
     """
-    if not records:
-        raise RecordError("no records: at least one is needed, better three repeats of several motions.")
-    nominal, raw_runs, warnings = prepared(nominal, [*records, *holdouts])
-    drive = nominal.drive
-    check_alike(raw_runs)
-    for run in raw_runs:
-        check_record(run, drive)
-    replay, paper = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
-    runs, counts = [], []
-    for run in raw_runs:
-        on_paper = {name: values[0] for name, values in replay.simulate(run, [paper.variant()]).items()}
-        warnings += check_alignment(run, on_paper)
-        mended, n_held = bridged(run, on_paper)
-        runs.append(mended.beside(on_paper))
-        counts.append(n_held)
-    split, judged_on = split_runs(runs[: len(records)], runs[len(records) :])
-    marks = [held_mark(raw_runs, runs, counts)]
-    if (grid := grid_mark(runs, replay)) is not None and mean_energy(grid, split.floors) > SMALLEST_GAIN:
-        split = dataclasses.replace(split, floors=raised(split.floors, grid.energy))
-        marks.append(grid)
-    replay = replay.coarsened(split.runs, split.floors)
+    ready = aligned(nominal, records, holdouts)
+    nominal, split, paper = ready.nominal, ready.split, start(ready.nominal)
+    drive, replay = nominal.drive, ready.replay.coarsened(split.runs, split.floors)
     search = Search(replay, split, progress)
     raw = float(channel_gaps(replay, split, paper).mean())
     search.progress("re-calibrating the values on paper")
@@ -141,7 +187,7 @@ def diagnose(
     shut = closure(replay, split, calibrated, final)
     both = [replay.simulate(run, [calibrated.variant(), final.variant()]) for run in split.runs]
     simulated, repaired = ([{name: values[i] for name, values in own.items()} for own in both] for i in range(2))
-    seen = [mark for mark in marks if mark is not None and mean_energy(mark, split.floors) > SMALLEST_GAIN]
+    seen = [mark for mark in ready.marks if mean_energy(mark, split.floors) > SMALLEST_GAIN]
     findings = Findings(
         search=search,
         paper=paper,
@@ -152,15 +198,15 @@ def diagnose(
         shut=shut,
         marks=seen,
     )
-    judged = verdict(findings)
+    judged = verdict(findings, heads or confidence.heads())
     answer = {
         "gap": {"channels": channels_of(replay, split, paper, calibrated, final)},
         "where": where(Gaps.of(split.runs, simulated, split.floors)),
         **judged.answer,
         "rest_depends_on": types(split, repaired, drive),
-        "shrinkage": shrinkage(shut, final, seen, split, judged_on, raw),
+        "shrinkage": shrinkage(shut, final, seen, split, ready.judged_on, raw),
         "next_experiment": propose(replay, split, [*contests, *stages[-1:]], nominal),
-        "warnings": warnings,
+        "warnings": ready.warnings,
         "parametric": parametric(raw, shut, calibrated),
         "noise_floor": {
             name: {"value": floor.rms, "unit": unit_of(name), "measured_from_repeats": floor.measured}

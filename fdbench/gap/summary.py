@@ -236,6 +236,8 @@ def doubts(found: "Diagnosis") -> Iterator[str]:
         for item in adjustables(effect):
             if getattr(effect, item.name) in (item.low, item.high):
                 yield f"{effect.name}: {item.name} lies on the bound of what the library allows."
+    if source := answer.get("probabilities_from"):
+        yield f"Probabilities were learned on simulated axes: {source.partition(', nonce')[0]}."
     nearly = [
         cause["effect"]
         for cause in answer["causes"]

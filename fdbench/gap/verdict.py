@@ -11,7 +11,7 @@ import numpy as np
 from fdbench.effects import Effect
 from fdbench.gap import confidence
 from fdbench.gap.candidates import candidates
-from fdbench.gap.confidence import Signs
+from fdbench.gap.confidence import Heads, Signs
 from fdbench.gap.floor import Floor
 from fdbench.gap.hypothesis import Hypothesis, adjustables, calibrations
 from fdbench.gap.readings import Mark
@@ -61,7 +61,7 @@ class Verdict:
     Attributes
     ----------
     answer : mapping
-        ``causes``, ``suspects``, ``unknown_probability``, ``no_gap_probability``.
+        ``causes``, ``suspects``, ``unknown_probability``, ``no_gap_probability``, ``probabilities_from``.
     signs : mapping
         By the kind of claim (see `fdbench.gap.confidence.Heads`) and the name of what is claimed; names of effects
         that cannot be told apart are joined by " or ".
@@ -96,7 +96,7 @@ class Shares:
         return np.asarray(np.clip(closed / np.maximum(self.total, 1e-12), 0.0, 1.0))
 
 
-def verdict(found: Findings) -> Verdict:
+def verdict(found: Findings, heads: Heads) -> Verdict:
     """Return the verdict; see the contract for the answer.
 
     Shares of effects are of the gap that re-calibration leaves, those of values on paper of the gap on paper.
@@ -107,7 +107,6 @@ def verdict(found: Findings) -> Verdict:
     bridged = sum((energies(mark, floors) for mark in found.marks if mark.bridged), np.zeros(len(floors)))
     recalibrated = channel_gaps(search.replay, search.split, found.calibrated)
     shares = Shares(recalibrated, bridged)
-    heads = confidence.heads()
     beside_twins = found.final.nominal.beside_twins
     closed = [shut.of_channel(place)[0] - shut.of_channel(place) for place in range(len(floors))]
     by_subset = {subset: np.array([gains[index] for gains in closed]) for index, subset in enumerate(shut.subsets)}
@@ -140,11 +139,11 @@ def verdict(found: Findings) -> Verdict:
             }
         )
     corrected = Shares(on_paper, bridged).of(np.maximum(on_paper - recalibrated, 0.0))
-    values, value_signs, moved = off_paper(search, found.final, corrected)
+    values, value_signs, moved = off_paper(search, found.final, corrected, heads)
     causes += values
     causes += [marked(mark, shares.of(energies(mark, floors))) for mark in found.marks]
     causes.sort(key=lambda cause: (cause["probability"] <= NAMED, -float(cause["share"])))
-    suspect, suspect_signs = suspected(found)
+    suspect, suspect_signs = suspected(found, heads)
     before = search.compared(found.calibrated, [(Effect, found.final, True)])
     first = found.stages[0] if found.stages else None
     means = shut.mean()
@@ -156,6 +155,7 @@ def verdict(found: Findings) -> Verdict:
         "suspects": suspect,
         "unknown_probability": heads.unknown.probability(unknown),
         "no_gap_probability": min(heads.none.probability(none), 1.0 - surest),
+        "probabilities_from": heads.source,
     }
     claims = {"effect": effect_signs, "suspect": suspect_signs, "value": value_signs}
     return Verdict(answer=answer, signs={**claims, "unknown": {"unknown": unknown}, "none": {"none": none}})
@@ -180,7 +180,7 @@ def marked(mark: Mark, share: float) -> dict[str, Any]:
     }
 
 
-def suspected(found: Findings) -> tuple[list[dict[str, Any]], dict[str, Signs]]:
+def suspected(found: Findings, heads: Heads) -> tuple[list[dict[str, Any]], dict[str, Signs]]:
     """Return the effect that the search came closest to adding when it ended, if any, and its signs."""
     last = found.stages[-1] if found.stages else None
     named = {type(effect) for effect in found.final.effects}
@@ -188,7 +188,7 @@ def suspected(found: Findings) -> tuple[list[dict[str, Any]], dict[str, Signs]]:
         return [], {}
     best = last.rivals[0]
     signs = confidence.of_effect(last, best.kind)
-    chance = min(confidence.heads().suspect.probability(signs), NAMED)
+    chance = min(heads.suspect.probability(signs), NAMED)
     return [{"effect": best.kind.name, "probability": chance}], {best.kind.name: signs}
 
 
@@ -235,7 +235,7 @@ def one_of_each(final: Hypothesis) -> list[Hypothesis]:
 
 
 def off_paper(
-    search: Search, final: Hypothesis, recalibrated: float
+    search: Search, final: Hypothesis, recalibrated: float, heads: Heads
 ) -> tuple[list[dict[str, Any]], dict[str, Signs], float]:
     """Return the effects whose size is a value on paper that moved further than it should be wrong, and their signs.
 
@@ -269,7 +269,7 @@ def off_paper(
         found.append(
             {
                 "effect": name,
-                "probability": confidence.heads().value.probability(all_signs[name]),
+                "probability": heads.value.probability(all_signs[name]),
                 "share": share,
                 "unique_share": share,
                 "parameters": {"change": {"value": change, "ci95": None, "unit": unit}},

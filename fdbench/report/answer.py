@@ -61,6 +61,7 @@ _SHAPE: dict[str, Any] = {
     "suspects": [{"effect": str, "probability": float}],
     "unknown_probability": float,
     "no_gap_probability": float,
+    "probabilities_from?": str,
     "shrinkage": {
         "judged_on": str,
         "on_paper": float,

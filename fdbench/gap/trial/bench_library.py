@@ -13,6 +13,7 @@ import numpy as np
 
 from fdbench.effects import Effect, effects
 from fdbench.gap.nominal import Nominal
+from fdbench.gap.runs import SIDES
 from fdbench.gap.trial.bench import (
     FORCE_NOISE_N,
     NOTHING,
@@ -33,6 +34,20 @@ CLUTTER = 0.06  # of the typical size of every effect that is not planted, at mo
 TRACE = 0.1  # mean square of such an effect in any motion, in units of the noise, at most
 SIZES = (0.4, 2.5)  # of the typical size
 SIZES_ON_PAPER = (1.3, 3.0)  # of effects that correct a value on paper, so that they exceed its uncertainty
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noises:
+    """Standard deviations of each sample, and of the share by which the friction of a run differs."""
+
+    motor_position_m: float = POSITION_NOISE_M
+    table_position_m: float = POSITION_NOISE_M
+    force_N: float = FORCE_NOISE_N
+    process_force_N: float = PROCESS_FORCE_N
+    friction_change: float = 0.0
+
+
+USUAL = Noises()
 
 
 @final
@@ -56,23 +71,24 @@ class LibraryAxis:
     drive: FeedDrive
     unmodelled: tuple[Effect, ...]
     period_s: float
-    friction_change: float = 0.0
+    noises: Noises = USUAL
+    substeps: int = SUBSTEPS
 
     def readings(self, reference: FloatArray, rng: np.random.Generator | None) -> dict[str, FloatArray]:
         """Return what a logger writes; see `fdbench.gap.trial.bench.Axis`."""
         on = 0.0 if rng is None else 1.0
-        drive = self.drive
-        if rng is not None and self.friction_change > 0.0:
-            drive = _rubbing(drive, 1.0 + self.friction_change * float(np.clip(rng.standard_normal(), -2.5, 2.5)))
+        drive, noises = self.drive, self.noises
+        if rng is not None and noises.friction_change > 0.0:
+            drive = rubbing(drive, 1.0 + noises.friction_change * float(np.clip(rng.standard_normal(), -2.5, 2.5)))
         # A force of one period changes the speed of the whole mass.
-        kick_m_per_s = PROCESS_FORCE_N * self.period_s / self.drive.mass_kg
+        kick_m_per_s = noises.process_force_N * self.period_s / self.drive.mass_kg
         duration_s = len(reference) * self.period_s
         setup = Setup(
-            timing=Timing(sampling_time_s=self.period_s, duration_s=duration_s, substeps=SUBSTEPS),
+            timing=Timing(sampling_time_s=self.period_s, duration_s=duration_s, substeps=self.substeps),
             motion=Tabulated(values=reference),
             noise=Noise(
-                motor_position_m=on * POSITION_NOISE_M,
-                table_position_m=on * POSITION_NOISE_M,
+                motor_position_m=on * noises.motor_position_m,
+                table_position_m=on * noises.table_position_m,
                 equation_velocity_m_per_s=on * kick_m_per_s,
             ),
             unmodelled=self.unmodelled,
@@ -87,12 +103,8 @@ class LibraryAxis:
         columns = dict(zip(axis.columns, rows.T, strict=False))
         force = columns[self.drive.motor.logged] * self.drive.motor.force_per_unit
         if rng is not None:
-            force = force + FORCE_NOISE_N * rng.standard_normal(len(force))
-        return {
-            "motor_position_m": columns["motor_position_m"],
-            "table_position_m": columns["table_position_m"],
-            "motor_force_N": force,
-        }
+            force = force + noises.force_N * rng.standard_normal(len(force))
+        return {name: columns[name] for name in ("position_m", *SIDES) if name in columns} | {"motor_force_N": force}
 
 
 @final
@@ -106,17 +118,23 @@ class LibraryBench(Bench):
     errors : mapping of str to float
         By how much the values on paper are off; see `fdbench.gap.trial.bench.ERRORS`.
     period_s : float
-    friction_change : float
-        Standard deviation of the share by which the friction of a run differs.
+    noises : Noises
+    substeps : int
+        Of its integration.
     """
 
     def __init__(
-        self, nominal: Nominal, errors: Mapping[str, float], period_s: float, friction_change: float = 0.0
+        self,
+        nominal: Nominal,
+        errors: Mapping[str, float],
+        period_s: float,
+        noises: Noises = USUAL,
+        substeps: int = SUBSTEPS,
     ) -> None:
         self.drive = nominal.drive
         self.errors = errors
         self.period_s = period_s
-        self.friction_change = friction_change
+        self.noises, self.substeps = noises, substeps
         self.kinds = [kind for kind in nominal.library if self.drive.screw is not None or not kind.needs_screw]
         self.clutter = {kind.name: kind.typical().scaled(0.0) for kind in self.kinds}
 
@@ -199,7 +217,8 @@ class LibraryBench(Bench):
             drive=dataclasses.replace(drive, motor=motor, table=table, effects=known),
             unmodelled=tuple(own[kind.name] for kind in self.kinds),
             period_s=self.period_s,
-            friction_change=self.friction_change,
+            noises=self.noises,
+            substeps=self.substeps,
         )
 
     def _replaced(self, kind: type[Effect]) -> int | None:
@@ -208,7 +227,7 @@ class LibraryBench(Bench):
         return next((index for index, item in known if kind.in_place_of(item) is not None), None)
 
 
-def _rubbing(drive: FeedDrive, factor: float) -> FeedDrive:
+def rubbing(drive: FeedDrive, factor: float) -> FeedDrive:
     """Return the drive with all friction that its model knows multiplied."""
     parts = {name: part for name in ("motor", "table") if (part := getattr(drive, name)) is not None}
     moved: dict[str, Any] = {

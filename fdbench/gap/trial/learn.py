@@ -20,6 +20,7 @@ from fdbench.gap.verdict import OR
 from fdbench.record import FloatArray
 
 RIDGE = 1.0  # prior precision of a weight, per unit of standardised sign
+TRUST = 4.0  # the same of bias and weights about those of a head that is learned from further
 HIDDEN_WEIGHT = 0.1  # of a case whose cause the library lacks, as far as named causes go: a stand-in cannot be told
 UNLISTED = 1.0 / 3.0  # how often an axis is taken to have a cause that the library lacks
 ITERATIONS = 50
@@ -48,23 +49,36 @@ def claims(signs: Mapping[str, Mapping[str, Signs]], truth: Mapping[str, Any]) -
     yield Claim(kind="none", signs=signs["none"]["none"], right=not listed and not hidden, weight=weight)
 
 
-def fitted(found: Sequence[Claim]) -> Head:
+def fitted(found: Sequence[Claim], prior: Head | None = None) -> Head:
     """Return the logistic model of claims of one kind: penalised maximum likelihood by Newton's method.
 
-    The bias is not penalised. See Bishop (2006), Pattern Recognition and Machine Learning, section 4.3.3.
+    The bias is not penalised, unless the head is one that is learned further: then ``prior`` gives the signs, and the
+    mean of bias and weights. See Bishop (2006), Pattern Recognition and Machine Learning, section 4.3.3.
     """
-    names = list(found[0].signs)
+    names = list(found[0].signs if prior is None else prior.signs)
     values = np.array([[claim.signs[name] for name in names] for claim in found])
     right = np.array([float(claim.right) for claim in found])
     share = np.array([claim.weight for claim in found])
-    centre, scatter = values.mean(axis=0), np.maximum(values.std(axis=0), 1e-6)
+    before: FloatArray | None = None
+    if prior is None:
+        centre, scatter = values.mean(axis=0), np.maximum(values.std(axis=0), 1e-6)
+    else:
+        own = [prior.signs[name] for name in names]
+        centre, scatter = (np.array([getattr(sign, part) for sign in own]) for part in ("centre", "scatter"))
+        before = np.array([prior.bias, *(sign.weight for sign in own)])
     design = np.column_stack((np.ones(len(found)), (values - centre) / scatter))
-    weights = newton(design, right, share)
+    weights = newton(design, right, share, before)
     signs = {
         name: Sign(centre=float(c), scatter=float(d), weight=float(w))
         for name, c, d, w in zip(names, centre, scatter, weights[1:], strict=True)
     }
-    return Head(bias=float(weights[0]), signs=signs, claims=len(found), right=int(right.sum()))
+    claims_before, right_before = (0, 0) if prior is None else (prior.claims, prior.right)
+    return Head(
+        bias=float(weights[0]),
+        signs=signs,
+        claims=claims_before + len(found),
+        right=right_before + int(right.sum()),
+    )
 
 
 def balanced(found: Sequence[Claim], share: float) -> list[Claim]:
@@ -74,14 +88,18 @@ def balanced(found: Sequence[Claim], share: float) -> list[Claim]:
     return [dataclasses.replace(claim, weight=weights[claim.right]) for claim in found]
 
 
-def newton(design: FloatArray, right: FloatArray, share: FloatArray) -> FloatArray:
-    """Return the weights of a logistic model, the first of them without penalty; each claim counts by its share."""
-    penalty = RIDGE * np.eye(design.shape[1])
-    penalty[0, 0] = 1e-6
-    weights = np.zeros(design.shape[1])
+def newton(design: FloatArray, right: FloatArray, share: FloatArray, before: FloatArray | None = None) -> FloatArray:
+    """Return the weights of a logistic model; each claim counts by its share.
+
+    Penalised is the distance from the weights ``before``; without these that from zero, but not of the first weight.
+    """
+    n = design.shape[1]
+    penalty = np.diag([1e-6] + [RIDGE] * (n - 1) if before is None else [TRUST] * n)
+    mean = np.zeros(n) if before is None else before
+    weights = mean
     for _ in range(ITERATIONS):
         chance = 1.0 / (1.0 + np.exp(-design @ weights))
-        gradient = design.T @ (share * (right - chance)) - penalty @ weights
+        gradient = design.T @ (share * (right - chance)) - penalty @ (weights - mean)
         curvature = design.T @ (design * (share * chance * (1.0 - chance))[:, None]) + penalty
         step = np.linalg.solve(curvature, gradient)
         weights = weights + step / max(1.0, float(np.abs(step).max()))

@@ -14,7 +14,7 @@ from fdbench.gap.nominal import Nominal
 from fdbench.gap.trial import protocol
 from fdbench.gap.trial.bench import ERRORS, Bench, Planted, Yardstick
 from fdbench.gap.trial.bench_apart import ApartBench
-from fdbench.gap.trial.bench_library import LibraryBench
+from fdbench.gap.trial.bench_library import LibraryBench, Noises
 from fdbench.record import FloatArray, Record
 from fdbench.specification import load_toml, read
 
@@ -85,27 +85,24 @@ def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> C
     if tier is Tier.A:
         bench = LibraryBench(nominal, errors, protocol.PERIOD_S)
     elif tier is Tier.L:
-        bench = LibraryBench(nominal, errors, protocol.PERIOD_S, float(rng.uniform(*FRICTION_CHANGE)))
+        bench = LibraryBench(
+            nominal, errors, protocol.PERIOD_S, Noises(friction_change=float(rng.uniform(*FRICTION_CHANGE)))
+        )
     else:
         bench = ApartBench(nominal, errors, protocol.PERIOD_S, rng)
     sides: tuple[str, ...] = ("table_position_m", "motor_position_m")
     sides = sides if nominal.drive.controller.uses_table else sides[::-1]
     sides = sides[:1] if thin else sides
-    planted, sizes = _planted(bench, tier, effects, list(motions.records.values()), sides, rng)
+    planted, sizes = plant(bench, tier, effects, list(motions.records.values()), sides, rng)
     axis = bench.axis(planted)
 
     def recorded(name: str, reference: FloatArray) -> Record:
         return record_of(name, reference, axis.readings(reference, rng), sides)
 
-    listed = bench.names(listed=True)
-    hidden = [name for name in planted if name in listed and not bench.is_value_on_paper(name)]
-    if tier is Tier.L and hidden and rng.random() < HIDDEN:
-        model["exclude"] = [str(rng.choice(hidden))]
-        listed = [name for name in listed if name not in model["exclude"]]
-    described: dict[str, list[dict[str, Any]]] = {"listed": [], "unlisted": []}
-    for name, drawn in planted.items():
-        item = {"name": name, "parameters": dict(drawn), "mean_square": sizes[name]}
-        described["listed" if name in listed else "unlisted"].append(item)
+    excluded = hidden(bench, planted, rng) if tier is Tier.L else []
+    if excluded:
+        model["exclude"] = excluded
+    listed = [name for name in bench.names(listed=True) if name not in excluded]
     return Case(
         model=model,
         records={
@@ -114,8 +111,24 @@ def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> C
             for repeat in range(protocol.REPEATS)
         },
         holdouts={name: recorded(name, reference) for name, reference in motions.holdouts.items()},
-        truth={"tier": tier.value, **described, "errors": errors},
+        truth={"tier": tier.value, **described(planted, sizes, listed), "errors": errors},
     )
+
+
+def hidden(bench: Bench, planted: Planted, rng: np.random.Generator) -> list[str]:
+    """Return the name of a planted effect to take out of the library, in some of the cases."""
+    listed = bench.names(listed=True)
+    names = [name for name in planted if name in listed and not bench.is_value_on_paper(name)]
+    return [str(rng.choice(names))] if names and rng.random() < HIDDEN else []
+
+
+def described(planted: Planted, sizes: Mapping[str, float], listed: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
+    """Return what is planted as the truth has it: what a diagnosis may name, and what it may not."""
+    result: dict[str, list[dict[str, Any]]] = {"listed": [], "unlisted": []}
+    for name, drawn in planted.items():
+        item = {"name": name, "parameters": dict(drawn), "mean_square": sizes[name]}
+        result["listed" if name in listed else "unlisted"].append(item)
+    return result
 
 
 def model_tables(rng: np.random.Generator) -> dict[str, Any]:
@@ -153,7 +166,7 @@ def _how_many(tier: Tier, rng: np.random.Generator) -> tuple[int, int]:
     return int(rng.choice(len(HOW_MANY), p=HOW_MANY)), 0
 
 
-def _planted(
+def plant(
     bench: Bench,
     tier: Tier,
     effects: Sequence[str],
@@ -173,6 +186,8 @@ def _planted(
         if len(planted) == len(wanted):
             break
         offered = [name for name in wanted[len(planted)] if name not in planted]
+        if not offered:
+            break
         name = str(rng.choice(offered))
         drawn = bench.draw(name, rng)
         if any(bench.clash(name, other) for other in planted):

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import final
 
+from fdbench.gap import confidence
 from fdbench.gap.hypothesis import start
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.search import Search
@@ -27,7 +28,8 @@ class RecalibrationOnly(Diagnoser):
         search = Search(replay, split)
         fitted = search.refine(paper)
         after = float(channel_gaps(replay, split, fitted).mean())
-        values, _, _ = off_paper(search, fitted, 1.0 - after / max(float(before.mean()), 1e-12))
+        closed_share = 1.0 - after / max(float(before.mean()), 1e-12)
+        values, _, _ = off_paper(search, fitted, closed_share, confidence.heads())
         causes = {cause["effect"]: float(cause["probability"]) for cause in values}
         left = 1.0 - 1.0 / max(after, 1.0)
         none = (1.0 - left) * (1.0 - max(causes.values(), default=0.0))

@@ -1,0 +1,283 @@
+"""Rehearsal: learn from simulated trials of one machine, with the motions, columns and noise of its own records.
+
+The heads that the package was shipped with are the prior; what the machine's own cases say moves them.
+"""
+
+import dataclasses
+import hashlib
+import inspect
+import json
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fdbench.errors import FdbenchError, SpecError
+from fdbench.gap import confidence
+from fdbench.gap.confidence import Heads
+from fdbench.gap.diagnose import Aligned, aligned, diagnose
+from fdbench.gap.floor import floors
+from fdbench.gap.nominal import Nominal
+from fdbench.gap.repaired import table_of, toml_lines
+from fdbench.gap.runs import COMMAND, SIDES, STRETCH, Run, merged
+from fdbench.gap.trial import seal, tiers
+from fdbench.gap.trial.bench import ERRORS
+from fdbench.gap.trial.bench_library import USUAL, LibraryAxis, LibraryBench, Noises, rubbing
+from fdbench.gap.trial.learn import KINDS, UNLISTED, Claim, balanced, claims, fitted
+from fdbench.gap.trial.make import MOST_ATTEMPTS
+from fdbench.record import FloatArray, Record
+from fdbench.simulate.compose import cache_folder
+
+STEPS = 4  # of a floor in a factor of two: records of one machine share what was learned
+NAMES = [field.name for field in dataclasses.fields(Noises)]  # the last one is friction
+SILENT = Noises(**dict.fromkeys(NAMES, 0.0))
+ROUNDS = 2
+EVEN = 0.1  # weight of keeping to equal parts where the floors do not tell noises apart
+OFF = 2.0  # factor by which the floor of a channel may be missed
+RUBBING = tiers.FRICTION_CHANGE[1]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """One machine on paper, and what is recorded on it.
+
+    Attributes
+    ----------
+    nominal : Nominal
+        As the user gave it.
+    ready : Aligned
+        The user's records.
+    n_fitted : int
+        How many of the runs are not held out.
+    names : tuple of str
+        Columns of positions.
+    """
+
+    nominal: Nominal
+    ready: Aligned
+    n_fitted: int
+    names: tuple[str, ...]
+
+    @cached_property
+    def floors(self) -> Mapping[str, float]:
+        """The noise floor that was measured, in steps."""
+        measured = self.ready.split.floors.items()
+        return {name: 2.0 ** (round(STEPS * math.log2(floor.rms)) / STEPS) for name, floor in measured}
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all that the cases depend on: code, effects, model, motions, columns and floors."""
+        kinds = [inspect.getsource(kind) for kind in self.ready.nominal.library]
+        model = toml_lines(table_of(self.nominal, Nominal))
+        held = [run.held.tobytes() if self.holds and run.held is not None else b"" for run in self.ready.runs]
+        moved = [self.command(run).tobytes() for run in self.ready.runs]
+        motions = [hashlib.sha256(part).hexdigest() for part in (*moved, *held)]
+        recorded = [self.names, self.n_fitted, self.ready.runs[0].period_s, self.floors]
+        content = [seal.code_digest(), kinds, list(model), motions, recorded]
+        return hashlib.sha256(seal.canonical(content)).hexdigest()
+
+    @property
+    def holds(self) -> bool:
+        """Whether the logger held samples."""
+        return any(mark.bridged for mark in self.ready.marks)
+
+    @staticmethod
+    def command(run: Run) -> FloatArray:
+        """Return the command (n, 3) of a run; where it was followed, the motion that was measured."""
+        return run.reference if run.motion is None else np.column_stack((run.motion[0], run.reference[:, 1:]))
+
+    def bench(self, errors: Mapping[str, float], noises: Noises) -> LibraryBench:
+        """Return the machine."""
+        nominal, period_s = self.ready.nominal, self.ready.runs[0].period_s
+        reach_m = max(float(np.abs(self.command(run)[:, 0]).max()) for run in self.ready.runs)
+        # The zero of a record may lie anywhere, and what was recorded is within the limits.
+        drive = dataclasses.replace(
+            nominal.drive,
+            travel_m=nominal.drive.travel_m + reach_m,
+            velocity_limit_m_per_s=2.0 * nominal.drive.velocity_limit_m_per_s,
+        )
+        nominal = dataclasses.replace(nominal, plant=drive)
+        return LibraryBench(nominal, errors, period_s, noises, nominal.simulation.substeps)
+
+    def recorded(self, axis: LibraryAxis, rng: np.random.Generator) -> tuple[list[Record], list[Record]]:
+        """Return what the logger writes of every motion: to fit, and to judge on."""
+        found: list[Record] = []
+        for run in self.ready.runs:
+            command = self.command(run)
+            readings = axis.readings(command, rng)
+            columns = {name: readings.get(name, readings["position_m"]) for name in (*self.names, "motor_force_N")}
+            if self.holds and run.held is not None:
+                last = np.maximum.accumulate(np.where(run.held, 0, np.arange(run.n_samples)))
+                columns = {name: values[last] for name, values in columns.items()}
+            if run.motion is None:
+                rates = ("reference_velocity_m_per_s", "reference_acceleration_m_per_s2")
+                columns |= {name: command[:, place] for place, name in enumerate((COMMAND, *rates))}
+            columns["time_s"] = np.arange(run.n_samples, dtype=np.float64) * run.period_s
+            found.append(Record(columns, source=run.name))
+        return found[: self.n_fitted], found[self.n_fitted :]
+
+    def case(self, noises: Noises, rng: np.random.Generator) -> dict[str, Any]:
+        """Draw, record and diagnose one case, and return the signs of what is claimed beside the truth."""
+        doubt = self.nominal.uncertainty
+        deviations = {
+            **dict.fromkeys(("motor_mass", "table_mass"), doubt.mass),
+            **dict.fromkeys(("motor_viscous", "table_viscous"), doubt.viscous),
+            **{"known": doubt.known_effects, "offset_N": doubt.force_offset_N},
+        }
+        errors = {name: size * float(np.clip(rng.standard_normal(), -2.0, 2.0)) for name, size in deviations.items()}
+        bench = self.bench(errors, noises)
+        names = bench.names(listed=True)
+        other = SIDES[not self.ready.nominal.drive.controller.uses_table]
+        sides = ("position_m", other) if STRETCH in self.floors else ("position_m",)
+        motions = [self.command(run) for run in merged(self.ready.runs[: self.n_fitted])]
+        planted, sizes = tiers.plant(bench, tiers.Tier.L, names, motions, sides, rng)
+        excluded = tiers.hidden(bench, planted, rng)
+        records, holdouts = self.recorded(bench.axis(planted), rng)
+        hidden = self.nominal.beside_twins(excluded)
+        nominal = dataclasses.replace(self.nominal, exclude=(*self.nominal.exclude, *hidden))
+        truth = tiers.described(planted, sizes, [name for name in names if name not in excluded])
+        return {"signs": diagnose(nominal, records, holdouts).signs, "truth": truth}
+
+    def noises(self) -> Noises:
+        """Return the noises with which the machine on paper has the measured floors.
+
+        The mean squares of the floors that each of them makes by itself add up (least squares, nonnegative).
+        """
+        from scipy.optimize import nnls
+
+        found = USUAL
+        for _ in range(ROUNDS):
+            own = {name: dataclasses.replace(SILENT, **{name: getattr(found, name)}) for name in NAMES}
+            made = np.column_stack([*(self._floors_of(own[name]) for name in NAMES[:-1]), self._floors_by_friction()])
+            squares = made**2
+            size = np.maximum(np.linalg.norm(squares, axis=0), 1e-30)
+            system = np.vstack((squares / size, EVEN * np.eye(len(NAMES))))
+            parts, _ = nnls(system, np.r_[np.ones(len(squares)), np.zeros(len(NAMES))])
+            scale = np.sqrt(parts / size).tolist()
+            before = dataclasses.replace(found, friction_change=RUBBING)
+            found = Noises(**{name: getattr(before, name) * by for name, by in zip(NAMES, scale, strict=True)})
+        for name, ratio in zip(self.floors, self._floors_of(found).tolist(), strict=True):
+            if not 1.0 / OFF < ratio < OFF:
+                raise SpecError(
+                    f"rehearsal: no noise of sensors, process and friction gives the model the measured floor of "
+                    f"{name}, {self.floors[name]:.3g}; the nearest gives {ratio * self.floors[name]:.3g}. Check that "
+                    "repeats are of one command and one state of the machine, or diagnose without --rehearse."
+                )
+        return found
+
+    def _floors_of(self, noises: Noises) -> FloatArray:
+        """Return the floors of a machine as on paper, in units of the measured ones."""
+        axis = self.bench(dict.fromkeys(ERRORS, 0.0), noises).axis({})
+        made = floors(aligned(self.nominal, *self.recorded(axis, seal.generator(self.digest, "noise"))).runs)
+        return np.array([made[name].rms / measured for name, measured in self.floors.items()])
+
+    def _floors_by_friction(self) -> FloatArray:
+        """Return what runs differ by where friction differs by 5 %, root mean square in units of the floors.
+
+        A floor that was not measured from repeats knows nothing of it.
+        """
+        if not any(floor.measured for floor in self.ready.split.floors.values()):
+            return np.zeros(len(self.floors))
+        axis = self.bench(dict.fromkeys(ERRORS, 0.0), SILENT).axis({})
+        rubbed = dataclasses.replace(axis, drive=rubbing(axis.drive, 1.0 + RUBBING))
+        moved: dict[str, list[FloatArray]] = {name: [] for name in self.floors}
+        for run in self.ready.runs:
+            one, two = (item.readings(self.command(run), None) for item in (axis, rubbed))
+            change = {name: two[name] - one[name] for name in one}
+            if STRETCH in moved:
+                change[STRETCH] = change[SIDES[0]] - change[SIDES[1]]
+            for name, parts in moved.items():
+                parts.append(change[name])
+        squares = {name: float(np.mean(np.concatenate(parts) ** 2)) for name, parts in moved.items()}
+        return np.array([math.sqrt(squares[name]) / measured for name, measured in self.floors.items()])
+
+
+def scene_of(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Scene:
+    """Return the machine and what is recorded on it.
+
+    Raises
+    ------
+    RecordError
+        If the records cannot be diagnosed.
+    SpecError
+        If the model cannot move as they show.
+    """
+    ready = aligned(nominal, records, holdouts)
+    drive = ready.nominal.drive
+    if drive.screw is None and STRETCH in ready.split.floors:
+        raise SpecError(
+            f"rehearsal: {records[0].source} has {' and '.join(SIDES)}, but the model has no [plant.screw] between "
+            "them; add it, leave one column out, or diagnose without --rehearse."
+        )
+    names = tuple(name for name in ("position_m", *SIDES) if name in records[0])
+    return Scene(nominal=nominal, ready=ready, n_fitted=len(records), names=names)
+
+
+def rehearsed(
+    nominal: Nominal,
+    records: Sequence[Record],
+    holdouts: Sequence[Record],
+    count: int,
+    progress: Callable[[str], None] | None = None,
+) -> Heads:
+    """Return heads learned on simulated cases of the machine on paper, with the motions and the noise of its records.
+
+    Cases are kept in the cache by the digest of all that they depend on; only those that it lacks are simulated.
+
+    Parameters
+    ----------
+    nominal, records, holdouts
+        As for `fdbench.gap.diagnose.diagnose`.
+    count : int
+        Number of cases.
+    progress : callable, optional
+
+    Raises
+    ------
+    RecordError, SpecError
+        If the records cannot be diagnosed or the model cannot be simulated like them.
+    """
+    scene = scene_of(nominal, records, holdouts)
+    kept = cache_folder() / f"rehearsal-{scene.digest}.json"
+    cases: list[Any] = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else []
+    noises = scene.noises() if len(cases) < count else USUAL
+    while len(cases) < count:
+        if progress is not None:
+            progress(f"rehearsing case {len(cases) + 1} of {count}")
+        cases.append(_case(scene, noises, len(cases)))
+        _write(kept, cases)
+    found = [claim for case in cases[:count] for claim in claims(case["signs"], case["truth"])]
+    return adapted(found, confidence.heads(), f"rehearsal, {count} cases on this machine and these motions")
+
+
+def _case(scene: Scene, noises: Noises, number: int) -> dict[str, Any]:
+    """Return a case; one that diverges, or whose records no one would diagnose, is drawn anew."""
+    for attempt in range(MOST_ATTEMPTS):
+        try:
+            return scene.case(noises, seal.generator(scene.digest, f"case {number} attempt {attempt}"))
+        except FdbenchError as error:
+            message = str(error)
+    raise SpecError(f"rehearsal: case {number + 1}: {MOST_ATTEMPTS} draws, none of them usable; the last: {message}")
+
+
+def _write(path: Path, cases: Sequence[Any]) -> None:
+    partial = path.with_suffix(f".{os.getpid()}")
+    partial.write_text(json.dumps(cases), encoding="utf-8")
+    partial.replace(path)
+
+
+def adapted(found: Sequence[Claim], prior: Heads, source: str) -> Heads:
+    """Return heads moved by claims; one that these say nothing of stays as it is."""
+    moved: dict[str, Any] = {}
+    for kind in KINDS:
+        own = [claim for claim in found if claim.kind == kind]
+        if kind == "unknown":
+            own = balanced(own, UNLISTED) if len({claim.right for claim in own}) == 2 else []
+        if own:
+            moved[kind] = fitted(own, getattr(prior, kind))
+    return dataclasses.replace(prior, **moved, source=source)

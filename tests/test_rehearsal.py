@@ -1,0 +1,201 @@
+"""Heads learned on simulated cases of the user's own machine, motions and noise."""
+
+import dataclasses
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from axis_lab import case, drive
+
+from fdbench.errors import SpecError
+from fdbench.gap import confidence
+from fdbench.gap.confidence import Head
+from fdbench.gap.diagnose import diagnose
+from fdbench.gap.nominal import Nominal, Simulation
+from fdbench.gap.summary import summary
+from fdbench.gap.trial import learn, rehearsal
+from fdbench.gap.trial.learn import Claim
+from fdbench.plants.feed_drive import FeedDrive, Following, LinearMotor
+from fdbench.record import Record
+
+Records = tuple[Nominal, list[Record], list[Record]]
+
+
+@pytest.fixture(scope="module")
+def given() -> Records:
+    """Model on paper, two repeats of a short motion, and another motion."""
+    nominal, fitted, judged = case((), seed=3)
+    return nominal, fitted[2:], judged[1:]
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(rehearsal, "cache_folder", lambda: tmp_path)
+    return tmp_path
+
+
+def with_columns(records: list[Record], changes: dict[str, Any]) -> list[Record]:
+    """Return records with columns added, or left out where they are None."""
+    found = []
+    for item in records:
+        columns = dict(item) | {name: change and change(item) for name, change in changes.items()}
+        found.append(Record({name: own for name, own in columns.items() if own is not None}, {}, item.source))
+    return found
+
+
+# ---- cases are drawn once ----
+
+
+def test_a_rehearsal_goes_on_where_it_stopped_and_is_kept(
+    given: Records, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+
+    def diagnosed(nominal: Nominal, records: list[Record], holdouts: list[Record]) -> Any:
+        if len(asked) == 2:
+            asked.append(0)
+            raise KeyboardInterrupt
+        asked.append(len(records))
+        return diagnose(nominal, records, holdouts)
+
+    monkeypatch.setattr(rehearsal, "diagnose", diagnosed)
+    with pytest.raises(KeyboardInterrupt):
+        rehearsal.rehearsed(*given, 4)
+    heads = rehearsal.rehearsed(*given, 4)
+    assert asked == [2, 2, 0, 2, 2]  # two repeats in each case, and no case twice
+    assert heads.source == "rehearsal, 4 cases on this machine and these motions"
+    assert heads.none.claims == confidence.heads().none.claims + 4
+    assert heads.none != confidence.heads().none
+    monkeypatch.setattr(rehearsal.Scene, "noises", None)  # neither simulated nor diagnosed again
+    assert rehearsal.rehearsed(*given, 4) == heads
+    assert rehearsal.rehearsed(*given, 3).none.claims == heads.none.claims - 1
+    assert len(asked) == 5
+    assert len(list(cache.iterdir())) == 1
+
+
+def test_what_is_kept_belongs_to_one_machine_and_its_noise(given: Records) -> None:
+    nominal, fitted, judged = given
+    heavier = dataclasses.replace(nominal.drive, table=dataclasses.replace(nominal.drive.table, mass_kg=61.0))
+    rng = np.random.default_rng(0)
+
+    def louder(item: Record) -> Any:
+        return item["motor_torque_Nm"] + 0.01 * rng.standard_normal(item.n_samples)
+
+    others = [
+        (dataclasses.replace(nominal, plant=heavier), fitted, judged),
+        (dataclasses.replace(nominal, exclude=("cogging",)), fitted, judged),
+        (nominal, [*fitted, fitted[0]], judged),
+        (nominal, with_columns(fitted, {"motor_torque_Nm": louder}), judged),
+    ]
+    digests = {rehearsal.scene_of(*other).digest for other in (given, *others)}
+    assert len(digests) == 5
+    assert rehearsal.scene_of(*given).digest in digests
+
+
+@pytest.mark.parametrize("kind", ["without controller", "rigid with a current"])
+def test_other_records_than_those_of_tier_l(given: Records, kind: str) -> None:
+    nominal, fitted, judged = given
+    gone: dict[str, Any] = {"position_m": None, "table_position_m": None}
+    plant: FeedDrive = nominal.drive
+    if kind == "without controller":
+        gone |= {"reference_position_m": None, "reference_velocity_m_per_s": None}
+        plant = dataclasses.replace(plant, controller=Following())
+    else:
+        motor = LinearMotor(mass_kg=178.0, viscous_friction_N_s_per_m=600.0, force_constant_N_per_A=100.0)
+        plant = dataclasses.replace(plant, motor=motor, table=None, screw=None)
+        gone |= {"motor_torque_Nm": None, "motor_current_A": lambda item: drive().motor_force(item) / 100.0}
+    records = [with_columns(group, gone) for group in (fitted, judged)]
+    scene = rehearsal.scene_of(Nominal(plant=plant, simulation=Simulation(substeps=10)), *records)
+    found = rehearsal._case(scene, scene.noises(), 0)
+    assert set(found["signs"]) == set(learn.KINDS)
+    assert set(found["truth"]) == {"listed", "unlisted"}
+
+
+# ---- what is refused ----
+
+
+def test_two_positions_need_a_screw(given: Records) -> None:
+    nominal, *records = given
+    rigid = dataclasses.replace(nominal, plant=dataclasses.replace(nominal.drive, screw=None))
+    with pytest.raises(SpecError, match=r"has motor_position_m and table_position_m, but .* no \[plant.screw\]"):
+        rehearsal.rehearsed(rigid, *records, 4)
+
+
+def test_floors_that_no_noise_gives_are_refused(given: Records, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rehearsal.Scene, "_floors_of", lambda *_: np.array([1.0, 1.0, 0.1]))
+    with pytest.raises(SpecError, match="the measured floor of motor_minus_table_position_m"):
+        rehearsal.rehearsed(*given, 4)
+
+
+def test_draws_that_never_work_are_refused(given: Records, monkeypatch: pytest.MonkeyPatch) -> None:
+    def diverged(*_: object) -> None:
+        raise SpecError("too stiff.")
+
+    monkeypatch.setattr(rehearsal.Scene, "case", diverged)
+    with pytest.raises(SpecError, match=r"case 8: 5 draws, none of them usable; the last: too stiff\."):
+        rehearsal._case(rehearsal.scene_of(*given), rehearsal.USUAL, 7)
+
+
+# ---- how far heads move ----
+
+
+def claims_of(kind: str, head: Head, n: int, right: bool) -> list[Claim]:
+    """Return claims with the mean signs of those that a head was learned from."""
+    signs = {name: sign.centre for name, sign in head.signs.items()}
+    return [Claim(kind=kind, signs=signs, right=right)] * n
+
+
+@pytest.mark.parametrize("kind", ["effect", "suspect", "value", "none"])
+def test_few_claims_change_little_and_many_convince(kind: str) -> None:
+    shipped = confidence.heads()
+    prior: Head = getattr(shipped, kind)
+    before = prior.probability(claims_of(kind, prior, 1, True)[0].signs)
+    surprising = before < 0.5
+    one, many = (
+        getattr(rehearsal.adapted(claims_of(kind, prior, n, surprising), shipped, "x"), kind) for n in (1, 300)
+    )
+    own = claims_of(kind, prior, 1, True)[0].signs
+    assert 0.0 < abs(one.probability(own) - before) < 0.1
+    assert (many.probability(own) > 0.5) == surprising
+    assert [sign.centre for sign in one.signs.values()] == [sign.centre for sign in prior.signs.values()]
+
+
+def test_heads_that_no_claims_bear_on_stay() -> None:
+    shipped = confidence.heads()
+    found = rehearsal.adapted(claims_of("unknown", shipped.unknown, 9, False), shipped, "x")
+    assert found == dataclasses.replace(shipped, source="x")
+
+
+# ---- heads reach the answer ----
+
+
+def test_the_answer_is_drawn_from_the_heads_that_are_given(given: Records) -> None:
+    even = Head(bias=0.0, signs={}, claims=98, right=49)
+    heads = dataclasses.replace(confidence.heads(), unknown=even, value=even, source="rehearsal, of a test")
+    found = diagnose(*given, heads=heads)
+    assert found.answer["unknown_probability"] == 0.5
+    assert found.answer["probabilities_from"] == "rehearsal, of a test"
+    assert "rehearsal, of a test" in summary(found)
+    assert confidence.heads().unknown.probability(found.signs["unknown"]["unknown"]) != 0.5
+
+
+def test_the_command_line_passes_heads_on(given: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from typer.testing import CliRunner
+
+    from fdbench.cli import app
+
+    given[1][0].save(tmp_path / "axis.parquet")
+    seen: list[object] = []
+
+    def found(*arguments: object) -> SimpleNamespace:
+        seen.append(arguments[-1])
+        return SimpleNamespace(answer={})
+
+    monkeypatch.setattr("fdbench.gap.diagnose.diagnose", found)
+    monkeypatch.setattr(rehearsal, "rehearsed", lambda *arguments: ("heads", arguments[3]))
+    arguments = ["diagnose", str(tmp_path / "axis.parquet"), "--model", "scenarios/EMPS-v0.toml", "--json", "-"]
+    for more in ([], ["--rehearse", "80"]):
+        assert CliRunner().invoke(app, [*arguments, *more]).exit_code == 0
+    assert seen == [None, ("heads", 80)]
