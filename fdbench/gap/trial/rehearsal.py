@@ -28,7 +28,7 @@ from fdbench.gap.runs import COMMAND, SIDES, STRETCH, Run, merged
 from fdbench.gap.trial import seal, tiers
 from fdbench.gap.trial.bench import ERRORS
 from fdbench.gap.trial.bench_library import USUAL, LibraryAxis, LibraryBench, Noises, rubbing
-from fdbench.gap.trial.learn import KINDS, UNLISTED, Claim, balanced, claims, fitted
+from fdbench.gap.trial.learn import Claim, claims, fitted
 from fdbench.gap.trial.make import MOST_ATTEMPTS
 from fdbench.record import FloatArray, Record
 from fdbench.simulate.compose import cache_folder
@@ -39,6 +39,7 @@ SILENT = Noises(**dict.fromkeys(NAMES, 0.0))
 ROUNDS = 2
 EVEN = 0.1  # weight of keeping to equal parts where the floors do not tell noises apart
 OFF = 2.0  # factor by which the floor of a channel may be missed
+MOVED = ("effect", "suspect", "value")
 RUBBING = tiers.FRICTION_CHANGE[1]
 
 
@@ -272,12 +273,10 @@ def _write(path: Path, cases: Sequence[Any]) -> None:
 
 
 def adapted(found: Sequence[Claim], prior: Heads, source: str) -> Heads:
-    """Return heads moved by claims; one that these say nothing of stays as it is."""
-    moved: dict[str, Any] = {}
-    for kind in KINDS:
-        own = [claim for claim in found if claim.kind == kind]
-        if kind == "unknown":
-            own = balanced(own, UNLISTED) if len({claim.right for claim in own}) == 2 else []
-        if own:
-            moved[kind] = fitted(own, getattr(prior, kind))
+    """Return heads moved by claims of causes; one that these say nothing of stays as it is.
+
+    Those of an unknown cause and of no gap stay: moved, they were worse on fresh cases of a machine unlike tier L.
+    """
+    own = {kind: [claim for claim in found if claim.kind == kind] for kind in MOVED}
+    moved: dict[str, Any] = {kind: fitted(some, getattr(prior, kind)) for kind, some in own.items() if some}
     return dataclasses.replace(prior, **moved, source=source)
