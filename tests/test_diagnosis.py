@@ -124,6 +124,10 @@ def test_the_documented_cause_of_emps_comes_first() -> None:
         cause["effect"] for cause in answer["causes"]
     }
     assert answer["unknown_probability"] > 0.5
+    # Less force than modelled at low speed is next; it has no name in the library.
+    rest = answer["rest_depends_on"][0]
+    assert rest["function_of"] == "velocity"
+    assert -0.03 < rest["most"]["from"] < rest["most"]["to"] < 0.0 < rest["most"]["force_N"]
 
 
 def test_what_a_milling_scenario_withholds_is_found() -> None:

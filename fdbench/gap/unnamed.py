@@ -29,8 +29,8 @@ def types(split: Split, simulated: Sequence[Mapping[str, FloatArray]], drive: Fe
 
     The function is a mean in each of 24 cells (48 where it may differ by direction), fitted on the training samples of
     each channel and judged on the held-out ones; shares are of the squared rest beyond the noise, and do not add up.
-    ``most`` is where the force stands out most from what it scatters, as far as it is half of that or more, and by how
-    much the motor gives more there than the final model, on average.
+    ``most`` is where the force differs most, as far as it is half of that or more, and by how much the motor gives more
+    there than the final model, on average.
 
     Parameters
     ----------
@@ -64,14 +64,14 @@ def types(split: Split, simulated: Sequence[Mapping[str, FloatArray]], drive: Fe
 def _most(
     split: Split, rest: Sequence[Mapping[str, FloatArray]], values: Sequence[FloatArray], cells: Sequence[Cells]
 ) -> dict[str, float]:
-    """Return from where to where the force stands out most, and its mean there; speeds are as they are commanded."""
+    """Return from where to where the force differs most, and its mean there; speeds are as they are commanded."""
     value, cell = np.concatenate(values), np.concatenate(cells)
     force = np.concatenate(
         [own["motor_force_N"] / np.sqrt(run.repeats) for own, run in zip(rest, split.runs, strict=True)]
     )
     counts = np.bincount(cell, minlength=CELLS)
     mean = np.bincount(cell, weights=force, minlength=CELLS) / np.maximum(counts, 1)
-    first = last = int(np.argmax(np.abs(mean) * np.sqrt(counts)))
+    first = last = int(np.argmax(np.abs(mean) * counts / (counts + SHRINKAGE)))
     enough = mean * np.sign(mean[first]) >= 0.5 * abs(mean[first])
     while first > 0 and enough[first - 1]:
         first -= 1
