@@ -101,7 +101,7 @@ def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> C
 
     excluded = hidden(bench, planted, rng) if tier is Tier.L else []
     if excluded:
-        model["exclude"] = excluded
+        model["exclude"] = nominal.beside_twins(excluded)
     listed = [name for name in bench.names(listed=True) if name not in excluded]
     return Case(
         model=model,
