@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from fdbench.effects import Effect, Port
@@ -69,6 +69,14 @@ class Candidate:
         if self.replaces is not None:
             return [self]
         return [Candidate(members=(self.members[0].scaled(share),)) for share in shares]
+
+
+def middle_of_each(items: Iterable[Candidate]) -> list[Candidate]:
+    """Return of each class of effect the candidate in the middle of its shapes."""
+    found: dict[type[Effect], list[Candidate]] = {}
+    for item in items:
+        found.setdefault(item.kind, []).append(item)
+    return [shapes[len(shapes) // 2] for shapes in found.values()]
 
 
 def amplitudes(kind: type[Effect]) -> tuple[str, ...]:

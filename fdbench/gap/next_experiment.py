@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.gap import confidence
-from fdbench.gap.candidates import candidates
+from fdbench.gap.candidates import candidates, middle_of_each
 from fdbench.gap.evidence import MODEL_ERROR, Split, gather
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.replay import Replay
@@ -283,17 +283,16 @@ def most_open(stages: Sequence[Stage]) -> Stage | None:
 def overlooked(stage: Stage) -> list[Rival]:
     """Return the effects of the library beside the serious rivals: of typical size, with nothing explained yet."""
     known = {rival.kind for rival in serious(stage).rivals}
-    others = [item for item in candidates(stage.base) if item.kind not in known]
-    kinds = {item.kind: [other for other in others if other.kind is item.kind] for item in others}
+    others = middle_of_each(item for item in candidates(stage.base) if item.kind not in known)
     return [
         Rival(
-            kind=kind,
-            hypothesis=shapes[len(shapes) // 2].hypotheses(stage.base)[0],
+            kind=item.kind,
+            hypothesis=item.hypotheses(stage.base)[0],
             misfit=stage.misfit,
             penalty=stage.penalty,
             refined=False,
         )
-        for kind, shapes in kinds.items()
+        for item in others
     ]
 
 

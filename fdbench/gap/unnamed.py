@@ -5,6 +5,7 @@ of position a property of the way, one of time a drift.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,8 @@ CELLS = 24
 SHRINKAGE = 50.0  # samples that a cell counts for too few by
 SMALLEST = 0.02  # share of the rest that is worth mentioning
 NOISE = 0.1  # mean square beyond the noise, in units of it, below which there is no rest
-AT_REST = 1e-6  # of the largest commanded speed
 
 Cells = NDArray[np.intp]
-Places = Callable[[Run], FloatArray]
 
 
 def types(split: Split, simulated: Sequence[Mapping[str, FloatArray]], drive: FeedDrive) -> list[dict[str, object]]:
@@ -48,16 +47,16 @@ def types(split: Split, simulated: Sequence[Mapping[str, FloatArray]], drive: Fe
         for run, own in zip(split.runs, simulated, strict=True)
     ]
     found: list[dict[str, object]] = []
-    for words, (places, unit, by_direction) in _kinds(drive).items():
-        values = [places(run) for run in split.runs]
-        alone = cells = _cells(values, root=words == "velocity")
-        if by_direction:
+    for words, kind in _kinds(drive).items():
+        values = [kind.places(run) for run in split.runs]
+        cells = _cells(values, kind.root)
+        if kind.by_direction:
             cells = [2 * own + (run.reference[:, 1] < 0.0) for own, run in zip(cells, split.runs, strict=True)]
         share = _share(split, rest, cells)
         if share >= SMALLEST:
             found.append({"function_of": words, "share": share})
-            if not by_direction:
-                found[-1]["most"] = {**_most(split, rest, values, alone), "unit": unit}
+            if not kind.by_direction:
+                found[-1]["most"] = {**_most(split, rest, values, cells), "unit": kind.unit}
     return sorted(found, key=lambda item: -float(str(item["share"])))
 
 
@@ -82,27 +81,33 @@ def _most(
     return {"from": float(value[there].min()), "to": float(value[there].max()), "force_N": mean_N}
 
 
-def _kinds(drive: FeedDrive) -> dict[str, tuple[Places, str, bool]]:
-    """Return the functions that are tried: where a sample lies, in what unit, and whether directions differ."""
-    kinds: dict[str, tuple[Places, str, bool]] = {
-        "velocity": (lambda run: run.reference[:, 1], "m/s", False),
-        "position": (lambda run: run.channels["position_m"], "m", False),
-        "position_by_direction": (lambda run: run.channels["position_m"], "m", True),
-        "acceleration": (lambda run: run.reference[:, 2], "m/s^2", False),
-        "motor_force": (lambda run: run.channels["motor_force_N"], "N", False),
-        "time": (lambda run: np.asarray(np.arange(run.n_samples) * run.period_s, dtype=np.float64), "s", False),
+@dataclass(frozen=True)
+class Kind:
+    """A function that is tried: of what, in what unit, on roots or not, and whether both directions have their own."""
+
+    places: Callable[[Run], FloatArray]
+    unit: str
+    root: bool = False
+    by_direction: bool = False
+
+
+def _kinds(drive: FeedDrive) -> dict[str, Kind]:
+    """Return the functions that are tried, by what they are functions of."""
+    kinds = {
+        "velocity": Kind(lambda run: run.reference[:, 1], "m/s", root=True),
+        "position": Kind(lambda run: run.channels["position_m"], "m"),
+        "position_by_direction": Kind(lambda run: run.channels["position_m"], "m", by_direction=True),
+        "acceleration": Kind(lambda run: run.reference[:, 2], "m/s^2"),
+        "motor_force": Kind(lambda run: run.channels["motor_force_N"], "N"),
+        "time": Kind(lambda run: np.asarray(np.arange(run.n_samples) * run.period_s, dtype=np.float64), "s"),
     }
     lead = getattr(drive.motor, "lead_m", None)
     if lead is not None:
-        kinds["position_within_a_lead"] = (
-            lambda run: np.asarray(np.mod(run.channels["position_m"], lead)),
-            "m",
-            False,
-        )
+        kinds["position_within_a_lead"] = Kind(lambda run: np.asarray(np.mod(run.channels["position_m"], lead)), "m")
     return kinds
 
 
-def _cells(values: Sequence[FloatArray], root: bool = False) -> list[Cells]:
+def _cells(values: Sequence[FloatArray], root: bool) -> list[Cells]:
     """Return the cells, of equal width, or with roots of the values of equal width, which resolves slow motion."""
     scaled = [np.sign(item) * np.sqrt(np.abs(item)) if root else item for item in values]
     low, high = min(float(item.min()) for item in scaled), max(float(item.max()) for item in scaled)

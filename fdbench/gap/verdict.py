@@ -10,7 +10,7 @@ import numpy as np
 
 from fdbench.effects import Effect
 from fdbench.gap import confidence
-from fdbench.gap.candidates import candidates
+from fdbench.gap.candidates import candidates, middle_of_each
 from fdbench.gap.confidence import Heads, Signs
 from fdbench.gap.floor import Floor
 from fdbench.gap.hypothesis import Hypothesis, adjustables, calibrations
@@ -227,11 +227,8 @@ def intervals(search: Search, final: Hypothesis) -> list[dict[str, list[float]]]
 
 def one_of_each(final: Hypothesis) -> list[Hypothesis]:
     """Return a hypothesis with each effect that it lacks, at a typical size and in the middle of its shapes."""
-    found: dict[type[Effect], list[Hypothesis]] = {}
-    for item in candidates(final):
-        if item.replaces is None:
-            found.setdefault(item.kind, []).append(item.hypotheses(final)[0])
-    return [shapes[len(shapes) // 2] for shapes in found.values()]
+    added = (item for item in candidates(final) if item.replaces is None)
+    return [item.hypotheses(final)[0] for item in middle_of_each(added)]
 
 
 def off_paper(

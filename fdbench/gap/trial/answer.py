@@ -1,6 +1,5 @@
 """Answer a trial: run a diagnoser on records and model of each case, and hand in its answers with their digest."""
 
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -57,9 +56,9 @@ def answer(folder: Path, diagnoser: str, output: Path, progress: Callable[[str],
         start = time.perf_counter()
         given = _answer(kind(), folder / name, sorted(case["files"]), manifest["effects"])
         cases[name] = {**given, "seconds": time.perf_counter() - start}
-        _write(kept, {**content, "cases": cases})
+        seal.write_json(kept, {**content, "cases": cases})
     content["cases"] = {name: cases[name] for name in manifest["cases"]}
-    _write(output, content)
+    seal.write_json(output, content)
     seal.write_digest(output)
     kept.unlink(missing_ok=True)
     return content
@@ -72,14 +71,6 @@ def _kept(path: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     found = seal.read_json(path, "answers that were interrupted")
     same = all(found.get(name) == value for name, value in content.items())
     return dict(found["cases"]) if same else {}
-
-
-def _write(path: Path, content: Mapping[str, Any]) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise SpecError(f"{path}: cannot be written: {error.strerror}.") from error
 
 
 def read_case(place: Path, files: Sequence[str]) -> tuple[Nominal, list[Record], list[Record]]:

@@ -1,6 +1,5 @@
 """Make a trial: records from axes with withheld effects, and the sealed key in a file of its own."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -95,8 +94,8 @@ def make(
         "effects": effects,
         "cases": cases,
     }
-    _write(folder / MANIFEST, manifest)
-    _write(key, {"nonce": nonce, "manifest_sha256": seal.file_digest(folder / MANIFEST), "cases": truths})
+    seal.write_json(folder / MANIFEST, manifest)
+    seal.write_json(key, {"nonce": nonce, "manifest_sha256": seal.file_digest(folder / MANIFEST), "cases": truths})
     return manifest
 
 
@@ -108,14 +107,6 @@ def _case(tier: Tier, effects: list[str], nonce: str, name: str) -> Case:
         except SimulationDiverged as error:
             message = str(error)
     raise SimulationDiverged(f"case {name}: {MOST_ATTEMPTS} axes, none of them usable; the last: {message}")
-
-
-def _write(path: Path, content: Any) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise SpecError(f"{path}: cannot be written: {error.strerror}.") from error
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:

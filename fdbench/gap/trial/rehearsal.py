@@ -8,11 +8,9 @@ import hashlib
 import inspect
 import json
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -251,7 +249,7 @@ def rehearsed(
         if progress is not None:
             progress(f"rehearsing case {len(cases) + 1} of {count}")
         cases.append(_case(scene, noises, len(cases)))
-        _write(kept, cases)
+        seal.write_json(kept, cases)
     found = [claim for case in cases[:count] for claim in claims(case["signs"], case["truth"])]
     return adapted(found, confidence.heads(), f"rehearsal, {count} cases on this machine and these motions")
 
@@ -264,12 +262,6 @@ def _case(scene: Scene, noises: Noises, number: int) -> dict[str, Any]:
         except FdbenchError as error:
             message = str(error)
     raise SpecError(f"rehearsal: case {number + 1}: {MOST_ATTEMPTS} draws, none of them usable; the last: {message}")
-
-
-def _write(path: Path, cases: Sequence[Any]) -> None:
-    partial = path.with_suffix(f".{os.getpid()}")
-    partial.write_text(json.dumps(cases), encoding="utf-8")
-    partial.replace(path)
 
 
 def adapted(found: Sequence[Claim], prior: Heads, source: str) -> Heads:

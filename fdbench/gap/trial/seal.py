@@ -3,6 +3,7 @@
 import hashlib
 import hmac
 import json
+import os
 import re
 import secrets
 import subprocess
@@ -90,6 +91,23 @@ def check_digest(path: Path) -> None:
         raise SpecError(f"{path}: no {beside.name} beside it; `fdbench trial answer` writes both.")
     if beside.read_text(encoding="utf-8").split()[:1] != [file_digest(path)]:
         raise SpecError(f"{path}: changed since it was handed in; its SHA-256 is not that of {beside.name}.")
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write a JSON file; what was there before stays until all of it is written.
+
+    Raises
+    ------
+    SpecError
+        If it cannot be written.
+    """
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        partial.replace(path)
+    except OSError as error:
+        raise SpecError(f"{path}: cannot be written: {error.strerror}.") from error
 
 
 def read_json(path: Path, what: str) -> Any:
