@@ -23,8 +23,10 @@ from threadpoolctl import threadpool_limits
 from fdbench.errors import FdbenchError
 from fdbench.gap import search
 from fdbench.gap.diagnose import Diagnosis, diagnose
-from fdbench.gap.next_experiment import Limits, Trajectory, menu, menu_of, proposed
+from fdbench.gap.menu import Limits, menu, menu_of
+from fdbench.gap.next_experiment import proposed
 from fdbench.gap.nominal import Nominal
+from fdbench.gap.trajectory import Trajectory
 from fdbench.gap.trial import protocol, tiers
 from fdbench.gap.trial.bench import ERRORS, Yardstick
 from fdbench.gap.trial.bench_library import LibraryAxis, LibraryBench

@@ -19,6 +19,7 @@ from typer.testing import CliRunner, Result
 
 from fdbench import cli
 from fdbench.catalogue import scenario_folder
+from fdbench.commands.list import Kind
 from fdbench.effects import effects
 from fdbench.errors import RecordError
 from fdbench.estimator import estimators
@@ -469,8 +470,8 @@ def test_a_faulty_record_is_refused(old: str, new: str, message: str) -> None:
 # ---- output ----
 
 
-@pytest.mark.parametrize("kind", list(cli.Kind))
-def test_lists_are_valid_json(kind: cli.Kind) -> None:
+@pytest.mark.parametrize("kind", list(Kind))
+def test_lists_are_valid_json(kind: Kind) -> None:
     result = run("list", kind, "--json")
     rows = json.loads(result.stdout)
     assert (result.exit_code, result.stderr) == (0, "")

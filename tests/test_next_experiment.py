@@ -13,32 +13,16 @@ from typer.testing import CliRunner
 from fdbench.cli import app
 from fdbench.effects import Effect, effects
 from fdbench.gap.evidence import Split
-from fdbench.gap.floor import Floor
+from fdbench.gap.floor import white
+from fdbench.gap.forecast import NOTHING, OTHER, OVERLOOKED, Forecast, Forecaster, chances, serious, told
 from fdbench.gap.hypothesis import start
-from fdbench.gap.next_experiment import (
-    NOTHING,
-    OTHER,
-    OVERLOOKED,
-    SURE,
-    Forecast,
-    Forecaster,
-    Limits,
-    Trajectory,
-    chances,
-    design,
-    menu,
-    menu_of,
-    most_open,
-    moves,
-    propose,
-    serious,
-    told,
-    write_proposed,
-)
+from fdbench.gap.menu import Limits, menu, menu_of
+from fdbench.gap.next_experiment import SURE, design, most_open, propose, write_proposed
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.replay import Replay
 from fdbench.gap.runs import Run
 from fdbench.gap.search import Rival, Stage
+from fdbench.gap.trajectory import Trajectory, moves
 from fdbench.gap.trial import tiers
 from fdbench.reading import read_record
 from fdbench.scenario import load_scenario
@@ -66,7 +50,7 @@ def lab() -> Lab:
     run = Run(name="slow", period_s=PERIOD_S, reference=reference, channels=still, lap=None)
     simulated = replay.simulate(run, [start(model).with_effect(GAP).variant()])
     run = dataclasses.replace(run, channels={name: values[0] for name, values in simulated.items()})
-    floors = {name: Floor(rms=rms, measured=True) for name, rms in FLOORS.items()}
+    floors = {name: white(rms, measured=True) for name, rms in FLOORS.items()}
     return replay, Split(runs=[run], held_out=[np.zeros(len(reference), dtype=np.bool_)], floors=floors)
 
 
@@ -79,7 +63,9 @@ def stage(*rivals: tuple[Effect, float], alone: float = 2.0) -> Stage:
         penalty=0.0,
         test_count=1000.0,
         rivals=tuple(
-            Rival(kind=type(item), hypothesis=base.with_effect(item), misfit=misfit, penalty=0.0, refined=True)
+            Rival(
+                kind=type(item), hypothesis=base.with_effect(item), misfit=misfit, penalty=0.0, refined=True, size=1.0
+            )
             for item, misfit in rivals
         ),
     )

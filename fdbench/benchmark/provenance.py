@@ -29,7 +29,7 @@ PACKAGE = Path(__file__).parent.parent
 
 # Beginnings of the paths, within the package, of what uses scores and has no part in making them.
 USERS_OF_SCORES = (
-    *("cli.py", "checks/", "envs/", "gap/", "report/", "reproduce/"),
+    *("cli.py", "commands/", "checks/", "envs/", "gap/", "report/", "reproduce/"),
     *("benchmark/compare", "benchmark/console", "benchmark/leaderboard", "benchmark/statistics"),
 )
 

@@ -45,6 +45,10 @@ class Style:
         return f"{self.colour}/33"
 
 
+# A model before and after its repair.
+BEFORE, AFTER = Style(colour="var(--series-0)"), Style(colour="var(--series-1)")
+
+
 def styles_of(names: Sequence[str]) -> dict[str, Style]:
     """Return one style for each estimator; null and oracle are grey."""
     ordinary = sorted(set(names) - {NULL, ORACLE})
@@ -311,4 +315,48 @@ def dots(
         traces=traces,
         layout=layout(horizontal, vertical) | {"dragmode": False},
         height_px=ROW_PX * len(names) + 84,
+    )
+
+
+BAR_PX = 24
+
+
+def bars(
+    title: str,
+    names: Sequence[str],
+    values: Sequence[float],
+    x_title: str,
+    caption: str = "",
+    bounds: Sequence[Sequence[float]] = (),
+) -> Figure:
+    """Return a bar for each name, the first one on top, with its interval where there are ``bounds``."""
+    trace = {
+        "type": "bar",
+        "orientation": "h",
+        "x": list(values),
+        "y": [plain(name) for name in names],
+        "marker": {"color": BEFORE.colour},
+        "hovertemplate": "%{y}: %{x:.3g}<extra></extra>",
+        "showlegend": False,
+    }
+    high = max([*values, 0.0])
+    if bounds:
+        trace["error_x"] = {
+            "type": "data",
+            "symmetric": False,
+            "array": [max(above - value, 0.0) for value, (_, above) in zip(values, bounds, strict=True)],
+            "arrayminus": [max(value - below, 0.0) for value, (below, _) in zip(values, bounds, strict=True)],
+            "color": INK,
+            "thickness": 1,
+            "width": 3,
+        }
+        high = max([high, *(above for _, above in bounds)])
+    rows = {"categoryorder": "array", "categoryarray": [plain(name) for name in reversed(names)], "ticks": ""}
+    horizontal = axis(x_title) | {"range": [0.0, 1.05 * high or 1.0], "zerolinecolor": GRID}
+    return Figure(
+        title=title,
+        traces=[trace],
+        layout=layout(horizontal, axis("") | rows) | {"dragmode": False},
+        height_px=BAR_PX * len(names) + 84,
+        caption=caption,
     )

@@ -8,11 +8,9 @@ from typing import Any, NamedTuple, cast
 
 from fdbench.effects import Effect, effects
 from fdbench.errors import FdbenchError
-from fdbench.gap import summary as words
 from fdbench.gap.diagnose import Diagnosis
-from fdbench.report._figures import quantity
 from fdbench.report._page import Block, Section, note, paragraph, table, write_page
-from fdbench.report.diagnosis import _causes, _lead, _shrinkage, _where
+from fdbench.report._sections import lead, noise_floors, sections
 
 # Larger numbers, and those that are none, can be neither drawn nor computed with.
 LARGEST = 1e100
@@ -87,7 +85,16 @@ _SHAPE: dict[str, Any] = {
     ),
     "warnings": [str],
     "parametric": {"closed_by_recalibration": float, "moved_in_standard_deviations": _SHARES},
-    "noise_floor": {"*": {"value": float, "unit": str, "measured_from_repeats": bool}},
+    "noise_floor": {
+        "*": {
+            "value": float,
+            "unit": str,
+            "measured_from_repeats": bool,
+            "within_a_run?": float,
+            "from_run_to_run?": float,
+            "frequency?": [{"band_Hz": _PAIR, "value": float}],
+        }
+    },
 }
 _WORDS = {float: "a number", str: "a text", bool: "true or false", dict: "a table", list: "a list", tuple: "a pair"}
 
@@ -106,19 +113,11 @@ def write_answer(source: Path, output: Path) -> None:
         "the records again with --html."
     )
     try:
-        lead, sections = [*_lead(found), note(remark)], _sections(found)
+        first = [*lead(found), note(remark)]
+        parts = [*sections(found), Section("Noise floor and re-calibration", list(_basis(found.answer)))]
     except KeyError as error:
         raise FdbenchError(f"{source}: {error} is missing; another version of fdbench wrote this answer.") from error
-    write_page(output, "fdbench: diagnosis of a gap", lead, sections)
-
-
-def _sections(found: Diagnosis) -> list[Section]:
-    return [
-        Section("Where the gap lies", list(_where(found.answer))),
-        Section("Causes", list(_causes(found))),
-        Section("How far the gap shrinks", list(_shrinkage(found.answer))),
-        Section("Noise floor and re-calibration", list(_basis(found.answer))),
-    ]
+    write_page(output, "fdbench: diagnosis of a gap", first, parts)
 
 
 def read_answer(source: Path) -> Diagnosis:
@@ -186,15 +185,7 @@ def _effects(answer: Mapping[str, Any]) -> Iterator[Effect]:
 
 
 def _basis(answer: Mapping[str, Any]) -> Iterator[Block]:
-    floors = [
-        [
-            quantity(name)[0],
-            words.si_text(floor["value"], floor["unit"]),
-            "measured from repeats" if floor["measured_from_repeats"] else "assumed from the quietest parts",
-        ]
-        for name, floor in answer["noise_floor"].items()
-    ]
-    yield table(["channel", "noise floor", "origin"], floors, "lrl")
+    yield noise_floors(answer)
     moved = answer["parametric"]["moved_in_standard_deviations"].items()
     yield paragraph("What re-calibration alone moved, in standard deviations of the values on paper:")
     yield table(["value on paper", "moved by"], [[name.replace("_", " "), f"{by:+.2f}"] for name, by in moved], "lr")

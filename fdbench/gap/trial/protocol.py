@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdbench.gap.next_experiment import moves, multisine
+from fdbench.gap.trajectory import moves, multisine
 from fdbench.record import FloatArray
 
 PERIOD_S = 1e-3

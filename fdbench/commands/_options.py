@@ -1,0 +1,56 @@
+"""Options that commands share, and how the files and folders that they name are checked."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fdbench.errors import FdbenchError, SpecError, did_you_mean
+
+DEFAULT_OUT = Path("results")
+
+
+def writable(path: Path | None) -> Path | None:
+    """Return a file to write; one that cannot be made is refused before anything long is computed for it."""
+    if path is None or str(path) == "-":
+        return path
+    if path.is_dir():
+        raise FdbenchError(f"{path}: a folder, where a file to write is expected.")
+    if not path.parent.is_dir():
+        raise FdbenchError(f"{path}: cannot be written: there is no folder {path.parent}.")
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise FdbenchError(f"{path}: cannot be written: permission denied.")
+    return path
+
+
+def file_to_write(path: Path | None) -> Path | None:
+    """Return a file to write, as `writable`; ``-`` is refused where nothing can be printed in place of a file."""
+    if str(path) == "-":
+        raise FdbenchError("-: the name of a file is expected here.")
+    return writable(path)
+
+
+def existing(folder: Path, file: str) -> Path:
+    """Return a folder of results, or say that there are none in it."""
+    if (folder / file).is_file():
+        return folder
+    if folder.is_file():
+        raise SpecError(f"{folder}: a folder of results is expected, found a file.")
+    if folder.is_dir():
+        raise SpecError(f"{folder}: no {file} in this folder; `fdbench run --out {folder}` writes it.")
+    others = [path.parent.name for path in folder.parent.glob(f"*/{file}")] if folder.parent.is_dir() else []
+    hint = did_you_mean(folder.name, others) if others else f" `fdbench run --out {folder}` makes it."
+    raise SpecError(f"{folder}: no such folder of results.{hint}")
+
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+Effects = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--effect",
+        metavar="FILE",
+        help="Python file of a further effect, for scenarios and diagnoses; may be repeated.",
+    ),
+]
+Html = Annotated[Path, typer.Option("-o", "--output", callback=file_to_write, help="HTML file to write.")]

@@ -1,0 +1,41 @@
+"""``fdbench compare``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fdbench.commands._json import echo_json
+from fdbench.commands._options import Json, existing, file_to_write
+
+
+def compare(
+    base: Annotated[Path, typer.Argument(help="Folder of results to compare with.")],
+    new: Annotated[Path, typer.Argument(help="Folder of results that must not be worse.")],
+    json_: Json = False,
+    markdown: Annotated[
+        Path | None, typer.Option(callback=file_to_write, help="File for a summary in Markdown.")
+    ] = None,
+    allow_missing: Annotated[bool, typer.Option("--allow-missing", help="Accept that NEW lacks rows of BASE.")] = False,
+    gate_speed: Annotated[
+        bool, typer.Option("--gate-speed", help="Judge times too; both must be of one machine and one FDBENCH_RUN_ID.")
+    ] = False,
+) -> None:
+    """Compare two folders of results; exit with 1 where NEW is worse by more than chance and by more than matters."""
+    from rich.console import Console
+
+    from fdbench.benchmark import compare_text
+    from fdbench.benchmark.compare import LOSS
+    from fdbench.benchmark.compare import compare as compare_results
+    from fdbench.benchmark.store import Store
+
+    tables = (Store(existing(folder, "scores.parquet")).scores() for folder in (base, new))
+    found = compare_results(*tables, allow_missing=allow_missing, gate_speed=gate_speed)
+    if markdown is not None:
+        markdown.write_text(compare_text.markdown(found), encoding="utf-8")
+    if json_:
+        echo_json(compare_text.document(found))
+    else:
+        Console().print(compare_text.terminal(found))
+    if found.of(LOSS):
+        raise typer.Exit(1)

@@ -1,0 +1,29 @@
+"""``fdbench record``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fdbench.commands._options import Effects, file_to_write
+from fdbench.commands._plugins import add_effects
+from fdbench.errors import SpecError
+
+
+def record(
+    scenario: Annotated[str, typer.Argument(help="Id or TOML file of a scenario.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", callback=file_to_write, help="File to write: .csv or .parquet.")
+    ],
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noises.")] = 0,
+    effect: Effects = None,
+) -> None:
+    """Simulate a scenario and write its record, what a logger on the machine would have written."""
+    from fdbench.scenario import load_scenario
+
+    add_effects(effect)
+    chosen = load_scenario(scenario)
+    try:
+        chosen.record(seed).save(output)
+    except ArithmeticError as error:
+        raise SpecError(f"{scenario}: these values cannot be computed with: {error}.") from error

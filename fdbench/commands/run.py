@@ -1,0 +1,113 @@
+"""``fdbench run``."""
+
+import os
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fdbench.commands._options import DEFAULT_OUT, Effects
+from fdbench.commands._plugins import add_effects, distinct
+from fdbench.errors import FdbenchError
+
+
+class Suite(StrEnum):
+    """Selections of scenarios."""
+
+    QUICK = "quick"
+    FULL = "full"
+
+
+SEEDS = {Suite.QUICK: 3, Suite.FULL: 10}
+
+
+def results_folder(path: Path) -> Path:
+    """Return a folder to write in, which need not exist yet."""
+    nearest = next(parent for parent in (path, *path.absolute().parents) if parent.exists())
+    if not nearest.is_dir():
+        raise FdbenchError(f"{path}: cannot be made: {nearest} is a file, not a folder.")
+    if not os.access(nearest, os.W_OK):
+        raise FdbenchError(f"{path}: cannot be written: permission denied.")
+    return path
+
+
+def run(
+    suite: Annotated[
+        Suite, typer.Option(help="Scenarios to run, unless --scenario names some: a selection, or all.")
+    ] = Suite.QUICK,
+    scenario: Annotated[
+        list[str] | None, typer.Option(metavar="ID|FILE", help="Id or TOML file of a scenario; may be repeated.")
+    ] = None,
+    estimator: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME|FILE",
+            help="Name or Python file of an estimator; may be repeated. Default: all installed ones. null and oracle, "
+            "which scores are measured against, always run.",
+        ),
+    ] = None,
+    seeds: Annotated[
+        int | None,
+        typer.Option(min=1, help="Number of seeds, that is of repeats with other noise; quick: 3, full: 10."),
+    ] = None,
+    first_seed: Annotated[int, typer.Option(min=0, help="First seed; the others follow it.")] = 0,
+    effect: Effects = None,
+    jobs: Annotated[int | None, typer.Option(min=1, help="Processes; default: one for each core.")] = None,
+    out: Annotated[
+        Path,
+        typer.Option(callback=results_folder, help="Folder of results; what it holds and still applies is kept."),
+    ] = DEFAULT_OUT,
+    keep_estimates: Annotated[
+        bool, typer.Option("--keep-estimates", help="Keep records and estimates of every seed, not of the first alone.")
+    ] = False,
+) -> None:
+    """Run estimators on scenarios, score and rank them; what is finished and has not changed is not run again."""
+    from rich.console import Console
+
+    from fdbench.benchmark import console, leaderboard
+    from fdbench.benchmark.run import run as run_benchmark
+    from fdbench.benchmark.run import select
+    from fdbench.benchmark.store import Store
+    from fdbench.catalogue import scenario_ids
+    from fdbench.estimator import estimators
+    from fdbench.gap.trial.board import board, published
+    from fdbench.report import write_report
+    from fdbench.scenario import load_scenario
+
+    add_effects(effect)
+    chosen = scenario or [name for name in scenario_ids() if suite in load_scenario(name).suites]
+    names = [*select(distinct(estimator))] if estimator else estimators.names()
+    screen = Console()
+    with console.progress(screen) as shown:
+        summary = run_benchmark(
+            chosen,
+            names,
+            seeds or SEEDS[suite],
+            out,
+            first_seed=first_seed,
+            jobs=jobs or os.cpu_count() or 1,
+            keep_estimates=keep_estimates,
+            progress=shown,
+        )
+    store = Store(out)
+    text = leaderboard.leaderboard(store) + board(published())
+    (out / "leaderboard.md").write_text(text, encoding="utf-8")
+    is_everything = not (scenario or estimator or effect or seeds or first_seed)
+    if is_everything and out == DEFAULT_OUT and suite is Suite.QUICK:
+        Path("leaderboard.md").write_text(text, encoding="utf-8")
+    write_report(out, out / "report.html")
+    scores = store.scores(summary.keys)
+    screen.print(console.ranking_table(scores))
+    trouble = console.trouble_table(scores)
+    if trouble is not None:
+        screen.print(trouble)
+    counts = ", ".join(f"{count} {status}" for status, count in summary.statuses.items())
+    typer.echo(f"{summary.computed} runs done, {summary.reused} kept from before ({counts}).")
+    if summary.others:
+        typer.echo(
+            f"The files hold {summary.others} other {'run' if summary.others == 1 else 'runs'} of this folder too."
+        )
+    if summary.stale:
+        typer.echo(console.stale_text(summary.stale))
+    typer.echo(f"Written: {out}/scores.parquet, {out}/leaderboard.md, {out}/report.html")

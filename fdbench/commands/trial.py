@@ -1,0 +1,96 @@
+"""``fdbench trial``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fdbench.commands._json import echo_json
+from fdbench.commands._options import Json, writable
+from fdbench.errors import SpecError, did_you_mean
+
+trial = typer.Typer(
+    help="Blind trials of the diagnosis: make records with sealed causes, answer, score.", no_args_is_help=True
+)
+Trial = Annotated[Path, typer.Argument(help="Folder of the trial; it never holds the key.")]
+
+
+@trial.command("make")
+def trial_make(
+    folder: Trial,
+    key: Annotated[Path, typer.Option(callback=writable, help="File for the key; keep it from whoever answers.")],
+    tier: Annotated[
+        str,
+        typer.Option(
+            help="A library's forms, B second implementation, C unlisted effects, D thin data, L to learn from."
+        ),
+    ] = "B",
+    count: Annotated[int, typer.Option(min=1, max=999, help="Number of cases.")] = 20,
+    nonce: Annotated[
+        str | None, typer.Option(help="Hexadecimal digits of an opened key, to make a trial again.")
+    ] = None,
+) -> None:
+    """Draw axes with withheld effects, record them, and seal what was planted."""
+    from rich.console import Console
+
+    from fdbench.gap.trial.make import make
+    from fdbench.gap.trial.tiers import Tier
+
+    if tier.upper() not in list(Tier):
+        raise SpecError(f"tier: unknown tier '{tier}'.{did_you_mean(tier.upper(), list(Tier))}")
+    with Console(stderr=True).status("making") as status:
+        manifest = make(folder, key, Tier(tier.upper()), count, nonce, status.update)
+    typer.echo(f"{len(manifest['cases'])} cases of tier {manifest['tier']} in {folder}; key in {key}.")
+
+
+@trial.command("answer")
+def trial_answer(
+    folder: Trial,
+    output: Annotated[Path, typer.Option("-o", "--output", callback=writable, help="JSON file of answers.")],
+    diagnoser: Annotated[str, typer.Option(help="Name of a diagnoser, or its Python file.")] = "fdbench",
+) -> None:
+    """Diagnose every case from its records and model alone; write the answers and their SHA-256."""
+    from rich.console import Console
+
+    from fdbench.gap.trial.answer import answer
+    from fdbench.gap.trial.diagnoser import diagnosers
+
+    with Console(stderr=True).status("answering") as status:
+        found = answer(folder, diagnosers.resolve(diagnoser), output, status.update)
+    failed = sum(case["status"] != "ok" for case in found["cases"].values())
+    typer.echo(f"{len(found['cases'])} cases answered by {found['diagnoser']}, {failed} failed: {output}")
+
+
+@trial.command("score")
+def trial_score(
+    folder: Trial,
+    answers: Annotated[Path, typer.Argument(help="JSON file of answers; its .sha256 lies beside it.")],
+    key: Annotated[Path, typer.Option(help="File of the key.")],
+    json_: Json = False,
+) -> None:
+    """Check every seal and print the score sheet, with bootstrap intervals over cases."""
+    from fdbench.gap.trial.score import score, text
+
+    found = score(folder, answers, key)
+    if json_:
+        echo_json(found)
+    else:
+        typer.echo(text(found))
+
+
+@trial.command("learn")
+def trial_learn(
+    folder: Trial,
+    output: Annotated[Path, typer.Option("-o", "--output", callback=writable, help="TOML file of what is learned.")],
+    key: Annotated[Path, typer.Option(help="File of the key.")],
+) -> None:
+    """Learn from a trial of tier L how far the diagnosis can be trusted; its probabilities are drawn from that."""
+    from rich.console import Console
+
+    from fdbench.gap.trial.learn import KINDS, learn
+
+    with Console(stderr=True).status("learning") as status:
+        found = learn(folder, key, output, status.update)
+    for kind in KINDS:
+        own = [claim.right for claim in found if claim.kind == kind]
+        typer.echo(f"{kind}: {len(own)} claims, {sum(own)} right")
