@@ -6,7 +6,7 @@ import math
 import shutil
 import sys
 import types
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +16,17 @@ from typer.testing import CliRunner
 from fdbench.cli import app
 from fdbench.effects import effects
 from fdbench.errors import PluginError, SpecError, UnknownName
-from fdbench.gap.next_experiment import moves
 from fdbench.gap.nominal import Nominal
+from fdbench.gap.trajectory import moves
 from fdbench.gap.trial import plants_apart, protocol, seal, tiers
 from fdbench.gap.trial.answer import answer
 from fdbench.gap.trial.bench import ERRORS
 from fdbench.gap.trial.bench_apart import ApartBench, plants
 from fdbench.gap.trial.bench_library import LibraryBench
+from fdbench.gap.trial.board import board
 from fdbench.gap.trial.diagnoser import Answer, diagnosers
-from fdbench.gap.trial.make import listed_effects, make, read_manifest
+from fdbench.gap.trial.make import MANIFEST, listed_effects, make, read_manifest
+from fdbench.gap.trial.oracle import held_out_gaps, oracle_closure
 from fdbench.gap.trial.score import Table, score, sheet
 from fdbench.gap.trial.tiers import Tier
 from fdbench.reading import read_record
@@ -226,6 +228,7 @@ def test_the_folder_tells_nothing_of_the_key(trial: Path) -> None:
         for item in case["truth"]["listed"]
         for value in item["parameters"].values()
     ]
+    secrets += [repr(own["oracle"]) for case in key["cases"].values() for own in case["truth"]["held_out"].values()]
     written = b"".join(path.read_bytes() for path in (trial / "trial").rglob("*") if path.is_file())
     assert len(secrets) > 4
     assert not [secret for secret in secrets if secret.encode() in written and len(secret) > 6]
@@ -241,6 +244,73 @@ def test_the_manifest_has_what_it_promises(trial: Path) -> None:
         assert seal.commitment(sealed["salt"], sealed["truth"]) == case["truth_sha256"]
         assert len(sealed["truth"]["listed"]) <= 3
         assert {Path(file).parts[0] for file in case["files"]} == {"model.toml", "records"}
+
+
+def test_oracle_leaves_the_noise_of_repeats_and_paper_what_is_planted() -> None:
+    model = nominal()
+    bench = LibraryBench(model, NO_ERRORS, PERIOD_S)
+    axis = bench.axis({"quadratic_drag": {"quadratic_drag_N_s2_per_m2": 2500.0}})
+    rng = np.random.default_rng(0)
+    records = [tiers.record_of("strokes", STROKES, axis.readings(STROKES, rng), SIDES) for _ in range(4)]
+    told, untold = (
+        held_out_gaps(
+            model,
+            records,
+            [],
+            lambda command, own=own: tiers.record_of("", command, own.readings(command, None), SIDES),
+        )
+        for own in (axis, bench.axis({}))
+    )
+    assert set(told) == {"motor_force_N", "position_m", "motor_minus_table_position_m"}
+    for own in told.values():
+        assert own["oracle"] == pytest.approx(own["noise_floor"], rel=0.15)
+    assert told["motor_force_N"]["on_paper"] > 2.0 * told["motor_force_N"]["noise_floor"]
+    for own in untold.values():
+        assert own["oracle"] == pytest.approx(own["on_paper"], rel=0.02)
+
+
+def test_oracle_has_no_clutter_and_no_effect_that_is_not_listed(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (("THIN", 1.0), ("HIDDEN", 1.0), ("HOW_MANY", (0.0, 1.0, 0.0, 0.0))):
+        monkeypatch.setattr(tiers, name, value)
+    asked: list[Callable[[np.ndarray], Record]] = []
+    monkeypatch.setattr(tiers, "held_out_gaps", lambda *given: asked.append(given[-1]))
+    cases = (tiers.draw_case(Tier.L, listed_effects(), np.random.default_rng(seed)) for seed in range(9))
+    hidden = next(case for case in cases if case.truth["unlisted"])
+    assert hidden.truth["listed"] == []
+    model = read(Nominal, {key: part for key, part in hidden.model.items() if key != "exclude"}, "model")
+    expected = LibraryBench(model, hidden.truth["errors"], PERIOD_S).axis({}).readings(STROKES, None)
+    found = asked[-1](STROKES)
+    assert np.array_equal(found["motor_force_N"], expected["motor_force_N"])
+
+
+def test_closure_of_the_oracle_by_hand() -> None:
+    def truth(*gaps: tuple[float, float, float]) -> dict[str, object]:
+        names = ("noise_floor", "on_paper", "oracle")
+        return {"held_out": {str(place): dict(zip(names, own, strict=True)) for place, own in enumerate(gaps)}}
+
+    # Squares in units of the floor: before 25 and 1, mean 13; after 4 and 1, mean 2.5.
+    assert oracle_closure(truth((2.0, 10.0, 4.0), (1e-7, 1e-7, 1e-7))) == pytest.approx(1.0 - 1.5 / 12.0)
+    assert oracle_closure(truth((2.0, 2.2, 2.0))) is None
+    assert oracle_closure({"listed": [], "unlisted": []}) is None
+
+
+def test_keys_without_an_oracle_are_scored_without_it(trial: Path, tmp_path: Path) -> None:
+    shutil.copytree(trial / "trial", tmp_path / "trial")
+    key, manifest = (json.loads(path.read_text("utf-8")) for path in (trial / "key.json", trial / "trial" / MANIFEST))
+    for name, case in key["cases"].items():
+        del case["truth"]["held_out"]
+        manifest["cases"][name]["truth_sha256"] = seal.commitment(case["salt"], case["truth"])
+    seal.write_json(tmp_path / "key.json", key)
+    seal.write_json(tmp_path / "trial" / MANIFEST, manifest)
+    sheets = []
+    for folder in (tmp_path, trial):
+        answers = tmp_path / f"{len(sheets)}.json"
+        answer(folder / "trial", "random", answers)
+        sheets.append(score(folder / "trial", answers, folder / "key.json"))
+    old, new = sheets
+    assert set(new["quantities"]) - set(old["quantities"]) == {"oracle_closure"}
+    assert "closure of the oracle" not in board([old])
+    assert "closure of the oracle" in board([old, new])
 
 
 def test_the_same_nonce_gives_the_same_trial(trial: Path, tmp_path: Path) -> None:
@@ -489,7 +559,8 @@ def test_recalibration_alone_leaves_the_cause_unknown(plain_case: tuple[list[Rec
 def table(chances: Sequence[Sequence[float]], present: Sequence[Sequence[float]], **others: Sequence[float]) -> Table:
     """Return a table whose other columns are zero unless given."""
     n = len(chances)
-    columns = {name: np.zeros(n) for name in ("unknown", "none", "has_unknown")} | {"closure": np.full(n, np.nan)}
+    columns = {name: np.zeros(n) for name in ("unknown", "none", "has_unknown")}
+    columns |= {name: np.full(n, np.nan) for name in ("closure", "oracle_closure")}
     columns |= {name: np.array(values) for name, values in others.items()}
     return Table(effects=["a", "b", "c", "d"], chances=np.array(chances), present=np.array(present), **columns)
 
@@ -501,6 +572,7 @@ SHEET = table(
     none=[0.0, 0.0, 0.0, 0.4, 0.0],
     has_unknown=[0.0, 0.0, 0.0, 0.0, 1.0],
     closure=[0.9, 0.5, np.nan, np.nan, 0.7],
+    oracle_closure=[0.99, 1.01, np.nan, 0.9, 0.98],
 )
 
 
@@ -518,6 +590,7 @@ SHEET = table(
         ("calibration_error", (0.1 + 0.8 + 0.3 + 1.2 + 0.3 + 0.2 + 0.1) / 8, 5),
         ("false_alarms", 1.0, 1),
         ("closure", 0.7, 3),
+        ("oracle_closure", 0.985, 4),
         ("auroc_unknown", 1.0, 4),
         ("confidently_wrong", 0.0, 1),
     ],
@@ -531,7 +604,7 @@ def test_score_sheet_by_hand(name: str, expected: float, cases: int) -> None:
 
 def test_quantities_without_cases_are_left_out() -> None:
     found = sheet(table([[0.9, 0.0, 0.0, 0.0]] * 2, [[1.0, 0.0, 0.0, 0.0]] * 2))
-    assert {"false_alarms", "auroc_unknown", "closure", "confidently_wrong"}.isdisjoint(found)
+    assert {"false_alarms", "auroc_unknown", "closure", "oracle_closure", "confidently_wrong"}.isdisjoint(found)
 
 
 def test_nobody_wins_by_saying_nothing() -> None:

@@ -70,6 +70,10 @@ class Bench(ABC):
     def add_clutter(self, yardstick: "Yardstick", rng: np.random.Generator) -> None:
         """Add what no diagnosis need find: traces that are below the noise, if the machine has no other."""
 
+    @abstractmethod
+    def without_clutter(self) -> "Bench":
+        """Return the machine without what `add_clutter` added."""
+
 
 class Yardstick:
     """What counts as visible: signatures in units of the noise of a machine without imperfections.

@@ -137,6 +137,10 @@ class ApartBench(Bench):
     def add_clutter(self, yardstick: Yardstick, rng: np.random.Generator) -> None:
         """Add nothing: latency, coloured noise and friction that changes from run to run are there already."""
 
+    def without_clutter(self) -> "ApartBench":
+        """Return the machine itself, to which nothing was added."""
+        return self
+
     def is_value_on_paper(self, name: str) -> bool:
         """Return what ``plants_apart.toml`` says."""
         return self.plants[name].value_on_paper

@@ -3,6 +3,7 @@
 Nothing here names an effect: what can be planted, and how large, follows from each effect's declarations.
 """
 
+import copy
 import dataclasses
 import math
 from collections.abc import Mapping
@@ -150,6 +151,12 @@ class LibraryBench(Bench):
             visible = yardstick.mean_square(self.axis({kind.name: values}), beside_paper=False)
             clutter[kind.name] = most.scaled(float(rng.uniform()) * min(1.0, math.sqrt(TRACE / max(visible, 1e-12))))
         self.clutter = clutter
+
+    def without_clutter(self) -> "LibraryBench":
+        """Return the machine with nothing of the effects that are not planted."""
+        bench = copy.copy(self)
+        bench.clutter = {kind.name: kind.typical().scaled(0.0) for kind in self.kinds}
+        return bench
 
     def names(self, listed: bool) -> list[str]:
         """Return the names of the library; it has nothing that a diagnosis may not name."""

@@ -14,6 +14,7 @@ COLUMNS = {
     "calibration_error": "calibration error",
     "false_alarms": "false alarms",
     "closure": "closure",
+    "oracle_closure": "closure of the oracle",
     "auroc_unknown": "AUROC unknown",
     "confidently_wrong": "confidently wrong",
 }

@@ -13,6 +13,7 @@ from fdbench.errors import SpecError, did_you_mean
 from fdbench.gap.trial import seal
 from fdbench.gap.trial.answer import FAILED
 from fdbench.gap.trial.make import MANIFEST, read_manifest
+from fdbench.gap.trial.oracle import oracle_closure
 from fdbench.record import FloatArray
 
 NAMED = 0.5  # probability above which an effect counts as named
@@ -33,8 +34,8 @@ class Table:
         Probability of each effect, and 1 where it is planted.
     unknown, none, has_unknown : (n_cases,) arrays
         Probabilities of an unknown cause and of none, and 1 where an unlisted effect is planted.
-    closure : (n_cases,) array
-        Not a number where it is not given.
+    closure, oracle_closure : (n_cases,) arrays
+        Of the answer and of the oracle; not a number where it is not given.
     """
 
     effects: list[str]
@@ -44,10 +45,11 @@ class Table:
     none: FloatArray
     has_unknown: FloatArray
     closure: FloatArray
+    oracle_closure: FloatArray
 
     def rows(self, index: NDArray[np.intp]) -> "Table":
         """Return a table of chosen cases."""
-        names = ("chances", "present", "unknown", "none", "has_unknown", "closure")
+        names = ("chances", "present", "unknown", "none", "has_unknown", "closure", "oracle_closure")
         return Table(effects=self.effects, **{name: getattr(self, name)[index] for name in names})
 
     @property
@@ -141,9 +143,9 @@ def confidently_wrong(table: Table) -> float:
     return float(np.mean(wrong[open_]))
 
 
-def median_closure(table: Table) -> float:
-    """Return the median share of the held-out gap beyond the noise that is closed, as the diagnoser measured it."""
-    given = table.closure[np.isfinite(table.closure)]
+def median_closure(closure: FloatArray) -> float:
+    """Return the median share of the held-out gap beyond the noise that is closed, over the cases that have it."""
+    given = closure[np.isfinite(closure)]
     return float(np.median(given)) if len(given) else float("nan")
 
 
@@ -168,7 +170,8 @@ QUANTITIES: Mapping[str, tuple[str, Callable[[Table], float]]] = {
     "brier_skill": ("Brier skill against the base rate", brier_skill),
     "calibration_error": ("calibration error, p > 0.05, ten bins", calibration_error),
     "false_alarms": ("false alarms on none, p > 0.5", false_alarms),
-    "closure": ("closure, median, held-out, as reported", median_closure),
+    "closure": ("closure, median, held-out, as reported", lambda table: median_closure(table.closure)),
+    "oracle_closure": ("closure of the oracle, median, held-out", lambda table: median_closure(table.oracle_closure)),
     "auroc_unknown": ("AUROC known against unknown", known_against_unknown),
     "confidently_wrong": ("confidently wrong on unknown", confidently_wrong),
 }
@@ -246,7 +249,8 @@ def table_of(manifest: Mapping[str, Any], opened: Mapping[str, Any], given: Mapp
         unknown=np.array([case["unknown"] for case in cases]),
         none=np.array([case["none"] for case in cases]),
         has_unknown=np.array([float(bool(truth["unlisted"])) for truth in truths]),
-        closure=np.array([np.nan if case.get("closure") is None else case["closure"] for case in cases]),
+        closure=np.array([case.get("closure") for case in cases], dtype=np.float64),
+        oracle_closure=np.array([oracle_closure(truth) for truth in truths], dtype=np.float64),
     )
 
 
@@ -307,8 +311,8 @@ def bearing(table: Table, name: str) -> int:
         return int(table.is_empty.sum())
     if name == "confidently_wrong":
         return int((table.has_unknown > 0.0).sum())
-    if name == "closure":
-        return int(np.isfinite(table.closure).sum())
+    if name in ("closure", "oracle_closure"):
+        return int(np.isfinite(getattr(table, name)).sum())
     return int((~table.is_empty).sum()) if name == "auroc_unknown" else len(table.none)
 
 

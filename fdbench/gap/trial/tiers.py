@@ -15,6 +15,7 @@ from fdbench.gap.trial import protocol
 from fdbench.gap.trial.bench import ERRORS, Bench, Planted, Yardstick
 from fdbench.gap.trial.bench_apart import ApartBench
 from fdbench.gap.trial.bench_library import LibraryBench, Noises
+from fdbench.gap.trial.oracle import held_out_gaps
 from fdbench.record import FloatArray, Record
 from fdbench.specification import load_toml, read
 
@@ -52,7 +53,8 @@ class Case:
         Tables of the model on paper.
     records, holdouts : mapping of str to Record
     truth : mapping
-        ``listed`` and ``unlisted``: what is planted, with its parameters; ``errors``: by how much paper is off.
+        ``listed`` and ``unlisted``: what is planted, with its parameters; ``errors``: by how much paper is off;
+        ``held_out``: see `fdbench.gap.trial.oracle.Gaps`.
     """
 
     model: Mapping[str, Any]
@@ -103,16 +105,24 @@ def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> C
     if excluded:
         model["exclude"] = nominal.beside_twins(excluded)
     listed = [name for name in bench.names(listed=True) if name not in excluded]
-    return Case(
-        model=model,
-        records={
-            f"{name}_{repeat + 1}": recorded(name, reference)
-            for name, reference in motions.records.items()
-            for repeat in range(protocol.REPEATS)
-        },
-        holdouts={name: recorded(name, reference) for name, reference in motions.holdouts.items()},
-        truth={"tier": tier.value, **described(planted, sizes, listed), "errors": errors},
-    )
+    records = {
+        f"{name}_{repeat + 1}": recorded(name, reference)
+        for name, reference in motions.records.items()
+        for repeat in range(protocol.REPEATS)
+    }
+    holdouts = {name: recorded(name, reference) for name, reference in motions.holdouts.items()}
+    told = bench.without_clutter().axis({name: drawn for name, drawn in planted.items() if name in listed})
+
+    def oracle(reference: FloatArray) -> Record:
+        return record_of("oracle", reference, told.readings(reference, None), sides)
+
+    truth = {
+        "tier": tier.value,
+        **described(planted, sizes, listed),
+        "errors": errors,
+        "held_out": held_out_gaps(nominal, list(records.values()), list(holdouts.values()), oracle),
+    }
+    return Case(model=model, records=records, holdouts=holdouts, truth=truth)
 
 
 def hidden(bench: Bench, planted: Planted, rng: np.random.Generator) -> list[str]:
