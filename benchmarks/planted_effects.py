@@ -17,7 +17,8 @@ import numpy as np
 from diagnosis_recall import causes, probability, rate, words
 
 from fdbench.effects import Effect, Port
-from fdbench.gap.diagnose import diagnose, split_runs
+from fdbench.gap.diagnose import diagnose
+from fdbench.gap.floor import floors
 from fdbench.gap.hypothesis import Hypothesis, calibrations, start
 from fdbench.gap.nominal import Nominal, load_nominal
 from fdbench.gap.replay import Replay
@@ -52,7 +53,7 @@ class Axis:
     def __init__(self, nominal: Nominal, record: Record) -> None:
         self.nominal, self.record = nominal, record
         self.run: Run = prepare(record, nominal.drive)
-        self.floors = split_runs([self.run], [])[0].floors
+        self.floors = floors([self.run])
         self.replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
         self.paper = start(nominal)
         moved = [self.paper.moved(row) for row in np.eye(len(self.paper.shifts))]

@@ -99,19 +99,19 @@ def test_a_head_is_never_surer_than_its_claims() -> None:
 def test_the_shipped_heads_read_the_signs_that_are_given() -> None:
     heads = confidence.heads()
     given = {
-        "value": confidence.of_value(3.0, 1.0, 0.2, 1.0),
-        "unknown": confidence.of_unknown(2.0, 2.0, 9.0),
-        "none": confidence.of_none(1.0, 1.0, 0.5, None),
+        "value": confidence.of_value(3.0, 1.0, 1.0),
+        "unknown": confidence.of_unknown(2.0, 9.0),
+        "none": confidence.of_none(1.0, 0.5, 0.1),
     }
     for kind, signs in given.items():
         head: Head = getattr(heads, kind)
         assert set(head.signs) == set(signs)
         assert 0.0 < head.probability(signs) < 1.0
     assert {field.name for field in dataclasses.fields(heads)} == {*learn.KINDS, "source"}
-    assert heads.unknown.probability(confidence.of_unknown(8.0, 50.0, 60.0)) > heads.unknown.probability(
-        confidence.of_unknown(1.0, 1.0, 60.0)
+    assert heads.unknown.probability(confidence.of_unknown(8.0, 60.0)) > heads.unknown.probability(
+        confidence.of_unknown(1.0, 2.0)
     )
-    assert heads.none.probability(given["none"]) > heads.none.probability(confidence.of_none(9.0, 8.0, 5.0, None))
+    assert heads.none.probability(given["none"]) > heads.none.probability(confidence.of_none(8.0, 5.0, 10.0))
 
 
 def test_claims_are_judged_by_the_truth() -> None:

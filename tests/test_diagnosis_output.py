@@ -19,6 +19,7 @@ from fdbench.effects import effects
 from fdbench.errors import FdbenchError, RecordError
 from fdbench.gap.align import check_alignment, check_record, delay_of
 from fdbench.gap.diagnose import Diagnosis, diagnose
+from fdbench.gap.floor import white
 from fdbench.gap.hypothesis import calibrations, start
 from fdbench.gap.nominal import Nominal, load_nominal
 from fdbench.gap.repaired import model_text, repaired, table_of, toml_lines, write_repaired
@@ -136,7 +137,7 @@ def gaps_of(left: np.ndarray, velocity: np.ndarray) -> Gaps:
     position = np.cumsum(velocity) * PERIOD_S
     reference = np.column_stack((position, velocity, np.gradient(velocity, PERIOD_S)))
     run = Run(name="x", period_s=PERIOD_S, reference=reference, channels={"position_m": position}, lap=None)
-    return Gaps(runs=[run], scaled=[{"position_m": left}])
+    return Gaps(runs=[run], scaled=[{"position_m": left}], floors={"position_m": white(1.0, measured=True)})
 
 
 def test_shares_by_hand() -> None:

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from fdbench.gap.evidence import Split
-from fdbench.gap.floor import Floor
-from fdbench.gap.next_experiment import moves
+from fdbench.gap.floor import white
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.runs import Run
+from fdbench.gap.trajectory import moves
 from fdbench.gap.trial import tiers
 from fdbench.gap.unnamed import types
 from fdbench.specification import load_toml, read
@@ -33,7 +33,7 @@ def split_of(rest: np.ndarray, rng: np.random.Generator) -> tuple[Split, list[di
         channels = {"motor_force_N": force + rest + rng.standard_normal(len(rest)), "position_m": STROKES[:, 0]}
         runs.append(Run(name="strokes", period_s=PERIOD_S, reference=STROKES, channels=channels, lap=None))
     held_out = [np.full(len(rest), out) for out in (False, True)]
-    floors = {"motor_force_N": Floor(rms=1.0, measured=True), "position_m": Floor(rms=1e-7, measured=True)}
+    floors = {"motor_force_N": white(1.0, measured=True), "position_m": white(1e-7, measured=True)}
     model = {"motor_force_N": force, "position_m": STROKES[:, 0] + 1e-7}
     return Split(runs=runs, held_out=held_out, floors=floors), [model, model]
 

@@ -12,7 +12,7 @@ from fdbench.gap.search import Stage
 from fdbench.specification import load_toml, read
 
 FILE = Path(__file__).with_name("confidence.toml")
-SMALLEST_SHARE, SMALLEST_SIZE, SMALLEST_MISFIT, SMALLEST_LEFT = 1e-4, 1e-3, 0.3, 1e-3
+SMALLEST_SIZE, SMALLEST_MISFIT = 1e-3, 0.3
 
 Signs = Mapping[str, float]
 """What speaks for a claim, by name."""
@@ -98,10 +98,11 @@ def of_effect(contest: Stage, kind: type[Effect], alike: Collection[str] = ()) -
         "after": math.log(max(own.misfit, SMALLEST_MISFIT)),
         "margin": math.asinh(contest.log_evidence(own.misfit, own.penalty) - best),
         "numbers": float(len(adjustables(effect))),
+        "size": math.log10(max(own.size, SMALLEST_SIZE)),
     }
 
 
-def of_value(distance: float, closed: float, share: float, misfit: float) -> dict[str, float]:
+def of_value(distance: float, closed: float, misfit: float) -> dict[str, float]:
     """Return the signs of a value on paper that is off by more than it should.
 
     Parameters
@@ -109,54 +110,45 @@ def of_value(distance: float, closed: float, share: float, misfit: float) -> dic
     distance : float
         Standard deviations by which it moved.
     closed, misfit : float
-        Mean squared held-out gap that its correction closes, and what is left, in units of the floor.
-    share : float
-        Of the gap on paper.
+        Mean squared held-out gap that its correction closes, and what is left, in units of what repeats differ by.
     """
     return {
         "distance": math.log(max(distance, 0.1)),
         "size": math.log10(max(closed, SMALLEST_SIZE)),
-        "share": math.log10(max(share, SMALLEST_SHARE)),
         "misfit": math.log(max(misfit, SMALLEST_MISFIT)),
     }
 
 
-def of_unknown(misfit: float, gap: float, on_paper: float) -> dict[str, float]:
+def of_unknown(misfit: float, worst: float) -> dict[str, float]:
     """Return the signs of an unknown cause.
 
     Parameters
     ----------
     misfit : float
         Weighted misfit that is left beside all effects that were found.
-    gap, on_paper : float
-        Mean squared held-out gap that is left, and on paper, in units of the floor.
+    worst : float
+        Mean squared gap that is left in the stretch of time where that is most, in units of the noise within a run.
     """
     return {
         "misfit": math.log(max(misfit, SMALLEST_MISFIT)),
-        "gap": math.log(max(gap, SMALLEST_MISFIT)),
-        "left": math.log10(max((gap - 1.0) / max(on_paper - 1.0, SMALLEST_MISFIT), SMALLEST_LEFT)),
+        "worst": math.log(max(worst, SMALLEST_MISFIT)),
     }
 
 
-def of_none(structural: float, misfit: float, moved: float, first: Stage | None) -> dict[str, float]:
+def of_none(misfit: float, moved: float, size: float) -> dict[str, float]:
     """Return the signs of no gap.
 
     Parameters
     ----------
-    structural, misfit : float
-        Mean squared held-out gap and weighted misfit after re-calibration.
+    misfit : float
+        Weighted misfit after re-calibration.
     moved : float
         Largest distance of a value on paper, in standard deviations.
-    first : Stage or None
-        The first stage of the search, where there was one.
+    size : float
+        Of the largest effect that was found or nearly so: see `fdbench.gap.search.Rival`.
     """
-    evidence = 0.0
-    if first is not None and first.rivals:
-        best = first.rivals[0]
-        evidence = first.log_evidence(best.misfit, best.penalty) - first.log_evidence(first.misfit, first.penalty)
     return {
-        "gap": math.log(max(structural, SMALLEST_MISFIT)),
         "misfit": math.log(max(misfit, SMALLEST_MISFIT)),
         "moved": math.log(max(moved, 0.1)),
-        "evidence": math.asinh(evidence),
+        "size": math.log10(max(size, SMALLEST_SIZE)),
     }

@@ -1,6 +1,7 @@
 """Diagnose: align, measure the floor, re-calibrate, localise, search, and say what was found."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -18,13 +19,14 @@ from fdbench.gap.hypothesis import Hypothesis, calibrations, start
 from fdbench.gap.next_experiment import propose
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.readings import Mark, bridged, grid_mark, held_mark
+from fdbench.gap.repeatability import Repeatability
 from fdbench.gap.replay import Replay
 from fdbench.gap.runs import Run, merged, same_command
 from fdbench.gap.search import SMALLEST_GAIN, Search, Stage
 from fdbench.gap.shrink import Closure, channel_gaps, closure
 from fdbench.gap.unnamed import types
 from fdbench.gap.verdict import Findings, energies, verdict
-from fdbench.gap.where import Gaps, where
+from fdbench.gap.where import Gaps, bands_up_to, where
 from fdbench.record import FloatArray, Record
 from fdbench.units import unit_of
 
@@ -101,7 +103,7 @@ def aligned(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Reco
         mended, n_held = bridged(run, on_paper)
         runs.append(mended.beside(on_paper))
         counts.append(n_held)
-    split, judged_on = split_runs(runs[: len(records)], runs[len(records) :])
+    split, judged_on = split_runs(runs[: len(records)], runs[len(records) :], floors(runs))
     held = held_mark(raw_runs, runs, counts)
     marks = [] if held is None else [held]
     if (grid := grid_mark(runs, replay)) is not None and mean_energy(grid, split.floors) > SMALLEST_GAIN:
@@ -118,13 +120,23 @@ def aligned(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Reco
     )
 
 
-def split_runs(records: Sequence[Run], holdouts: Sequence[Run]) -> tuple[Split, str]:
+def steadied(replay: Replay, ready: Aligned, calibrated: Hypothesis) -> Split:
+    """Return the split in which what changes from run to run, about the re-calibrated model, is told from noise."""
+    found = Repeatability(replay, calibrated, ready.runs)
+    noise: Mapping[str, Floor] = found.floors
+    for mark in ready.marks:
+        if not mark.bridged:
+            noise = raised(noise, mark.energy)
+    changes = [found.change(run, noise) for run in ready.split.runs]
+    return dataclasses.replace(ready.split, floors=noise, changes=changes)
+
+
+def split_runs(records: Sequence[Run], holdouts: Sequence[Run], found: Mapping[str, Floor]) -> tuple[Split, str]:
     """Return what is fitted and what is judged on.
 
     With held-out records these are judged on; else the last laps of records that repeat themselves, else the last of
     repeated records, else the last third of each record.
     """
-    found = floors([*records, *holdouts])
     if holdouts:
         fitted, judged = merged(records), merged(holdouts)
         masks = [np.zeros(run.n_samples, dtype=np.bool_) for run in fitted]
@@ -132,7 +144,7 @@ def split_runs(records: Sequence[Run], holdouts: Sequence[Run]) -> tuple[Split, 
         return Split(runs=[*fitted, *judged], held_out=masks, floors=found), "held-out"
     last = [run for index, run in enumerate(records) if _is_last_repeat(records, index)]
     if last:
-        return split_runs([run for run in records if run not in last], last)[0], "held-out repeats"
+        return split_runs([run for run in records if run not in last], last, found)[0], "held-out repeats"
     masks = []
     for run in records:
         mask = np.zeros(run.n_samples, dtype=np.bool_)
@@ -181,17 +193,19 @@ def diagnose(
     raw = float(channel_gaps(replay, split, paper).mean())
     search.progress("re-calibrating the values on paper")
     calibrated = search.refine(paper)
-    split = search.split = split.beside(gather(replay, split, calibrated, ()))
-    final, stages = search.run(calibrated)
+    split = search.split = steadied(replay, ready, calibrated)
+    base = search.refine(calibrated)
+    split = search.split = split.beside(gather(replay, split, base, ()))
+    final, stages = search.run(base)
     final, contests = search.review(final, stages)
-    shut = closure(replay, split, calibrated, final)
+    shut = closure(replay, split.plain, calibrated, final)
     both = [replay.simulate(run, [calibrated.variant(), final.variant()]) for run in split.runs]
     simulated, repaired = ([{name: values[i] for name, values in own.items()} for own in both] for i in range(2))
-    seen = [mark for mark in ready.marks if mean_energy(mark, split.floors) > SMALLEST_GAIN]
+    seen = [mark for mark in ready.marks if mean_energy(mark, split.plain.floors) > SMALLEST_GAIN]
     findings = Findings(
         search=search,
         paper=paper,
-        calibrated=calibrated,
+        base=base,
         final=final,
         stages=stages,
         contests=contests,
@@ -201,16 +215,15 @@ def diagnose(
     judged = verdict(findings, heads or confidence.heads())
     answer = {
         "gap": {"channels": channels_of(replay, split, paper, calibrated, final)},
-        "where": where(Gaps.of(split.runs, simulated, split.floors)),
+        "where": where(Gaps.of(split.plain, simulated)),
         **judged.answer,
-        "rest_depends_on": types(split, repaired, drive),
-        "shrinkage": shrinkage(shut, final, seen, split, ready.judged_on, raw),
+        "rest_depends_on": types(split.plain, repaired, drive),
+        "shrinkage": shrinkage(shut, final, seen, split.plain, ready.judged_on, raw),
         "next_experiment": propose(replay, split, [*contests, *stages[-1:]], nominal),
         "warnings": ready.warnings,
         "parametric": parametric(raw, shut, calibrated),
         "noise_floor": {
-            name: {"value": floor.rms, "unit": unit_of(name), "measured_from_repeats": floor.measured}
-            for name, floor in split.floors.items()
+            name: noise_floor(floor, unit_of(name), split.runs[0].period_s) for name, floor in split.floors.items()
         },
     }
     return Diagnosis(
@@ -222,6 +235,23 @@ def diagnose(
         simulated=simulated,
         signs=judged.signs,
     )
+
+
+def noise_floor(floor: Floor, unit: str, period_s: float) -> dict[str, Any]:
+    """Return the floor of a channel: what repeats differ by, its parts, and that of the noise in bands of frequency."""
+    edges = bands_up_to(0.5 / period_s)
+    parts = floor.shares([2.0 * period_s * edge for edge in edges]).tolist()
+    return {
+        "value": floor.total,
+        "unit": unit,
+        "measured_from_repeats": floor.measured,
+        "within_a_run": floor.rms,
+        "from_run_to_run": math.sqrt(max(floor.total**2 - floor.rms**2, 0.0)),
+        "frequency": [
+            {"band_Hz": list(band), "value": floor.rms * math.sqrt(part)}
+            for band, part in zip(itertools.pairwise(edges), parts, strict=True)
+        ],
+    }
 
 
 def check_alike(runs: Sequence[Run]) -> None:
@@ -263,7 +293,7 @@ def channels_of(
             "recalibrated": recalibrated,
             "repaired": repaired,
             "reduction": 1.0 - (repaired / recalibrated) ** 2 if recalibrated > 0.0 else 0.0,
-            "noise_floor": split.floors[name].rms,
+            "noise_floor": split.floors[name].total,
             "unit": unit_of(name),
             "relative": before / spread if spread > 0.0 else 0.0,
         }

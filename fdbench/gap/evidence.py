@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fdbench.gap.floor import Floor
 from fdbench.gap.hypothesis import Hypothesis
+from fdbench.gap.repeatability import Change
 from fdbench.gap.replay import Replay
 from fdbench.gap.runs import Run
 from fdbench.record import FloatArray
@@ -26,7 +27,33 @@ class Split:
     runs: Sequence[Run]
     held_out: Sequence[NDArray[np.bool_]]
     floors: Mapping[str, Floor]
+    changes: Sequence[Change | None] = ()
     explained: Sequence[Mapping[str, FloatArray]] = ()
+
+    @property
+    def plain(self) -> "Split":
+        """The split in which what changes from run to run is noise as any other: that gaps are reported in."""
+        return Split(
+            runs=self.runs,
+            held_out=self.held_out,
+            floors={name: floor.whole for name, floor in self.floors.items()},
+        )
+
+    def scaled(self, place: int, signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return signals (n_signals, n_samples) of each channel of a run in units of the noise of their mean.
+
+        What changes from run to run is shrunk to the size of the noise.
+        """
+        run = self.runs[place]
+        found = {name: values * (np.sqrt(run.repeats) / self.floors[name].rms) for name, values in signals.items()}
+        if self.changes and (change := self.changes[place]) is not None:
+            change.take_out(list(found.values()))
+        return found
+
+    def gap(self, place: int, simulated: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return what a simulation leaves of each channel of a run, (n_samples,), in the same units."""
+        left = {name: (measured - simulated[name])[None] for name, measured in self.runs[place].channels.items()}
+        return {name: values[0] for name, values in self.scaled(place, left).items()}
 
     def beside(self, evidence: "Evidence") -> "Split":
         """Return the split with the gaps of a model without effects, which is what effects explain at most."""
@@ -84,6 +111,21 @@ class Evidence:
         own[0] = 0.0
         return misfit(sums[0, 0] - 2.0 * np.r_[0.0, sums[0, 1:]] + own, self.weights[part], self.counts[part])
 
+    def worst(self) -> float:
+        """Return the mean squared gap of the stretch of time in which it is largest, over all channels."""
+        _, place = np.unique(self.group, return_inverse=True)
+        return float(np.max(np.bincount(place, self.gaps) / np.bincount(place, self.counts)))
+
+    def sizes(self, split: Split) -> FloatArray:
+        """Return the mean square of each column in the run where that is most, in units of what repeats differ by."""
+        within = np.array([(floor.rms / floor.total) ** 2 for floor in split.floors.values()])[self.channel]
+        repeats = np.array([run.repeats for run in split.runs])[self.run]
+        squares = np.diagonal(self.products, axis1=1, axis2=2) * (within / self.weights / repeats)[:, None]
+        runs, place = np.unique(self.run, return_inverse=True)
+        sums = np.zeros((len(runs), squares.shape[1]))
+        np.add.at(sums, place, squares)
+        return np.asarray((sums / np.bincount(place, self.counts)[:, None]).max(axis=0))
+
 
 def misfit(squares: FloatArray | float, weights: FloatArray, counts: FloatArray) -> FloatArray:
     """Return the misfit of weighted squares that are summed over segments."""
@@ -108,17 +150,19 @@ def gather(
         n_segments = -(-run.n_samples // length)
         count = np.full(n_segments, float(length))
         count[-1] -= n_segments * length - run.n_samples
-        for place, (name, measured) in enumerate(run.channels.items()):
-            scale = np.sqrt(run.repeats) / split.floors[name].rms
+        for name, measured in run.channels.items():
+            simulated[name][1:] -= simulated[name][0]
+            simulated[name][0] = measured - simulated[name][0]
+        finite = np.logical_and.reduce([np.isfinite(values).all(axis=1) for values in simulated.values()])
+        for values in simulated.values():
+            values[~finite if finite[0] else slice(None)] = 0.0
+        scaled = split.scaled(number, simulated)
+        if not finite[0]:
+            for values in scaled.values():
+                values[0] = DIVERGED
+        for place, (name, found) in enumerate(scaled.items()):
             signals = np.zeros((len(lanes), n_segments * length))
-            inside = signals[:, : run.n_samples]
-            np.subtract(simulated[name][1:], simulated[name][0], out=inside[1:])
-            np.subtract(measured, simulated[name][0], out=inside[0])
-            inside *= scale
-            if not np.isfinite(inside[0]).all():
-                inside[:] = 0.0
-                inside[0] = DIVERGED
-            inside[~np.isfinite(inside).all(axis=1)] = 0.0
+            signals[:, : run.n_samples] = found
             pieces = signals.reshape(len(lanes), n_segments, length).transpose(1, 0, 2)
             products.append(pieces @ pieces.transpose(0, 2, 1))
             gaps.append(products[-1][:, 0, 0].copy())

@@ -19,6 +19,8 @@ NEAR, FAR = 4, 24  # bins beside a line that are its surroundings
 STANDS_OUT = 15.0  # power of a line against the highest of its surroundings
 SHORTEST_M, PER_TRAVEL = 4e-4, 0.9
 BIN_M, OVERSAMPLING = 1e-4, 8
+ORDERS = (1.0, 2.0, 6.0, 12.0, 24.0)  # of a turn, at which screws, couplings and poles repeat
+AROUND, ABOVE = 8.0, 3.0  # resolved wavenumbers around an order, and power above theirs that makes it worth a try
 
 
 def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list[float]]:
@@ -27,28 +29,33 @@ def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list
     Over time the gap itself is looked at, over position the forces that it asks for, and these times the force of the
     motor, in which what scales with it stands out whatever its sign.
     """
-    gaps = []
+    simulated: list[dict[str, FloatArray]] = []
     for run in split.runs:
-        simulated = replay.simulate(run, [base.variant()])
-        gap = {name: measured - simulated[name][0] for name, measured in run.channels.items()}
-        gaps.append({name: np.where(np.isfinite(values), values, 0.0) for name, values in gap.items()})
+        found = {name: values[0] for name, values in replay.simulate(run, [base.variant()]).items()}
+        finite = np.logical_and.reduce([np.isfinite(values) for values in found.values()])
+        simulated.append({name: np.where(finite, values, run.channels[name]) for name, values in found.items()})
+    gaps = [
+        {name: measured - own[name] for name, measured in run.channels.items()}
+        for run, own in zip(split.runs, simulated, strict=True)
+    ]
     scaled = [
-        np.stack([values / split.floors[name].rms for name, values in gap.items() if name != "position_m"])
-        for gap in gaps
+        np.stack([values for name, values in split.gap(place, own).items() if name != "position_m"])
+        for place, own in enumerate(simulated)
     ]
     turned = [gap * np.sign(run.reference[:, 1]) for gap, run in zip(scaled, split.runs, strict=True)]
     lacking = [balances(run, own, split.floors, base.nominal.drive) for run, own in zip(split.runs, gaps, strict=True)]
+    lead_m = getattr(base.nominal.drive.motor, "lead_m", None)
     times_force = [own * run.channels["motor_force_N"][1:-2] for own, run in zip(lacking, split.runs, strict=True)]
     return {
         "line": _lines_in_time(scaled, split.runs),
         "line_of_motion": _lines_in_time(turned, split.runs),
-        "wavelength": _lines_in_position(lacking, split.runs),
-        "wavelength_of_ratio": _lines_in_position(times_force, split.runs),
+        "wavelength": _lines_in_position(lacking, split.runs, lead_m),
+        "wavelength_of_ratio": _lines_in_position(times_force, split.runs, lead_m),
     }
 
 
 def balances(run: Run, gap: Mapping[str, FloatArray], floors: Mapping[str, Floor], drive: FeedDrive) -> FloatArray:
-    r"""Return the forces that the gap of a run asks for, (n_balances, n_samples - 3), in units of their noise.
+    r"""Return the forces that the gap of a run asks for, (n_balances, ..., n_samples - 3), in units of their noise.
 
     The gaps of two runs of one linear drive obey its equations of motion, so that what is left is what acts on the
     motor side and on the table, at the time and the place where it acts, whatever the loop makes of it:
@@ -60,13 +67,13 @@ def balances(run: Run, gap: Mapping[str, FloatArray], floors: Mapping[str, Floor
     with the stretch :math:`s = x_m - x_t`; where it was not measured, the sum of both with one mass. Derivatives are
     those in the middle between samples, where a force that is held acts on average.
     """
-    h, force, position = run.period_s, gap["motor_force_N"][1:-2], gap["position_m"]
+    h, force, position = run.period_s, gap["motor_force_N"][..., 1:-2], gap["position_m"]
     noise = {name: floor.rms for name, floor in floors.items()}
     motor, table, screw = drive.motor, drive.table, drive.screw
 
     def inertia_and_drag(mass_kg: float, viscous: float, x: FloatArray) -> FloatArray:
-        acceleration = (x[3:] - x[2:-1] - x[1:-2] + x[:-3]) / (2.0 * h**2)
-        return np.asarray(mass_kg * acceleration + viscous * (x[2:-1] - x[1:-2]) / h)
+        acceleration = (x[..., 3:] - x[..., 2:-1] - x[..., 1:-2] + x[..., :-3]) / (2.0 * h**2)
+        return np.asarray(mass_kg * acceleration + viscous * (x[..., 2:-1] - x[..., 1:-2]) / h)
 
     if screw is None or table is None or STRETCH not in gap:
         left = force - inertia_and_drag(drive.mass_kg, drive.viscous_friction_N_s_per_m, position)
@@ -74,7 +81,7 @@ def balances(run: Run, gap: Mapping[str, FloatArray], floors: Mapping[str, Floor
     stretch = gap[STRETCH]
     x_t = position if drive.controller.uses_table else position - stretch
     k, c = screw.stiffness_N_per_m, screw.damping_N_s_per_m
-    spring = k * 0.5 * (stretch[1:-2] + stretch[2:-1]) + c * (stretch[2:-1] - stretch[1:-2]) / h
+    spring = k * 0.5 * (stretch[..., 1:-2] + stretch[..., 2:-1]) + c * (stretch[..., 2:-1] - stretch[..., 1:-2]) / h
     spread = noise[STRETCH] * math.hypot(k / math.sqrt(2.0), c * math.sqrt(2.0) / h)
     on_motor = force - inertia_and_drag(motor.mass_kg, motor.viscous_friction_N_s_per_m, x_t + stretch) - spring
     on_table = spring - inertia_and_drag(table.mass_kg, table.viscous_friction_N_s_per_m, x_t)
@@ -106,10 +113,11 @@ def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[floa
     return lines[:LINES]
 
 
-def _lines_in_position(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[float]:
-    """Return the wavelengths that stand out in the profiles over position.
+def _lines_in_position(gaps: Sequence[FloatArray], runs: Sequence[Run], lead_m: float | None) -> list[float]:
+    """Return the wavelengths that stand out in the profiles over position, and orders of the lead that may be there.
 
-    Each run and direction has a profile of its own: the loop shifts a wave by its lag, friction turns its sign.
+    Each run and direction has a profile of its own: the loop shifts a wave by its lag, friction turns its sign. Motors
+    and screws repeat at known orders, where less is needed to be tried.
     """
     lowest = min(float(run.channels["position_m"].min()) for run in runs)
     travel = max(float(run.channels["position_m"].max()) for run in runs) - lowest
@@ -129,13 +137,28 @@ def _lines_in_position(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[
                 profile = sums / np.sqrt(np.maximum(visits, 1))
                 profile -= visits**0.5 * (sums.sum() / max(visits.sum(), 1))
                 power += np.abs(np.fft.rfft(profile, OVERSAMPLING * n_bins)) ** 2
+    orders = _orders(wavenumber, power, travel, lead_m) if lead_m is not None else []
     power[(wavenumber < PER_TRAVEL / travel) | (wavenumber > 1.0 / SHORTEST_M)] = 0.0
-    found = []
+    found: list[float] = []
     for _ in range(LINES):
         peak = int(np.argmax(power))
         found.append(1.0 / _parabola(wavenumber, power, peak))
         width = max(3, int(2.0 / travel / (wavenumber[1] - wavenumber[0])))
         power[max(0, peak - width) : peak + width + 1] = 0.0
+    return found + [order for order in orders if all(abs(1.0 / order - 1.0 / other) > 2.0 / travel for other in found)]
+
+
+def _orders(wavenumber: FloatArray, power: FloatArray, travel: float, lead_m: float) -> list[float]:
+    """Return the wavelengths of the usual orders of a lead whose power is above that around them."""
+    resolution = 2.0 / travel
+    found = []
+    for order in ORDERS:
+        distance = np.abs(wavenumber - order / lead_m)
+        near, around = distance < 0.5 * resolution, (distance > resolution) & (distance < AROUND * resolution)
+        if not PER_TRAVEL / travel < order / lead_m < 1.0 / SHORTEST_M or not near.any():
+            continue
+        if power[near].max() > ABOVE * float(np.exp(np.mean(np.log(np.maximum(power[around], 1e-30))))):
+            found.append(lead_m / order)
     return found
 
 

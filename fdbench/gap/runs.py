@@ -170,24 +170,31 @@ def same_command(a: Run, b: Run) -> bool:
     return bool(np.max(np.abs(own - other)) <= share * max(float(np.ptp(own)), 1e-12))
 
 
+def repeated(runs: Sequence[Run]) -> list[tuple[Run, Run]]:
+    """Return each run that is repeated, and the next run of its command."""
+    found = []
+    for index, run in enumerate(runs):
+        later = next((other for other in runs[index + 1 :] if same_command(run, other)), None)
+        if later is not None:
+            found.append((run, later))
+    return found
+
+
 def differences(runs: Sequence[Run], channel: str) -> list[FloatArray]:
     """Return what is left of a channel between repeats: records of one command, or else laps within a record.
 
     Each difference has twice the variance of the noise. Where motions are followed, it is that of what the model on
     paper leaves: the force that a motion needs differs as the motion does.
     """
-    found: list[FloatArray] = []
-    for index, run in enumerate(runs):
-        later = next((other for other in runs[index + 1 :] if same_command(run, other)), None)
-        if later is not None:
-            found.append(_noisy(later, channel) - _noisy(run, channel))
-    if found:
-        return found
-    laps = [(_noisy(run, channel), run.lap) for run in runs if run.lap is not None]
+    pairs = repeated(runs)
+    if pairs:
+        return [deviations(later, channel) - deviations(run, channel) for run, later in pairs]
+    laps = [(deviations(run, channel), run.lap) for run in runs if run.lap is not None]
     return [values[lap:] - values[:-lap] for values, lap in laps]
 
 
-def _noisy(run: Run, channel: str) -> FloatArray:
+def deviations(run: Run, channel: str) -> FloatArray:
+    """Return a channel as repeats are compared in it: where motions are followed, what the model leaves of it."""
     return run.channels[channel] if run.left is None or run.motion is None else run.left[channel]
 
 

@@ -24,7 +24,8 @@ SMALLEST_GAIN = 0.04  # share of the excess misfit that an effect must remove
 NOISE_ALONE = 1.05  # misfit below which nothing is left to explain
 EFFECTIVE_SAMPLES = 60.0  # independent samples that a misfit is worth at most, as far as probabilities go
 ITERATIONS = 8
-CONVERGED = 3e-4  # relative fall of the objective below which a refinement ends
+CONVERGED = 3e-4  # fall of the objective in units of its excess over noise below which a refinement ends
+SMALLEST_FALL = 0.5  # and fall that is no evidence of anything
 STEPS = (1.0, 0.3, 0.1)
 REVIEWS = 3
 
@@ -44,6 +45,8 @@ class Rival:
         Minus twice the log prior of the values on paper.
     refined : bool
         Whether it was fitted in closed loop, and not only linearly.
+    size : float
+        Mean square of what it changes in the base, in the run where that is most, in units of what repeats differ by.
     """
 
     kind: type[Effect]
@@ -51,6 +54,7 @@ class Rival:
     misfit: float
     penalty: float
     refined: bool
+    size: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -163,9 +167,17 @@ class Search:
         evidence = gather(self.replay, self.split, base, [hypothesis for _, hypothesis, _ in hypotheses])
         alone, *misfits = evidence.misfits(held_out=True).tolist()
         outside = evidence.held_out
+        sizes = evidence.sizes(self.split)[1:].tolist()
         rivals = [
-            Rival(kind=kind, hypothesis=hypothesis, misfit=misfit, penalty=hypothesis.surprise(), refined=refined)
-            for (kind, hypothesis, refined), misfit in zip(hypotheses, misfits, strict=True)
+            Rival(
+                kind=kind,
+                hypothesis=hypothesis,
+                misfit=misfit,
+                penalty=hypothesis.surprise(),
+                refined=refined,
+                size=size,
+            )
+            for (kind, hypothesis, refined), misfit, size in zip(hypotheses, misfits, sizes, strict=True)
         ]
         stage = Stage(
             base=base,
@@ -252,7 +264,9 @@ class Search:
             step = fit.coefficients * np.array([item.step for item in numbers])
             inside = ~evidence.held_out
             before = float(evidence.products[inside, 0, 0].sum()) + hypothesis.penalty()
-            if before - fit.squares - fit.penalty < CONVERGED * before:
+            excess = before - float((evidence.weights * evidence.counts)[inside].sum())
+            enough = max(CONVERGED * excess, SMALLEST_FALL)
+            if before - fit.squares - fit.penalty < enough:
                 return hypothesis
             for share in STEPS:
                 trial = write(hypothesis, read(hypothesis) + share * step)
@@ -263,7 +277,7 @@ class Search:
             else:
                 return hypothesis
             hypothesis, evidence = trial, probed
-            if before - after < CONVERGED * before:
+            if before - after < enough:
                 return hypothesis
         return hypothesis
 

@@ -17,6 +17,7 @@ WIDTH = 100
 LIKELY = 0.5
 WORTH_SAYING = 0.1  # probability of a cause that is worth a sentence
 UNEXPLAINED = 0.2  # share of the gap that is worth a sentence
+DISSENT = 0.1  # by which the force balances must prefer another effect
 SURE = 0.99  # no probability is printed beyond it
 NOISE_ALONE = 1.1  # mean squared gap in units of the floor that passes for noise
 MOVED = 3.0  # standard deviations by which a value on paper may move without a remark
@@ -224,6 +225,14 @@ def doubts(found: "Diagnosis") -> Iterator[str]:
             "Re-calibration alone takes up part of what the effects do: beside them the values on paper hardly move, "
             "so the effects explain more of the gap on paper than re-calibration leaves to them."
         )
+    for cause in answer["causes"]:
+        told = cause.get("force_balances", {})
+        if (rival := told.get("instead")) and rival["reduction"] > told["reduction"] + DISSENT:
+            yield (
+                f"The forces that the gap asks for, whatever the controller is, speak for {rival['effect']} (it "
+                f"removes {percent(rival['reduction'])} of their squares) rather than for {cause['effect']} "
+                f"({percent(max(told['reduction'], 0.0))}): the controller may not be as on paper."
+            )
     for step in answer["shrinkage"]["steps"]:
         if step["ci95"][0] <= 0.0:
             yield f"What {step['added']} adds may be chance: the interval of its reduction includes none."

@@ -42,10 +42,7 @@ def types(split: Split, simulated: Sequence[Mapping[str, FloatArray]], drive: Fe
     --------
     ``[{"function_of": "velocity", "share": 0.31, "most": {"from": 0.0, "to": 0.01, "unit": "m/s", "force_N": -3.0}}]``
     """
-    rest = [
-        {name: (run.channels[name] - own[name]) * (np.sqrt(run.repeats) / split.floors[name].rms) for name in own}
-        for run, own in zip(split.runs, simulated, strict=True)
-    ]
+    rest = [split.gap(place, own) for place, own in enumerate(simulated)]
     found: list[dict[str, object]] = []
     for words, kind in _kinds(drive).items():
         values = [kind.places(run) for run in split.runs]

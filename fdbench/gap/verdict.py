@@ -12,11 +12,13 @@ from fdbench.effects import Effect
 from fdbench.gap import confidence
 from fdbench.gap.candidates import candidates, middle_of_each
 from fdbench.gap.confidence import Heads, Signs
+from fdbench.gap.evidence import gather
 from fdbench.gap.floor import Floor
 from fdbench.gap.hypothesis import Hypothesis, adjustables, calibrations
 from fdbench.gap.readings import Mark
 from fdbench.gap.search import SMALLEST_GAIN, Search, Stage, numbers_of
 from fdbench.gap.shrink import Closure, channel_gaps, shapley
+from fdbench.gap.witness import forces_removed
 from fdbench.record import FloatArray
 
 ALIKE = 0.9  # a rival that removes this share of what the best removes cannot be told apart
@@ -35,8 +37,8 @@ class Findings:
     Attributes
     ----------
     search : Search
-    paper, calibrated, final : Hypothesis
-        The model as given, re-calibrated, and with effects.
+    paper, base, final : Hypothesis
+        The model as given, what the search began with, and with effects.
     stages, contests : sequences of Stage
         Of the search, and for each final effect the model without it beside its rivals.
     shut : Closure
@@ -46,7 +48,7 @@ class Findings:
 
     search: Search
     paper: Hypothesis
-    calibrated: Hypothesis
+    base: Hypothesis
     final: Hypothesis
     stages: Sequence[Stage]
     contests: Sequence[Stage]
@@ -102,10 +104,11 @@ def verdict(found: Findings, heads: Heads) -> Verdict:
     Shares of effects are of the gap that re-calibration leaves, those of values on paper of the gap on paper.
     """
     search, shut = found.search, found.shut
-    floors = search.split.floors
-    on_paper = channel_gaps(search.replay, search.split, found.paper)
+    plain = search.split.plain
+    floors = plain.floors
+    on_paper = channel_gaps(search.replay, plain, found.paper)
     bridged = sum((energies(mark, floors) for mark in found.marks if mark.bridged), np.zeros(len(floors)))
-    recalibrated = channel_gaps(search.replay, search.split, found.calibrated)
+    recalibrated = np.array([shut.of_channel(place)[0] for place in range(len(floors))])
     shares = Shares(recalibrated, bridged)
     beside_twins = found.final.nominal.beside_twins
     closed = [shut.of_channel(place)[0] - shut.of_channel(place) for place in range(len(floors))]
@@ -121,6 +124,7 @@ def verdict(found: Findings, heads: Heads) -> Verdict:
         alone = tuple(other for other in everything if other != index)
         same = alike(contest, type(effect))
         signs = confidence.of_effect(contest, type(effect), same)
+        told = forces_removed(search.replay, search.split, contest)
         effect_signs[OR.join((effect.name, *same))] = signs
         chances = divided(contest, type(effect), same, heads.effect.probability(signs))
         own = np.maximum([part[index] for part in parts], 0.0)
@@ -136,6 +140,7 @@ def verdict(found: Findings, heads: Heads) -> Verdict:
                 "alternatives": {name: p for name, p in chances.items() if name != effect.name},
                 "one_of": beside_twins(one_of(chances)),
                 "instead": instead(contest, type(effect), same),
+                "force_balances": second_witness(told, type(effect), same),
             }
         )
     corrected = Shares(on_paper, bridged).of(np.maximum(on_paper - recalibrated, 0.0))
@@ -144,11 +149,11 @@ def verdict(found: Findings, heads: Heads) -> Verdict:
     causes += [marked(mark, shares.of(energies(mark, floors))) for mark in found.marks]
     causes.sort(key=lambda cause: (cause["probability"] <= NAMED, -float(cause["share"])))
     suspect, suspect_signs = suspected(found, heads)
-    before = search.compared(found.calibrated, [(Effect, found.final, True)])
-    first = found.stages[0] if found.stages else None
-    means = shut.mean()
-    unknown = confidence.of_unknown(before.rivals[0].misfit, float(means[-1]), float(on_paper.mean()))
-    none = confidence.of_none(float(means[0]), before.misfit, moved, first)
+    before = search.compared(found.base, [(Effect, found.final, True)])
+    left = gather(search.replay, search.split, found.final, ())
+    unknown = confidence.of_unknown(before.rivals[0].misfit, left.worst())
+    rivals = [rival.size for stage in (*found.contests, *found.stages[-1:]) for rival in stage.rivals[:1]]
+    none = confidence.of_none(before.misfit, moved, max(rivals, default=0.0))
     surest = max((float(cause["probability"]) for cause in causes), default=0.0)
     answer = {
         "causes": causes,
@@ -240,7 +245,7 @@ def off_paper(
     the gap that re-calibration closes, ``recalibrated``, is divided in proportion to what each correction closes beside
     all others. The third result is the largest distance that any of them moved, in standard deviations.
     """
-    replay, split = search.replay, search.split
+    replay, split = search.replay, search.split.plain
     scale = calibrations(final.nominal)
     groups: dict[str, list[int]] = {}
     for place, calibration in enumerate(scale):
@@ -262,7 +267,7 @@ def off_paper(
         if distance <= BEYOND_DOUBT or not name or name in present or without - closed < SMALLEST_GAIN * without:
             continue
         share = recalibrated * (without - closed) / total
-        all_signs[name] = confidence.of_value(distance, without - closed, share, closed)
+        all_signs[name] = confidence.of_value(distance, without - closed, closed)
         found.append(
             {
                 "effect": name,
@@ -296,6 +301,14 @@ def instead(contest: Stage, kind: type[Effect], same: Collection[str]) -> dict[s
     return {"effect": best, "reduction": others[best], "reduction_of_named": gains[kind.name]}
 
 
+def second_witness(told: Mapping[type[Effect], float], kind: type[Effect], same: Collection[str]) -> dict[str, Any]:
+    """Return what an effect removes of the force balances, and the best other effect that can be told from it."""
+    others = {rival.name: share for rival, share in told.items() if rival is not kind and rival.name not in same}
+    best = max(others, key=lambda name: others[name], default=None)
+    rival = None if best is None else {"effect": best, "reduction": others[best]}
+    return {"reduction": told[kind], "instead": rival}
+
+
 def divided(contest: Stage, kind: type[Effect], same: Collection[str], probability: float) -> dict[str, float]:
     """Return the probabilities of an effect and its rivals.
 
@@ -304,9 +317,10 @@ def divided(contest: Stage, kind: type[Effect], same: Collection[str], probabili
     """
     chances = {rival.kind.name: p for rival, p in zip(contest.rivals, contest.probabilities(), strict=True)}
     together = sum(p for name, p in chances.items() if name == kind.name or name in same)
-    if not 0.0 < together < 1.0:
+    if together <= 0.0:
         return {kind.name: probability}
-    own, other = probability / together, min((1.0 - probability) / (1.0 - together), probability / together)
+    own = probability / together
+    other = min((1.0 - probability) / (1.0 - together), own) if together < 1.0 else 0.0
     found = {name: p * (own if name == kind.name or name in same else other) for name, p in chances.items()}
     return {name: p for name, p in found.items() if p >= FEWEST or name == kind.name}
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.gap.evidence import SEGMENT_S
+from fdbench.gap.evidence import SEGMENT_S, Split
 from fdbench.gap.floor import Floor
 from fdbench.gap.runs import Run
 from fdbench.gap.shrink import RESAMPLES
@@ -39,20 +39,14 @@ class Gaps:
 
     runs: Sequence[Run]
     scaled: Sequence[Mapping[str, FloatArray]]
+    floors: Mapping[str, Floor]
 
     @classmethod
-    def of(
-        cls, runs: Sequence[Run], simulated: Sequence[Mapping[str, FloatArray]], floors: Mapping[str, Floor]
-    ) -> "Gaps":
+    def of(cls, split: Split, simulated: Sequence[Mapping[str, FloatArray]]) -> "Gaps":
         """Return the gaps between runs and their simulations, (n_samples,) each."""
-        scaled = [
-            {
-                name: (run.channels[name] - sim[name]) * (np.sqrt(run.repeats) / floors[name].rms)
-                for name in run.channels
-            }
-            for run, sim in zip(runs, simulated, strict=True)
-        ]
-        return cls(runs=runs, scaled=scaled)
+        return cls(
+            runs=split.runs, floors=split.floors, scaled=[split.gap(place, own) for place, own in enumerate(simulated)]
+        )
 
     def energy(self) -> FloatArray:
         """Return the squared gap of each sample of all runs, summed over channels, beyond what the floor gives."""
@@ -66,18 +60,16 @@ class Gaps:
     def by_band(self, edges_Hz: Sequence[float]) -> FloatArray:
         """Return the same for each band of frequency and sample, summed over channels.
 
-        The band-passed gaps of a run have the sum of squares that its spectrum has in the band (Parseval).
+        The band-passed gaps of a run have the sum of squares that its spectrum has in the band (Parseval); the floor
+        is that of the band.
         """
         n_bands = len(edges_Hz) - 1
         found = []
         for run, item in zip(self.runs, self.scaled, strict=True):
             frequency = np.fft.rfftfreq(run.n_samples, run.period_s)
             place = np.clip(np.searchsorted(edges_Hz, frequency, side="right") - 1, 0, n_bands - 1)
-            twice = np.full(len(frequency), 2.0)
-            twice[0] = 1.0
-            if run.n_samples % 2 == 0:
-                twice[-1] = 1.0
-            noise = np.bincount(place, weights=twice, minlength=n_bands) / run.n_samples * len(item)
+            relative = [2.0 * run.period_s * edge for edge in edges_Hz]
+            noise = np.sum([floor.shares(relative) for floor in self.floors.values()], axis=0)
             squares = np.zeros((n_bands, run.n_samples))
             for values in item.values():
                 spectrum = np.fft.rfft(values)
@@ -119,6 +111,15 @@ def phase_of(run: Run) -> NDArray[np.intp]:
     if len(starts) == 0 and moving.any() and not moving.all():
         phase[np.argmax(moving) : np.argmax(moving) + width] = PHASES.index("break_away")
     return phase.astype(np.intp)
+
+
+def bands_up_to(highest_Hz: float) -> list[float]:
+    """Return the edges of the bands of frequency.
+
+    >>> bands_up_to(125.0)
+    [0.0, 5.0, 15.0, 50.0, 125.0]
+    """
+    return [edge for edge in BANDS_HZ if edge < highest_Hz] + [highest_Hz]
 
 
 def shares(parts: FloatArray) -> FloatArray:
@@ -179,8 +180,7 @@ def where(gaps: Gaps) -> dict[str, Any]:
         place = np.clip(np.searchsorted(edges, coordinate, side="right") - 1, 0, n_cells - 1)
         return placed(place, n_cells).listed(f"range_{unit}", edges.tolist())
 
-    period = gaps.runs[0].period_s
-    bands = [edge for edge in BANDS_HZ if edge < 0.5 / period] + [0.5 / period]
+    bands = bands_up_to(0.5 / gaps.runs[0].period_s)
     position, speed, _ = np.concatenate([run.reference for run in gaps.runs]).T
     time = np.concatenate([np.arange(run.n_samples) * run.period_s for run in gaps.runs])
     phase = np.concatenate([phase_of(run) for run in gaps.runs])

@@ -66,7 +66,7 @@ class Scene:
     def floors(self) -> Mapping[str, float]:
         """The noise floor that was measured, in steps."""
         measured = self.ready.split.floors.items()
-        return {name: 2.0 ** (round(STEPS * math.log2(floor.rms)) / STEPS) for name, floor in measured}
+        return {name: 2.0 ** (round(STEPS * math.log2(floor.total)) / STEPS) for name, floor in measured}
 
     @cached_property
     def digest(self) -> str:

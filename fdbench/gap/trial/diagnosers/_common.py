@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from fdbench.gap.diagnose import split_runs
 from fdbench.gap.evidence import Split
+from fdbench.gap.floor import floors
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.replay import Replay
 from fdbench.gap.runs import prepare
@@ -17,7 +18,7 @@ MEASURABLE = 1.5  # mean squared gap in units of the floor below which its closu
 def prepared(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> tuple[Replay, Split]:
     """Return the replay of a model and its runs, repeats merged."""
     runs, others = ([prepare(item, nominal.drive) for item in group] for group in (records, holdouts))
-    split, _ = split_runs(runs, others)
+    split, _ = split_runs(runs, others, floors([*runs, *others]))
     replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
     return replay.coarsened(split.runs, split.floors), split
 

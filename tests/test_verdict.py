@@ -1,0 +1,51 @@
+"""Probabilities of look-alikes: one claim, divided as the misfits have it."""
+
+import pytest
+from axis_lab import drive
+
+from fdbench.effects import effects
+from fdbench.gap.hypothesis import start
+from fdbench.gap.nominal import Nominal, Simulation
+from fdbench.gap.search import Rival, Stage
+from fdbench.gap.verdict import divided, second_witness
+
+LAG, DELAY, CABLE = (type(effects.get(name).typical()) for name in ("current_loop_lag", "dead_time", "cable_stiffness"))
+
+
+def stage(misfit: float, **rivals: float) -> Stage:
+    """Return a stage with the misfit of the base and those of rivals by name."""
+    base = start(Nominal(plant=drive(), simulation=Simulation(substeps=10)))
+    found = [
+        Rival(
+            kind=type(item),
+            hypothesis=base.with_effect(item),
+            misfit=own,
+            penalty=0.0,
+            refined=True,
+            size=1.0,
+        )
+        for item, own in ((effects.get(name).typical(), own) for name, own in rivals.items())
+    ]
+    return Stage(base=base, misfit=misfit, penalty=0.0, test_count=1000.0, rivals=tuple(found))
+
+
+def test_look_alikes_divide_one_probability() -> None:
+    found = divided(stage(3.0, dead_time=1.10, current_loop_lag=1.12, cable_stiffness=2.9), DELAY, [LAG.name], 0.9)
+    assert found["dead_time"] + found["current_loop_lag"] == pytest.approx(0.9)
+    assert found["dead_time"] / found["current_loop_lag"] == pytest.approx((1.12 / 1.10) ** 30)
+    assert found.get("cable_stiffness", 0.0) < 0.02
+
+
+def test_beyond_all_doubt_look_alikes_are_divided_too() -> None:
+    """Evidence against all others is so strong that what these leave to them is zero in double precision."""
+    found = divided(stage(1e9, dead_time=1.0, current_loop_lag=1.0), DELAY, [LAG.name], 0.99)
+    assert found == pytest.approx({"dead_time": 0.495, "current_loop_lag": 0.495})
+
+
+def test_the_second_witness_leaves_look_alikes_aside() -> None:
+    told = {DELAY: 0.5, LAG: 0.6, CABLE: 0.2}
+    assert second_witness(told, DELAY, [LAG.name]) == {
+        "reduction": 0.5,
+        "instead": {"effect": "cable_stiffness", "reduction": 0.2},
+    }
+    assert second_witness({DELAY: 0.5}, DELAY, []) == {"reduction": 0.5, "instead": None}
