@@ -124,7 +124,7 @@ def test_two_positions_need_a_screw(given: Records) -> None:
 
 
 def test_floors_that_no_noise_gives_are_refused(given: Records, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rehearsal.Scene, "_floors_of", lambda *_: np.array([1.0, 1.0, 0.1]))
+    monkeypatch.setattr(rehearsal.Scene, "_made_by", lambda *_: np.array([[0.5, 1.0, 0.0], [0.5, 0.0, 0.01]]))
     with pytest.raises(SpecError, match="the measured floor of motor_minus_table_position_m"):
         rehearsal.rehearsed(*given, 4)
 

@@ -76,9 +76,9 @@ def heads() -> Heads:
 def of_effect(contest: Stage, kind: type[Effect], alike: Collection[str] = ()) -> dict[str, float]:
     """Return the signs of an effect, or of one of several that cannot be told apart.
 
-    How many numbers were fitted to it counts: the more, the sooner it passes for what it is not. What else the contest
-    shows (share and size of what it closes, steadiness over time, tempered evidence) told nothing more about other
-    trials than the ones learned from.
+    What an effect changes counts beside the evidence for it: machines have traces of every effect, and forms that are
+    not quite the library's look like further effects that are small. What else the contest shows (misfits, steadiness
+    over time, what it removes of the force balances) told nothing more.
 
     Parameters
     ----------
@@ -94,8 +94,6 @@ def of_effect(contest: Stage, kind: type[Effect], alike: Collection[str] = ()) -
     others = [contest.log_evidence(rival.misfit, rival.penalty) for rival in different]
     best = max([contest.log_evidence(contest.misfit, contest.penalty), *others])
     return {
-        "before": math.log(max(contest.misfit, SMALLEST_MISFIT)),
-        "after": math.log(max(own.misfit, SMALLEST_MISFIT)),
         "margin": math.asinh(contest.log_evidence(own.misfit, own.penalty) - best),
         "numbers": float(len(adjustables(effect))),
         "size": math.log10(max(own.size, SMALLEST_SIZE)),

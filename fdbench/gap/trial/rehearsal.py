@@ -19,9 +19,10 @@ from fdbench.errors import FdbenchError, SpecError
 from fdbench.gap import confidence
 from fdbench.gap.confidence import Heads
 from fdbench.gap.diagnose import Aligned, aligned, diagnose
-from fdbench.gap.floor import floors
+from fdbench.gap.hypothesis import start
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.repaired import table_of, toml_lines
+from fdbench.gap.repeatability import Repeatability
 from fdbench.gap.runs import COMMAND, SIDES, STRETCH, Run, merged
 from fdbench.gap.trial import seal, tiers
 from fdbench.gap.trial.bench import ERRORS
@@ -35,6 +36,7 @@ STEPS = 4  # of a floor in a factor of two: records of one machine share what wa
 NAMES = [field.name for field in dataclasses.fields(Noises)]  # the last one is friction
 SILENT = Noises(**dict.fromkeys(NAMES, 0.0))
 ROUNDS = 2
+LEAST = 1e-3  # mean square of a part of a floor that is told from none
 EVEN = 0.1  # weight of keeping to equal parts where the floors do not tell noises apart
 OFF = 2.0  # factor by which the floor of a channel may be missed
 MOVED = ("effect", "suspect", "value")
@@ -64,19 +66,31 @@ class Scene:
 
     @cached_property
     def floors(self) -> Mapping[str, float]:
-        """The noise floor that was measured, in steps."""
+        """What repeats were measured to differ by, in steps."""
         measured = self.ready.split.floors.items()
         return {name: 2.0 ** (round(STEPS * math.log2(floor.total)) / STEPS) for name, floor in measured}
 
     @cached_property
+    def parts(self) -> FloatArray:
+        """Mean squares within a run and from run to run, (2, n_channels), in units of what repeats differ by."""
+        measured = np.maximum(self.squares(self.ready) / np.array(list(self.floors.values())) ** 2, LEAST)
+        return np.asarray(4.0 ** (np.round(0.5 * STEPS * np.log2(measured)) / STEPS))
+
+    def squares(self, ready: Aligned) -> FloatArray:
+        """Return the mean squares of noise within a run and of changes from run to run, (2, n_channels)."""
+        noise = Repeatability(ready.replay, start(ready.nominal), ready.runs).floors.values()
+        within = np.array([floor.rms**2 for floor in noise])
+        return np.stack((within, np.array([floor.total**2 for floor in noise]) - within))
+
+    @cached_property
     def digest(self) -> str:
-        """SHA-256 of all that the cases depend on: code, effects, model, motions, columns and floors."""
+        """SHA-256 of all that the cases depend on: code, effects, model, motions, columns and noise."""
         kinds = [inspect.getsource(kind) for kind in self.ready.nominal.library]
         model = toml_lines(table_of(self.nominal, Nominal))
         held = [run.held.tobytes() if self.holds and run.held is not None else b"" for run in self.ready.runs]
         moved = [self.command(run).tobytes() for run in self.ready.runs]
         motions = [hashlib.sha256(part).hexdigest() for part in (*moved, *held)]
-        recorded = [self.names, self.n_fitted, self.ready.runs[0].period_s, self.floors]
+        recorded = [self.names, self.n_fitted, self.ready.runs[0].period_s, self.floors, self.parts.tolist()]
         content = [seal.code_digest(), kinds, list(model), motions, recorded]
         return hashlib.sha256(seal.canonical(content)).hexdigest()
 
@@ -143,7 +157,7 @@ class Scene:
         return {"signs": diagnose(nominal, records, holdouts).signs, "truth": truth}
 
     def noises(self) -> Noises:
-        """Return the noises with which the machine on paper has the measured floors.
+        """Return the noises with which the machine on paper has the measured floors, within a run and from run to run.
 
         The mean squares of the floors that each of them makes by itself add up (least squares, nonnegative).
         """
@@ -152,15 +166,16 @@ class Scene:
         found = USUAL
         for _ in range(ROUNDS):
             own = {name: dataclasses.replace(SILENT, **{name: getattr(found, name)}) for name in NAMES}
-            made = np.column_stack([*(self._floors_of(own[name]) for name in NAMES[:-1]), self._floors_by_friction()])
-            squares = made**2
+            made = [self._made_by(own[name]).ravel() for name in NAMES[:-1]]
+            squares = np.column_stack([*made, self._made_by_friction().ravel()])
             size = np.maximum(np.linalg.norm(squares, axis=0), 1e-30)
             system = np.vstack((squares / size, EVEN * np.eye(len(NAMES))))
-            parts, _ = nnls(system, np.r_[np.ones(len(squares)), np.zeros(len(NAMES))])
+            parts, _ = nnls(system, np.r_[self.parts.ravel(), np.zeros(len(NAMES))])
             scale = np.sqrt(parts / size).tolist()
             before = dataclasses.replace(found, friction_change=RUBBING)
             found = Noises(**{name: getattr(before, name) * by for name, by in zip(NAMES, scale, strict=True)})
-        for name, ratio in zip(self.floors, self._floors_of(found).tolist(), strict=True):
+        together = np.sqrt(self._made_by(found).sum(axis=0)).tolist()
+        for name, ratio in zip(self.floors, together, strict=True):
             if not 1.0 / OFF < ratio < OFF:
                 raise SpecError(
                     f"rehearsal: no noise of sensors, process and friction gives the model the measured floor of "
@@ -169,19 +184,19 @@ class Scene:
                 )
         return found
 
-    def _floors_of(self, noises: Noises) -> FloatArray:
-        """Return the floors of a machine as on paper, in units of the measured ones."""
+    def _made_by(self, noises: Noises) -> FloatArray:
+        """Return the mean squares of the floors of a machine as on paper, (2, n_channels), like `parts`."""
         axis = self.bench(dict.fromkeys(ERRORS, 0.0), noises).axis({})
-        made = floors(aligned(self.nominal, *self.recorded(axis, seal.generator(self.digest, "noise"))).runs)
-        return np.array([made[name].rms / measured for name, measured in self.floors.items()])
+        made = aligned(self.nominal, *self.recorded(axis, seal.generator(self.digest, "noise")))
+        return np.asarray(self.squares(made) / np.array(list(self.floors.values())) ** 2)
 
-    def _floors_by_friction(self) -> FloatArray:
-        """Return what runs differ by where friction differs by 5 %, root mean square in units of the floors.
+    def _made_by_friction(self) -> FloatArray:
+        """Return the mean squares of what runs differ by where friction differs by 5 %, (2, n_channels), like `parts`.
 
         A floor that was not measured from repeats knows nothing of it.
         """
         if not any(floor.measured for floor in self.ready.split.floors.values()):
-            return np.zeros(len(self.floors))
+            return np.zeros_like(self.parts)
         axis = self.bench(dict.fromkeys(ERRORS, 0.0), SILENT).axis({})
         rubbed = dataclasses.replace(axis, drive=rubbing(axis.drive, 1.0 + RUBBING))
         moved: dict[str, list[FloatArray]] = {name: [] for name in self.floors}
@@ -192,8 +207,8 @@ class Scene:
                 change[STRETCH] = change[SIDES[0]] - change[SIDES[1]]
             for name, parts in moved.items():
                 parts.append(change[name])
-        squares = {name: float(np.mean(np.concatenate(parts) ** 2)) for name, parts in moved.items()}
-        return np.array([math.sqrt(squares[name]) / measured for name, measured in self.floors.items()])
+        between = [float(np.mean(np.concatenate(moved[name]) ** 2)) / of**2 for name, of in self.floors.items()]
+        return np.stack((np.zeros(len(between)), between))
 
 
 def scene_of(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Scene:
