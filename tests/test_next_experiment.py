@@ -64,7 +64,7 @@ def stage(*rivals: tuple[Effect, float], alone: float = 2.0) -> Stage:
         test_count=1000.0,
         rivals=tuple(
             Rival(
-                kind=type(item), hypothesis=base.with_effect(item), misfit=misfit, penalty=0.0, refined=True, size=1.0
+                kind=type(item), hypothesis=base.with_effect(item), misfit=misfit, penalty=0.0, refined=True, size=100.0
             )
             for item, misfit in rivals
         ),

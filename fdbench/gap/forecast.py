@@ -105,7 +105,7 @@ class Forecast:
         """Return by which the true one of two candidates is expected to gain on the other, in nats."""
         now, after = np.log(np.maximum(self.now, CERTAIN)), np.log(np.maximum(self.after, CERTAIN))
         gains = [after[true, true] - after[true, other] - now[true] + now[other] for true, other in ((a, b), (b, a))]
-        return float(np.average(gains, weights=self.now[[a, b]]))
+        return float(np.average(gains, weights=np.maximum(self.now[[a, b]], CERTAIN)))
 
     def answer(self) -> dict[str, Any]:
         """Return what the diagnosis says of it; see `fdbench.gap.next_experiment.propose`."""
