@@ -54,8 +54,8 @@ def lab() -> Lab:
     return replay, Split(runs=[run], held_out=[np.zeros(len(reference), dtype=np.bool_)], floors=floors)
 
 
-def stage(*rivals: tuple[Effect, float], alone: float = 2.0) -> Stage:
-    """Return a stage in which effects compete that leave these misfits."""
+def stage(*rivals: tuple[Effect, float], alone: float = 2.0, size: float = 100.0) -> Stage:
+    """Return a stage in which effects of one size compete that leave these misfits."""
     base = start(nominal())
     return Stage(
         base=base,
@@ -64,7 +64,7 @@ def stage(*rivals: tuple[Effect, float], alone: float = 2.0) -> Stage:
         test_count=1000.0,
         rivals=tuple(
             Rival(
-                kind=type(item), hypothesis=base.with_effect(item), misfit=misfit, penalty=0.0, refined=True, size=100.0
+                kind=type(item), hypothesis=base.with_effect(item), misfit=misfit, penalty=0.0, refined=True, size=size
             )
             for item, misfit in rivals
         ),
@@ -133,7 +133,7 @@ def test_effects_that_hardly_compete_beside_a_found_one_are_no_doubt() -> None:
 
 
 def test_a_stage_that_decides_more_surely_than_such_claims_have_earned_is_open() -> None:
-    poor = stage((GAP, 1.25), alone=1.6)
+    poor = stage((GAP, 1.25), alone=1.6, size=0.1)
     assert chances(poor).max() > SURE > told(poor)["backlash"]
     assert sum(told(poor).values()) < 1.0
     assert most_open([poor]) is poor

@@ -17,6 +17,7 @@ from fdbench.record import FloatArray
 MODEL_ERROR = 0.03
 EXPLAINED_ERROR = 1e-3  # of what effects explain, which are not exactly of the library's form
 SEGMENT_S = 0.25
+HUGE = 1e30  # reading of a simulation that diverges, while its square is still a number
 DIVERGED = 1e6  # gap, in units of the floor, of a simulation that diverges
 
 
@@ -153,7 +154,7 @@ def gather(
         for name, measured in run.channels.items():
             simulated[name][1:] -= simulated[name][0]
             simulated[name][0] = measured - simulated[name][0]
-        finite = np.logical_and.reduce([np.isfinite(values).all(axis=1) for values in simulated.values()])
+        finite = np.logical_and.reduce([(np.abs(values) < HUGE).all(axis=1) for values in simulated.values()])
         for values in simulated.values():
             values[~finite if finite[0] else slice(None)] = 0.0
         scaled = split.scaled(number, simulated)
