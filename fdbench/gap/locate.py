@@ -13,14 +13,15 @@ from fdbench.gap.runs import STRETCH, Run
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 
-LINES = 2
+LINES, PITCHES = 2, 3
 LOWEST_HZ = 2.0
 NEAR, FAR = 4, 24  # bins beside a line that are its surroundings
 STANDS_OUT = 15.0  # power of a line against the highest of its surroundings
 SHORTEST_M, PER_TRAVEL = 4e-4, 0.9
+LONG = 10.0  # waves over the travel, below which a wave is long
 BIN_M, OVERSAMPLING = 1e-4, 8
 ORDERS = (1.0, 2.0, 6.0, 12.0, 24.0)  # of a turn, at which screws, couplings and poles repeat
-AROUND, ABOVE = 8.0, 3.0  # resolved wavenumbers around an order, and power above theirs that makes it worth a try
+AROUND, ABOVE = 8, 3.0  # resolved wavenumbers around an order, and power above theirs that makes it worth a try
 
 
 def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list[float]]:
@@ -137,29 +138,40 @@ def _lines_in_position(gaps: Sequence[FloatArray], runs: Sequence[Run], lead_m: 
                 profile = sums / np.sqrt(np.maximum(visits, 1))
                 profile -= visits**0.5 * (sums.sum() / max(visits.sum(), 1))
                 power += np.abs(np.fft.rfft(profile, OVERSAMPLING * n_bins)) ** 2
-    orders = _orders(wavenumber, power, travel, lead_m) if lead_m is not None else []
-    power[(wavenumber < PER_TRAVEL / travel) | (wavenumber > 1.0 / SHORTEST_M)] = 0.0
+    resolved = max(3, round(2.0 / travel / float(wavenumber[1])))
+    # Slow changes along the way have more power than any pitch, which stands out of what is around it.
+    height = power / _around(power, resolved)
     found: list[float] = []
-    for _ in range(LINES):
-        peak = int(np.argmax(power))
-        found.append(1.0 / _parabola(wavenumber, power, peak))
-        width = max(3, int(2.0 / travel / (wavenumber[1] - wavenumber[0])))
-        power[max(0, peak - width) : peak + width + 1] = 0.0
-    return found + [order for order in orders if all(abs(1.0 / order - 1.0 / other) > 2.0 / travel for other in found)]
-
-
-def _orders(wavenumber: FloatArray, power: FloatArray, travel: float, lead_m: float) -> list[float]:
-    """Return the wavelengths of the usual orders of a lead whose power is above that around them."""
-    resolution = 2.0 / travel
-    found = []
-    for order in ORDERS:
-        distance = np.abs(wavenumber - order / lead_m)
-        near, around = distance < 0.5 * resolution, (distance > resolution) & (distance < AROUND * resolution)
-        if not PER_TRAVEL / travel < order / lead_m < 1.0 / SHORTEST_M or not near.any():
-            continue
-        if power[near].max() > ABOVE * float(np.exp(np.mean(np.log(np.maximum(power[around], 1e-30))))):
-            found.append(lead_m / order)
+    for low, high, strength, most in (
+        (PER_TRAVEL / travel, LONG / travel, power, LINES),
+        (LONG / travel, 1.0 / SHORTEST_M, height, PITCHES),
+    ):
+        band = np.where((wavenumber >= low) & (wavenumber <= high), strength, 0.0)
+        for _ in range(most):
+            peak = int(np.argmax(band))
+            if band[peak] <= 0.0:
+                break
+            found.append(1.0 / _parabola(wavenumber, power, peak))
+            band[max(0, peak - resolved) : peak + resolved + 1] = 0.0
+    for pitch_m in () if lead_m is None else [lead_m / order for order in ORDERS]:
+        near = np.abs(wavenumber - 1.0 / pitch_m) < 0.5 * wavenumber[resolved]
+        if (
+            SHORTEST_M < pitch_m < travel / PER_TRAVEL
+            and height[near].max(initial=0.0) > ABOVE
+            and all(abs(1.0 / pitch_m - 1.0 / other) > wavenumber[resolved] for other in found)
+        ):
+            found.append(pitch_m)
     return found
+
+
+def _around(power: FloatArray, resolved: int) -> FloatArray:
+    """Return the geometric mean of the power within some resolved wavenumbers of each, and not next to it."""
+    logs = np.pad(np.log(np.maximum(power, 1e-30)), AROUND * resolved, mode="reflect")
+    wide, near = (
+        np.convolve(logs, np.ones(2 * half + 1), "same")[AROUND * resolved : len(power) + AROUND * resolved]
+        for half in (AROUND * resolved, resolved)
+    )
+    return np.asarray(np.exp((wide - near) / (2 * (AROUND - 1) * resolved)))
 
 
 def _parabola(axis: FloatArray, power: FloatArray, peak: int) -> float:
@@ -168,4 +180,4 @@ def _parabola(axis: FloatArray, power: FloatArray, peak: int) -> float:
     left, middle, right = np.sqrt(power[peak - 1 : peak + 2])
     bend = left - 2.0 * middle + right
     offset = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
-    return float(axis[peak] + offset * (axis[1] - axis[0]))
+    return float(axis[peak] + min(max(offset, -1.0), 1.0) * (axis[1] - axis[0]))
