@@ -35,7 +35,7 @@ class Cogging(Effect):
     confusable_with = ("torque_ripple", "lead_error")
 
     cogging_force_N: float = parameter("A", low=0.0, high=500.0, typical=10.0)
-    pitch_m: float = parameter("lambda_p", low=2e-4, high=0.2, typical=0.01 / 6.0, locate="wavelength")
+    pitch_m: float = parameter("lambda_p", low=2e-4, high=0.06, typical=0.01 / 6.0, locate="wavelength")
     phase_rad: float = parameter("phi", low=-TURN, high=TURN, typical=0.0, phase=True)
 
     @kernel

@@ -35,7 +35,7 @@ class PositionDependentFriction(Effect):
     confusable_with = ("stribeck_friction", "friction_drift")
 
     friction_amplitude_N: float = parameter("a", low=0.0, high=1000.0, typical=24.0)
-    period_m: float = parameter("L", low=1e-3, high=5.0, typical=0.1, locate="wavelength")
+    period_m: float = parameter("L", low=5e-3, high=5.0, typical=0.1, locate="wavelength")
     phase_rad: float = parameter("phi", low=-TURN, high=TURN, typical=0.0, phase=True)
     transition_velocity_m_per_s: float = parameter("v_0", low=1e-4, high=0.05, typical=1e-3)
 

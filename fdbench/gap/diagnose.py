@@ -194,6 +194,7 @@ def diagnose(
     search.progress("re-calibrating the values on paper")
     calibrated = search.refine(paper)
     split = search.split = steadied(replay, ready, calibrated)
+    replay = search.replay = ready.replay.coarsened(split.runs, split.floors)
     base = search.refine(calibrated)
     split = search.split = split.beside(gather(replay, split, base, ()))
     final, stages = search.run(base)

@@ -19,7 +19,7 @@ from fdbench.simulate.axis import ROW
 from fdbench.simulate.compose import block_rows, compose, slots
 
 COARSER = (3, 4, 5, 6, 8)  # substeps that are tried where the model has more
-MISSED = 0.02  # of the noise, root mean square, by which coarser substeps may move a reading
+MISSED = 0.1  # of the noise, root mean square, by which coarser substeps may move a reading
 WIDTH = 8  # few effects in a block beat many lanes in it
 PIECE = 4096  # samples simulated at once, which bounds the memory
 
@@ -100,7 +100,7 @@ class Replay:
         return result
 
     def coarsened(self, runs: Sequence[Run], floors: Mapping[str, Floor]) -> "Replay":
-        """Return the simulator with the fewest substeps that move no reading of the drive by 2 % of the noise."""
+        """Return the simulator with the fewest substeps that move no reading by a tenth of the noise within a run."""
         plain = [Variant(plant=self.drive)]
         fine = [self.simulate(run, plain) for run in runs]
         n_samples = sum(run.n_samples for run in runs)

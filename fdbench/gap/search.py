@@ -25,7 +25,7 @@ NOISE_ALONE = 1.05  # misfit below which nothing is left to explain
 EFFECTIVE_SAMPLES = 60.0  # independent samples that a misfit is worth at most, as far as probabilities go
 ITERATIONS = 8
 CONVERGED = 3e-4  # fall of the objective in units of its excess over noise below which a refinement ends
-SMALLEST_FALL = 0.5  # and fall that is no evidence of anything
+SMALLEST_FALL = 2.0  # and fall that is no evidence of anything
 STEPS = (1.0, 0.3, 0.1)
 REVIEWS = 3
 
