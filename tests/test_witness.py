@@ -8,9 +8,10 @@ from axis_lab import case, drive
 
 from fdbench.effects import effects
 from fdbench.gap.diagnose import aligned
+from fdbench.gap.evidence import silenced
 from fdbench.gap.hypothesis import start
 from fdbench.gap.search import Search
-from fdbench.gap.witness import finite, forces_removed, smoothed
+from fdbench.gap.witness import forces_removed, smoothed
 from fdbench.plants._controllers import Cascade
 
 
@@ -43,5 +44,6 @@ def test_the_filter_passes_slow_forces_only() -> None:
 
 
 def test_a_rival_that_diverges_changes_nothing() -> None:
-    gaps = finite({"motor_force_N": np.array([[1.0, 2.0], [np.inf, 0.0], [0.0, 0.0]])})
+    gaps = {"motor_force_N": np.array([[1.0, 2.0], [np.inf, 0.0], [0.0, 0.0]])}
+    assert silenced(gaps).tolist() == [False, True, False]
     assert gaps["motor_force_N"].tolist() == [[1.0, 2.0], [0.0, 0.0], [0.0, 0.0]]

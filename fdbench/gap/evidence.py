@@ -133,6 +133,14 @@ def misfit(squares: FloatArray | float, weights: FloatArray, counts: FloatArray)
     return np.asarray(1.0 + (squares - np.sum(weights * counts)) / max(float(counts.sum()), 1.0))
 
 
+def silenced(signals: Mapping[str, FloatArray]) -> NDArray[np.bool_]:
+    """Set to zero, in place and in all channels, what diverges of gaps and changes; return which rows these are."""
+    lost = np.asarray(~np.logical_and.reduce([(np.abs(values) < HUGE).all(axis=1) for values in signals.values()]))
+    for values in signals.values():
+        values[lost] = 0.0
+    return lost
+
+
 def gather(
     replay: Replay, split: Split, base: Hypothesis, variants: Sequence[Hypothesis], fitted_only: bool = False
 ) -> Evidence:
@@ -154,11 +162,9 @@ def gather(
         for name, measured in run.channels.items():
             simulated[name][1:] -= simulated[name][0]
             simulated[name][0] = measured - simulated[name][0]
-        finite = np.logical_and.reduce([(np.abs(values) < HUGE).all(axis=1) for values in simulated.values()])
-        for values in simulated.values():
-            values[~finite if finite[0] else slice(None)] = 0.0
+        lost = silenced(simulated)
         scaled = split.scaled(number, simulated)
-        if not finite[0]:
+        if lost[0]:
             for values in scaled.values():
                 values[0] = DIVERGED
         for place, (name, found) in enumerate(scaled.items()):
@@ -233,9 +239,8 @@ class Scores:
         normal, right = self.normal(chosen), self.train[chosen, 0].copy()
         for place, column in enumerate(chosen):
             right[place] -= self.priors.get(column, 0.0)
-        scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
-        theta = np.linalg.solve(normal / np.outer(scale, scale) + 1e-9 * np.eye(len(chosen)), right / scale) / scale
-        fitted, judged = (self._distance(sums, chosen, theta) for sums in (self.train, self.test))
+        theta = solved(normal, right)
+        fitted, judged = (distance(sums, chosen, theta) for sums in (self.train, self.test))
         return Fit(
             coefficients=theta,
             train=float(misfit(fitted, *self._parts[0])),
@@ -255,7 +260,15 @@ class Scores:
         moved = dict(zip(chosen, theta.tolist(), strict=True))
         return float(sum((stand + moved.get(column, 0.0)) ** 2 for column, stand in self.priors.items()))
 
-    @staticmethod
-    def _distance(sums: FloatArray, chosen: list[int], theta: FloatArray) -> float:
-        inner = sums[np.ix_(chosen, chosen)]
-        return float(sums[0, 0] - 2.0 * theta @ sums[chosen, 0] + theta @ inner @ theta)
+
+def solved(normal: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the solution of normal equations, scaled and held off singularity."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+    held = normal / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+    return np.asarray(np.linalg.solve(held, right / scale) / scale)
+
+
+def distance(sums: FloatArray, columns: Sequence[int], theta: FloatArray) -> float:
+    """Return the squared distance of the gap, column 0, from columns with the coefficients theta."""
+    inner = sums[np.ix_(columns, columns)]
+    return float(sums[0, 0] - 2.0 * theta @ sums[columns, 0] + theta @ inner @ theta)

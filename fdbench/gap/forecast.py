@@ -154,7 +154,7 @@ class Forecaster:
         weights = np.array([*own, *(left / len(hidden) for _ in hidden), none])
         self.now = weights / weights.sum()
         self.names = [*(rival.kind.name for rival in known.rivals), *(OTHER for _ in hidden), NOTHING]
-        shifted = [stage.base.moved(row) for row in np.eye(len(stage.base.shifts))]
+        shifted = stage.base.moved_in_turn()
         self.n_shifts = len(shifted)
         self.variants = [*shifted, *(rival.hypothesis for rival in self.stage.rivals)]
         evidence = gather(replay, split, stage.base, self.variants, fitted_only=True)

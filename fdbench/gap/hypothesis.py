@@ -5,6 +5,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from fdbench.effects import Effect
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.replay import Variant
@@ -82,6 +84,10 @@ class Hypothesis:
         """Return the hypothesis with its values on paper moved further; what follows in ``change`` is not for them."""
         shifts = tuple(float(old + new) for old, new in zip(self.shifts, change, strict=False))
         return dataclasses.replace(self, shifts=shifts)
+
+    def moved_in_turn(self) -> "list[Hypothesis]":
+        """Return for each value on paper the hypothesis with that one moved by a standard deviation."""
+        return [self.moved(row) for row in np.eye(len(self.shifts))]
 
     def with_effect(self, effect: Effect, replaces: int | None = None) -> "Hypothesis":
         """Return the hypothesis with one more effect, or with another one of the same class."""

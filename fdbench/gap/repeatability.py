@@ -57,8 +57,7 @@ def within(floor: Floor, left: Sequence[FloatArray]) -> Floor:
 
 def responses(replay: Replay, model: Hypothesis, run: Run) -> FloatArray:
     """Return what one standard deviation of each value on paper changes, (n_values, n_channels, n_samples)."""
-    moved = [model, *(model.moved(row) for row in np.eye(len(model.shifts)))]
-    simulated = replay.simulate(run, [item.variant() for item in moved])
+    simulated = replay.simulate(run, [item.variant() for item in (model, *model.moved_in_turn())])
     return np.stack([simulated[name][1:] - simulated[name][0] for name in run.channels], axis=1)
 
 
@@ -82,15 +81,13 @@ class Repeatability:
     ----------
     floors : mapping of str to Floor
         Noise of each channel; with repeated records, apart from what changes from run to run.
-    covariance : (n_values, n_values) array
-        Of the values on paper from run to run, in their standard deviations.
     """
 
     def __init__(self, replay: Replay, model: Hypothesis, runs: Sequence[Run]) -> None:
         self._replay, self._model = replay, model
         self._known: list[tuple[Run, FloatArray]] = []
         self.floors = floors(runs)
-        self.covariance = np.zeros((len(model.shifts),) * 2)
+        self._root = np.zeros((len(model.shifts),) * 2)
         pairs = repeated(runs)
         if not pairs:
             return
@@ -113,11 +110,16 @@ class Repeatability:
         size, axes = np.linalg.eigh(
             0.5 * np.mean([np.outer(theta, theta) - own for theta, own in zip(thetas, by_noise, strict=True)], axis=0)
         )
-        self.covariance = (axes * np.maximum(size, 0.0)) @ axes.T
+        self._root = axes * np.sqrt(np.maximum(size, 0.0))
         self.floors = {
             name: within(floor, [parts[place] for parts in left])
             for place, (name, floor) in enumerate(self.floors.items())
         }
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of the values on paper from run to run, in their standard deviations, (n_values, n_values)."""
+        return np.asarray(self._root @ self._root.T)
 
     def _responses(self, run: Run) -> FloatArray:
         known = next((found for other, found in self._known if same_command(run, other)), None)
@@ -128,12 +130,10 @@ class Repeatability:
 
     def change(self, run: Run, noise: Mapping[str, Floor]) -> Change | None:
         """Return the directions in which a run may differ from others of its command, if any."""
-        if not self.covariance.any():
+        if not self._root.any():
             return None
-        size, axes = np.linalg.eigh(self.covariance)
-        root = axes * np.sqrt(np.maximum(size, 0.0))
         scale = np.array([floor.rms for floor in noise.values()])[:, None]
-        moved = np.tensordot(root.T, self._responses(run), 1) / scale
+        moved = np.tensordot(self._root.T, self._responses(run), 1) / scale
         _, s, directions = np.linalg.svd(moved.reshape(len(moved), -1), full_matrices=False)
         kept = s > SMALLEST_CHANGE
         if not kept.any():

@@ -232,7 +232,7 @@ class Search:
         return self.compared(others, found)
 
     def _screen(self, base: Hypothesis, every: Sequence[Candidate], fitted_only: bool = False) -> tuple[Fit, list[Fit]]:
-        shifted = [base.moved(row) for row in np.eye(len(base.shifts))]
+        shifted = base.moved_in_turn()
         columns: list[tuple[int, ...]] = []
         variants = list(shifted)
         for candidate in every:

@@ -75,7 +75,7 @@ def closure(replay: Replay, split: Split, base: Hypothesis, final: Hypothesis) -
     effects = list(final.effects)
     subsets = [c for n in range(len(effects) + 1) for c in itertools.combinations(range(len(effects)), n)]
     variants = [_subset(base, final, [effects[index] for index in subset]) for subset in subsets]
-    shifted = [final.moved(row) for row in np.eye(len(final.shifts))]
+    shifted = final.moved_in_turn()
     evidence = gather(replay, split, variants[0], [*variants, *shifted])
     outside = evidence.held_out
     train = evidence.products[~outside].sum(axis=0)

@@ -4,13 +4,12 @@ Simulated signatures, the first witness, pass through the controller on paper. T
 hold for whatever controller: they tell a cause from what a wrong loop makes of it.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from fdbench.effects import Effect
-from fdbench.gap.evidence import Split
+from fdbench.gap.evidence import Split, distance, silenced, solved
 from fdbench.gap.locate import balances
 from fdbench.gap.replay import Replay
 from fdbench.gap.search import Stage
@@ -31,7 +30,7 @@ def forces_removed(replay: Replay, split: Split, contest: Stage) -> dict[type[Ef
     """
     rivals, on_paper = contest.rivals, (0.0,) * len(contest.base.shifts)
     base, *others = (replace(item, shifts=on_paper) for item in (contest.base, *(own.hypothesis for own in rivals)))
-    shifted = [base.moved(row) for row in np.eye(len(on_paper))]
+    shifted = base.moved_in_turn()
     lanes = [base, *shifted, *others]
     sums = np.zeros((2, len(lanes), len(lanes)))
     for run, out in zip(split.runs, split.held_out, strict=True):
@@ -39,7 +38,8 @@ def forces_removed(replay: Replay, split: Split, contest: Stage) -> dict[type[Ef
         changes = {name: values - values[0] for name, values in simulated.items()}
         for name, measured in run.channels.items():
             changes[name][0] = measured - simulated[name][0]
-        forces = smoothed(balances(run, finite(changes), split.floors, base.nominal.drive), run.period_s)
+        silenced(changes)
+        forces = smoothed(balances(run, changes, split.floors, base.nominal.drive), run.period_s)
         margin = round(MARGIN_S / run.period_s)
         inside = phase_of(run)[1:-2] >= MOVING
         inside[:margin] = inside[len(inside) - margin :] = False
@@ -56,21 +56,15 @@ def _left(sums: FloatArray, columns: list[int], n_priors: int) -> float:
     """Return what the columns, fitted on the first sums, leave of the second."""
     normal, right = sums[0][np.ix_(columns, columns)], sums[0][columns, 0]
     normal[range(n_priors), range(n_priors)] += 1.0
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
-    fitted = np.linalg.solve(normal / np.outer(scale, scale) + 1e-9 * np.eye(len(columns)), right / scale) / scale
-    inner = sums[1][np.ix_(columns, columns)]
-    return float(sums[1][0, 0] - 2.0 * fitted @ sums[1][columns, 0] + fitted @ inner @ fitted)
-
-
-def finite(gaps: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Return gaps and changes of which one that diverges is zero."""
-    good = np.logical_and.reduce([np.isfinite(values).all(axis=1) for values in gaps.values()])
-    return {name: np.where(good[:, None], values, 0.0) for name, values in gaps.items()}
+    return distance(sums[1], columns, solved(normal, right))
 
 
 def smoothed(forces: FloatArray, period_s: float) -> FloatArray:
     """Return forces low-passed without delay by a Gaussian that is down by 3 dB at ``CUTOFF_HZ``."""
     n = forces.shape[-1]
-    frequency = np.fft.rfftfreq(n, period_s)
-    gain = np.exp(-0.5 * np.log(2.0) * (frequency / CUTOFF_HZ) ** 2)
-    return np.asarray(np.fft.irfft(np.fft.rfft(forces) * gain, n))
+    return np.asarray(np.fft.irfft(np.fft.rfft(forces) * low_pass(n, period_s), n))
+
+
+def low_pass(n_samples: int, period_s: float) -> FloatArray:
+    """Return the gains of that filter at the frequencies of a real spectrum, (n_samples / 2 + 1,)."""
+    return np.asarray(np.exp(-0.5 * np.log(2.0) * (np.fft.rfftfreq(n_samples, period_s) / CUTOFF_HZ) ** 2))

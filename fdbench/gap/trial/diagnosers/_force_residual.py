@@ -12,9 +12,9 @@ from fdbench.effects import Effect, Port
 from fdbench.gap.candidates import Candidate
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.runs import Run
+from fdbench.gap.witness import low_pass
 from fdbench.record import FloatArray
 
-CUTOFF_HZ = 60.0
 STRIDE = 5  # samples between two of the regression
 SEEN = (Port.MOTOR_FORCE, Port.TABLE_FORCE, Port.TABLE_INERTIA, Port.COMMAND)
 
@@ -63,7 +63,7 @@ class Motion:
 
 
 def smooth(values: FloatArray, period_s: float) -> FloatArray:
-    """Return values low-passed without delay, -3 dB at ``CUTOFF_HZ``; the ends are mirrored.
+    """Return values low-passed without delay, -3 dB at ``fdbench.gap.witness.CUTOFF_HZ``; the ends are mirrored.
 
     >>> bool(np.abs(smooth(np.linspace(0.0, 1.0, 1000), 1e-3) - np.linspace(0.0, 1.0, 1000)).max() < 1e-12)
     True
@@ -74,8 +74,7 @@ def smooth(values: FloatArray, period_s: float) -> FloatArray:
         (2.0 * values[0] - values[width:0:-1], values, 2.0 * values[-1] - values[-2 : -width - 2 : -1])
     )
     line = np.linspace(padded[0], padded[-1], len(padded))
-    frequency = np.fft.rfftfreq(len(padded), period_s)
-    gain = np.exp(-0.5 * np.log(2.0) * (frequency / CUTOFF_HZ) ** 2)
+    gain = low_pass(len(padded), period_s)
     return np.asarray((np.fft.irfft(np.fft.rfft(padded - line) * gain, len(padded)) + line)[width : width + n])
 
 
