@@ -1,7 +1,8 @@
 """Does the proposed experiment find the cause more often than another one?
 
-Axes of the package's simulator have one effect of the library each, clutter that is small in every motion that may be
-tried, and values that paper has slightly wrong.
+Axes of the package's simulator have one effect of the library each, which shows in some motion of a trial as in tier A
+but perhaps not at constant speeds, clutter that is small in every motion that may be tried, and values that paper has
+slightly wrong.
 First only constant speeds are recorded. Where the verdict is ambiguous, one motion of each kind of the menu is recorded
 beside them, and the one that was proposed if it is another; each pair of motions is diagnosed. "Random" is the mean of
 the kinds: what drawing one of them gives. The best fixed kind is the one that turns out best on the same cases.
@@ -33,28 +34,29 @@ from fdbench.gap.trial.bench_library import LibraryAxis, LibraryBench
 from fdbench.record import FloatArray, Record
 from fdbench.specification import read
 
-VISIBLE = 0.25  # mean square of the effect at constant speeds in units of the noise, at least
-AMBIGUOUS = 0.9  # probability of the first effect below which a verdict is ambiguous
+AMBIGUOUS = 0.9  # probability of the surest claim, "no gap" among them, below which a verdict is ambiguous
 REPEATS = 2
 BAR, FEWEST = 0.10, 20  # of top-1 above random, and ambiguous cases below which it is not judged
 RESAMPLES = 10_000
 FIRST, PROPOSED, RANDOM = "no second experiment", "proposed", "random"
+NO_GAP = "no gap"
 Verdict = dict[str, float]
 
 
 class Machine:
-    """One axis with one effect, which its constant speeds show."""
+    """One axis with one effect, which some motion of a trial shows."""
 
     def __init__(self, seed: int, number: int) -> None:
         self.seed = (seed, number)
         rng = np.random.default_rng(self.seed)
         self.nominal = read(Nominal, tiers.model_tables(rng), "axis.toml")
-        self.speeds = protocol.full_protocol(rng).records["speeds"]
+        motions = protocol.full_protocol(rng).records
+        self.speeds = motions["speeds"]
         errors = {name: size * float(np.clip(rng.standard_normal(), -2.0, 2.0)) for name, size in ERRORS.items()}
         bench = LibraryBench(self.nominal, errors, protocol.PERIOD_S)
         sides = ("table_position_m", "motor_position_m")
         self.sides = sides if self.nominal.drive.controller.uses_table else sides[::-1]
-        yardstick = Yardstick(bench, [self.speeds], self.sides, rng)
+        yardstick = Yardstick(bench, list(motions.values()), self.sides, rng)
         # What is small at constant speeds may be large in another motion, and would be a second effect there.
         limits = Limits.of(self.nominal.drive, self.speeds[:, 0])
         others = [item.reference for item in one_of_each_kind(menu(limits, protocol.PERIOD_S))]
@@ -67,10 +69,10 @@ class Machine:
         for _ in range(tiers.MOST_DRAWS):
             name = str(rng.choice(names))
             axis = bench.axis({name: bench.draw(name, rng)})
-            visible = yardstick.mean_square(axis, beside_paper=True) >= VISIBLE
+            visible = yardstick.mean_square(axis, beside_paper=True) >= tiers.SMALLEST_SIGNATURE
             if visible and (yardstick.unrest(axis, rng) <= tiers.MOST_UNREST).all():
                 return name, axis
-        raise FdbenchError(f"{tiers.MOST_DRAWS} draws gave no effect that shows at constant speeds.")
+        raise FdbenchError(f"{tiers.MOST_DRAWS} draws gave no effect that shows in the motions of a trial.")
 
     def records(self, name: str, reference: FloatArray, place: int) -> list[Record]:
         """Record a motion; ``place`` sets its noise."""
@@ -82,8 +84,8 @@ class Machine:
 
 
 def chances(found: Diagnosis) -> Verdict:
-    """Return the probability of each effect in a verdict."""
-    result: Verdict = {}
+    """Return the probability of each effect in a verdict, and of no gap."""
+    result: Verdict = {NO_GAP: float(found.answer["no_gap_probability"])}
     for cause in (*found.answer.get("suspects", ()), *found.answer["causes"]):
         for name, chance in {**cause.get("alternatives", {}), cause["effect"]: cause["probability"]}.items():
             result[name] = max(result.get(name, 0.0), float(chance))
@@ -103,7 +105,7 @@ def case(seed: int, number: int) -> dict[str, Any]:
     found = diagnose(machine.nominal, records)
     first = chances(found)
     row: dict[str, Any] = {"seed": seed, "case": number, "planted": machine.planted, FIRST: first}
-    if not 0.0 < max(first.values(), default=0.0) < AMBIGUOUS:
+    if max(first.values()) >= AMBIGUOUS:
         return row
     every = menu_of(found.split, found.final.nominal)
     choice = proposed(found)
@@ -126,7 +128,14 @@ def case(seed: int, number: int) -> dict[str, Any]:
 
 
 def top_1(verdict: Verdict, planted: str) -> float:
-    return float(verdict != {} and max(verdict, key=verdict.__getitem__) == planted)
+    """Return 1 if no other effect is as probable as the planted one, as on the board of the trials."""
+    rest = max((p for name, p in verdict.items() if name not in (planted, NO_GAP)), default=0.0)
+    return float(of_truth(verdict, planted) > rest)
+
+
+def surest(verdict: Verdict, planted: str) -> float:
+    """Return 1 if the planted effect is more probable than any other, and than no gap."""
+    return top_1(verdict, planted) * float(of_truth(verdict, planted) > verdict[NO_GAP])
 
 
 def of_truth(verdict: Verdict, planted: str) -> float:
@@ -148,7 +157,12 @@ def table(rows: Sequence[dict[str, Any]]) -> None:
         low, high = np.percentile(values[draws].mean(axis=1), [2.5, 97.5])
         return f"{values.mean():6.3f} [{low:6.3f}, {high:6.3f}]"
 
-    for title, score in (("top-1", top_1), ("mean probability of the truth", of_truth)):
+    scores = {
+        "top-1 of the effects": top_1,
+        "surest claim, no gap among them": surest,
+        "mean probability of the truth": of_truth,
+    }
+    for title, score in scores.items():
         arms = {FIRST: np.array([score(row[FIRST], row["planted"]) for row in open_])}
         arms[PROPOSED] = np.array([score(row[PROPOSED], row["planted"]) for row in open_])
         kinds = {

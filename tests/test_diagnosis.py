@@ -78,6 +78,16 @@ def test_nothing_is_named_where_nothing_is_hidden(seed: int) -> None:
     assert not [cause for cause in answer["causes"] if cause["probability"] > 0.5]
 
 
+def test_a_cause_that_the_library_lacks_is_not_given_the_name_of_a_small_part() -> None:
+    nominal, fitted, judged = case((), seed=4)
+    drive = nominal.drive
+    other = 1.0 - drive.controller.velocity_feedforward
+    on_paper = dataclasses.replace(drive, controller=dataclasses.replace(drive.controller, velocity_feedforward=other))
+    answer = diagnose(dataclasses.replace(nominal, plant=on_paper), fitted, judged).answer
+    assert answer["unknown_probability"] > 0.9
+    assert not [cause for cause in answer["causes"] if cause["probability"] > 0.5]
+
+
 def test_a_log_of_the_scale_and_the_force_alone_is_diagnosed() -> None:
     nominal, fitted, judged = case((effects.get("cogging").typical(),), seed=5)
     drive = nominal.drive

@@ -3,7 +3,7 @@
 The motion is simulated with each candidate as the truth, and the others are fitted again to the old records and the
 new one together; the misfits that this leaves are read as those of the records are. Candidates are the rivals of the
 verdict and, with the probability that it leaves, every other effect of the library, as large as the records may have
-hidden.
+hidden. Probabilities before and after are read in the same way, as the verdict would read them.
 """
 
 import itertools
@@ -20,7 +20,7 @@ from fdbench.gap.replay import Replay
 from fdbench.gap.runs import Run
 from fdbench.gap.search import EFFECTIVE_SAMPLES, NOISE_ALONE, Rival, Stage
 from fdbench.gap.trajectory import Trajectory
-from fdbench.gap.verdict import alike, divided
+from fdbench.gap.verdict import NAMED, alike, divided
 from fdbench.record import FloatArray
 
 MOST_RIVALS = 6
@@ -35,24 +35,25 @@ FOLLOWED = 0.1  # share of the stroke by which the simulated axis may miss the c
 
 def serious(stage: Stage) -> Stage:
     """Return a stage with its most probable rivals alone."""
-    every = sorted(zip(stage.probabilities(), stage.rivals, strict=True), key=lambda item: -item[0])
-    return replace(stage, rivals=tuple(rival for p, rival in every[:MOST_RIVALS] if p >= SMALLEST_PROBABILITY))
-
-
-def chances(stage: Stage) -> FloatArray:
-    """Return the probability of each rival and, last, of none."""
-    found = stage.probabilities()
-    return np.array([*found, max(1.0 - sum(found), 0.0)])
+    belief = told(stage)
+    every = sorted(stage.rivals, key=lambda rival: -belief.get(rival.kind.name, 0.0))[:MOST_RIVALS]
+    likely = (rival for rival in every if belief.get(rival.kind.name, 0.0) >= SMALLEST_PROBABILITY)
+    return replace(stage, rivals=tuple(likely))
 
 
 def told(stage: Stage) -> dict[str, float]:
     """Return the probabilities that the verdict gives to rivals and to none; what lacks to 1 is what it doubts."""
-    *own, none = chances(stage).tolist()
-    if none >= max(own, default=0.0):
-        return {**{rival.kind.name: p for rival, p in zip(stage.rivals, own, strict=True)}, NOTHING: none}
-    kind = stage.rivals[int(np.argmax(own))].kind
-    same = alike(stage, kind)
-    found = divided(stage, kind, same, confidence.heads().effect.probability(confidence.of_effect(stage, kind, same)))
+    own = stage.probabilities()
+    none = max(1.0 - sum(own), 0.0)
+    best = int(np.argmax(own))
+    kind, heads = stage.rivals[best].kind, confidence.heads()
+    if own[best] > none:
+        same = alike(stage, kind)
+        chance = heads.effect.probability(confidence.of_effect(stage, kind, same))
+    else:
+        same = []
+        chance = min(heads.suspect.probability(confidence.of_effect(stage, kind)), NAMED)
+    found = divided(stage, kind, same, chance)
     return {**found, NOTHING: min(none, 1.0 - sum(found.values()))}
 
 
@@ -83,19 +84,22 @@ class Forecast:
     names : list of str
         Candidates: the rivals of a stage, other effects under one name and, last, none of them.
     now : (n_candidates,) array
-        Probabilities before the motion.
+        How probable it is that each is the truth.
+    before : (n_candidates,) array
+        What the verdict gives to each without the motion.
     after : (n_candidates, n_candidates) array
-        Probabilities after it, of each column if the row's candidate is the truth.
+        What it gives to each column with the motion, if the row's candidate is the truth.
     """
 
     trajectory: Trajectory
     names: list[str]
     now: FloatArray
+    before: FloatArray
     after: FloatArray
 
     def gain(self) -> float:
         """Return by how much the expected probability of the truth rises."""
-        return float(self.now @ np.diag(self.after) - self.now @ self.now)
+        return float(self.now @ (np.diag(self.after) - self.before))
 
     def utility(self) -> float:
         """Return the gain less the price of the machine's time."""
@@ -103,8 +107,10 @@ class Forecast:
 
     def log_odds(self, a: int, b: int) -> float:
         """Return by which the true one of two candidates is expected to gain on the other, in nats."""
-        now, after = np.log(np.maximum(self.now, CERTAIN)), np.log(np.maximum(self.after, CERTAIN))
-        gains = [after[true, true] - after[true, other] - now[true] + now[other] for true, other in ((a, b), (b, a))]
+        before, after = (np.log(np.maximum(p, CERTAIN)) for p in (self.before, self.after))
+        gains = [
+            after[true, true] - after[true, other] - before[true] + before[other] for true, other in ((a, b), (b, a))
+        ]
         return float(np.average(gains, weights=np.maximum(self.now[[a, b]], CERTAIN)))
 
     def answer(self) -> dict[str, Any]:
@@ -113,7 +119,7 @@ class Forecast:
         for a, b in itertools.combinations(range(len(self.names)), 2):
             if self.names[a] != self.names[b]:
                 pairs.setdefault((self.names[a], self.names[b]), []).append((a, b))
-        mistaken = self.now[:, None] * (self.now - self.after)
+        mistaken = self.now[:, None] * (self.before - self.after)
         mistaken += mistaken.T
         first = max(pairs, key=lambda pair: sum(mistaken[own] for own in pairs[pair]))
         chance = {name: self.now[[other == name for other in self.names]].sum() for name in self.names}
@@ -128,7 +134,10 @@ class Forecast:
                 for pair, gain in odds.items()
                 if gain >= SPLIT_LOG_ODDS or pair == first
             ],
-            "expected_probability": {"now": float(self.now @ self.now), "after": float(self.now @ np.diag(self.after))},
+            "expected_probability": {
+                "now": float(self.now @ self.before),
+                "after": float(self.now @ np.diag(self.after)),
+            },
             "expected_gain_per_s": self.gain() / self.trajectory.duration_s,
             **self.trajectory.sizes(),
         }
@@ -161,11 +170,13 @@ class Forecaster:
         inside = ~evidence.held_out
         self.known = evidence.products[inside].sum(axis=0)
         self.count = float(evidence.counts[inside].sum())
-        self.alone = self._distances(self.known)
+        self.changes = evidence.sizes(split)[self._columns]
+        self.alone, now = self._fits(self.known)
         # What would have shown at its typical size is smaller, if it is there.
-        shown = [self._distances(self._as_gap(self.known, column))[-1] for column in self._columns[len(known.rivals) :]]
+        shown = [self._fits(self._as_gap(self.known, column))[0][-1] for column in self._columns[len(known.rivals) :]]
         largest = np.sqrt((NOISE_ALONE - 1.0) * self.count / np.maximum(shown, 1e-12))
         self.sizes = np.concatenate((np.ones(len(known.rivals)), np.minimum(largest, 1.0)))
+        self.before = self._read(self._judged(np.zeros(len(self.names)), self.changes * now**2, 0.0))
         self.most_missed_m = FOLLOWED * float(np.ptp(np.concatenate([run.reference[:, 0] for run in split.runs])))
 
     @property
@@ -181,14 +192,16 @@ class Forecaster:
         # What changes from run to run is not known of another motion, and counts as noise.
         alike = Split(runs=[run], held_out=[np.zeros(run.n_samples, dtype=np.bool_)], floors=self.split.plain.floors)
         evidence = gather(self.replay, alike, self.stage.base, self.variants)
-        count = float(evidence.counts.sum())
+        count, changes = float(evidence.counts.sum()), np.maximum(self.changes, evidence.sizes(alike)[self._columns])
         after = []
         for truth, size in zip((*self._columns, 0), (*self.sizes, 0.0), strict=True):
             excess = np.maximum(size**2 * evidence.products[:, truth, truth] / evidence.counts - 1.0, 0.0)
             sums = np.einsum("s,sij->ij", 1.0 / (1.0 + MODEL_ERROR * excess), evidence.products)
-            added = self._distances(self.known + self._as_gap(sums, truth, size)) - self.alone
-            after.append(chances(self._judged(added, count)))
-        return Forecast(trajectory=trajectory, names=self.names, now=self.now, after=np.array(after))
+            left, fitted = self._fits(self.known + self._as_gap(sums, truth, size))
+            after.append(self._read(self._judged(left - self.alone, changes * fitted**2, count)))
+        return Forecast(
+            trajectory=trajectory, names=self.names, now=self.now, before=self.before, after=np.array(after)
+        )
 
     def _recorded(self, trajectory: Trajectory) -> Run | None:
         """Return what the base of the stage would do."""
@@ -214,15 +227,15 @@ class Forecaster:
         scale = np.array([size, *np.ones(len(sums) - 1)])
         return np.asarray(sums[np.ix_(columns, columns)] * np.outer(scale, scale))
 
-    def _distances(self, sums: FloatArray) -> FloatArray:
-        """Return what each rival, and last the base, leaves of the gap at its best size and re-calibration."""
+    def _fits(self, sums: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what each rival, and last the base, leaves of the gap re-calibrated, and each rival's best size."""
         shifts = np.arange(1, 1 + self.n_shifts)
         rivals = np.array([[*shifts, column] for column in self._columns], dtype=np.intp)
-        parts = [self._distance(sums, columns) for columns in (rivals, shifts[None]) if len(columns)]
-        return np.concatenate(parts)
+        (left, fitted), (alone, _) = self._fit(sums, rivals), self._fit(sums, shifts[None])
+        return np.concatenate((left, alone)), fitted[:, -1]
 
-    def _distance(self, sums: FloatArray, columns: NDArray[np.intp]) -> FloatArray:
-        """Return what each row of columns leaves of the gap."""
+    def _fit(self, sums: FloatArray, columns: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """Return what each row of columns leaves of the gap, and its coefficients."""
         normal, right = sums[columns[:, :, None], columns[:, None, :]], sums[columns, 0]
         priors = np.arange(self.n_shifts)
         normal[:, priors, priors] += 1.0
@@ -231,18 +244,23 @@ class Forecaster:
         right /= scale
         normal = normal / (scale[:, :, None] * scale[:, None, :]) + 1e-9 * np.eye(columns.shape[1])
         fitted = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
-        return np.asarray(sums[0, 0] - np.sum(right * fitted, axis=1))
+        return np.asarray(sums[0, 0] - np.sum(right * fitted, axis=1)), np.asarray(fitted / scale)
 
-    def _judged(self, added: FloatArray, count: float) -> Stage:
-        """Return the stage with the misfits that old records and new one have together."""
+    def _read(self, stage: Stage) -> FloatArray:
+        """Return the probability of each rival and, last, of none, as the verdict gives them."""
+        found = told(stage)
+        return np.array([*(found.get(rival.kind.name, 0.0) for rival in stage.rivals), found[NOTHING]])
+
+    def _judged(self, added: FloatArray, sizes: FloatArray, count: float) -> Stage:
+        """Return the stage with the misfits that old records and new one have together, and the sizes of its rivals."""
         whole = self.count + count
 
         def together(misfit: float, more: float) -> float:
             return (self.count * misfit + count + max(more, 0.0)) / whole
 
         rivals = [
-            replace(rival, misfit=together(rival.misfit, more))
-            for rival, more in zip(self.stage.rivals, added[:-1].tolist(), strict=True)
+            replace(rival, misfit=together(rival.misfit, more), size=size)
+            for rival, more, size in zip(self.stage.rivals, added[:-1].tolist(), sizes.tolist(), strict=True)
         ]
         return replace(
             self.stage,

@@ -28,6 +28,8 @@ FEWEST = 0.01  # probability of a rival that is worth mentioning
 HIDDEN = 0.05  # of its typical size: standard deviation of an effect that is not named
 OR = " or "  # between the names of one claim
 LEVEL = 0.9  # probability with which the cause is one of a set
+ENOUGH = 0.5  # share of the gap that everything named must explain to be believed
+UNREPEATED = 10.0  # floors that the mean square of one run may come to by chance, where three repeats gave the floor
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,6 +112,8 @@ def verdict(found: Findings, heads: Heads) -> Verdict:
     bridged = sum((energies(mark, floors) for mark in found.marks if mark.bridged), np.zeros(len(floors)))
     recalibrated = np.array([shut.of_channel(place)[0] for place in range(len(floors))])
     shares = Shares(recalibrated, bridged)
+    repaired = np.array([shut.of_channel(place)[-1] for place in range(len(floors))])
+    belief = credit(Shares(on_paper, bridged).of(np.maximum(repaired - UNREPEATED, 0.0)))
     beside_twins = found.final.nominal.beside_twins
     closed = [shut.of_channel(place)[0] - shut.of_channel(place) for place in range(len(floors))]
     by_subset = {subset: np.array([gains[index] for gains in closed]) for index, subset in enumerate(shut.subsets)}
@@ -126,7 +130,8 @@ def verdict(found: Findings, heads: Heads) -> Verdict:
         signs = confidence.of_effect(contest, type(effect), same)
         told = forces_removed(search.replay, search.split, contest)
         effect_signs[OR.join((effect.name, *same))] = signs
-        chances = divided(contest, type(effect), same, heads.effect.probability(signs))
+        odds = divided(contest, type(effect), same, heads.effect.probability(signs))
+        chances = {name: belief * p for name, p in odds.items()}
         own = np.maximum([part[index] for part in parts], 0.0)
         causes.append(
             {
@@ -145,10 +150,10 @@ def verdict(found: Findings, heads: Heads) -> Verdict:
         )
     corrected = Shares(on_paper, bridged).of(np.maximum(on_paper - recalibrated, 0.0))
     values, value_signs, moved = off_paper(search, found.final, corrected, heads)
-    causes += values
+    causes += [{**value, "probability": belief * value["probability"]} for value in values]
     causes += [marked(mark, shares.of(energies(mark, floors))) for mark in found.marks]
     causes.sort(key=lambda cause: (cause["probability"] <= NAMED, -float(cause["share"])))
-    suspect, suspect_signs = suspected(found, heads)
+    suspect, suspect_signs = suspected(found, heads, belief)
     before = search.compared(found.base, [(Effect, found.final, True)])
     left = gather(search.replay, search.split, found.final, ())
     unknown = confidence.of_unknown(before.rivals[0].misfit, left.worst())
@@ -158,12 +163,24 @@ def verdict(found: Findings, heads: Heads) -> Verdict:
     answer = {
         "causes": causes,
         "suspects": suspect,
-        "unknown_probability": heads.unknown.probability(unknown),
+        "unknown_probability": max(heads.unknown.probability(unknown), 1.0 - belief),
         "no_gap_probability": min(heads.none.probability(none), 1.0 - surest),
         "probabilities_from": heads.source,
     }
     claims = {"effect": effect_signs, "suspect": suspect_signs, "value": value_signs}
     return Verdict(answer=answer, signs={**claims, "unknown": {"unknown": unknown}, "none": {"none": none}})
+
+
+def credit(left: float) -> float:
+    """Return by how much to believe what is named, from the share of the gap on paper that it surely leaves.
+
+    It is believed in full from where it explains half of the gap: little of a large gap may be a value or an effect
+    that stands in for a cause that the library lacks.
+
+    >>> credit(0.3), credit(0.75)
+    (1.0, 0.5)
+    """
+    return min(1.0, (1.0 - left) / ENOUGH)
 
 
 def energies(mark: Mark, floors: Mapping[str, Floor]) -> FloatArray:
@@ -185,7 +202,7 @@ def marked(mark: Mark, share: float) -> dict[str, Any]:
     }
 
 
-def suspected(found: Findings, heads: Heads) -> tuple[list[dict[str, Any]], dict[str, Signs]]:
+def suspected(found: Findings, heads: Heads, belief: float) -> tuple[list[dict[str, Any]], dict[str, Signs]]:
     """Return the effect that the search came closest to adding when it ended, if any, and its signs."""
     last = found.stages[-1] if found.stages else None
     named = {type(effect) for effect in found.final.effects}
@@ -193,7 +210,7 @@ def suspected(found: Findings, heads: Heads) -> tuple[list[dict[str, Any]], dict
         return [], {}
     best = last.rivals[0]
     signs = confidence.of_effect(last, best.kind)
-    chance = min(heads.suspect.probability(signs), NAMED)
+    chance = belief * min(heads.suspect.probability(signs), NAMED)
     return [{"effect": best.kind.name, "probability": chance}], {best.kind.name: signs}
 
 
