@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from fdbench.cli import app
 from fdbench.effects import Effect, effects
+from fdbench.gap.confidence import Head, heads
 from fdbench.gap.evidence import Split
 from fdbench.gap.floor import white
 from fdbench.gap.forecast import NOTHING, OTHER, OVERLOOKED, Forecast, Forecaster, serious, told
@@ -229,6 +230,13 @@ def test_nothing_is_proposed_where_nothing_competes(lab: Lab) -> None:
     assert propose(*lab, [decided], nominal()) is None
     assert propose(*lab, [stage()], nominal()) is None
     assert propose(*lab, [], nominal()) is None
+
+
+def test_what_is_in_doubt_depends_on_the_heads_that_are_given() -> None:
+    sure = Head(bias=5.0, signs={}, claims=98, right=98)
+    poor = stage((GAP, 1.25), alone=1.6, size=0.1)
+    assert most_open([poor]) is poor
+    assert most_open([poor], dataclasses.replace(heads(), effect=sure)) is None
 
 
 def test_no_motion_tells_twins_apart(lab: Lab) -> None:

@@ -220,7 +220,7 @@ def diagnose(
         **judged.answer,
         "rest_depends_on": types(split.plain, repaired, drive),
         "shrinkage": shrinkage(shut, final, seen, split.plain, ready.judged_on, raw),
-        "next_experiment": propose(replay, split, [*contests, *stages[-1:]], nominal),
+        "next_experiment": propose(replay, split, [*contests, *stages[-1:]], nominal, heads),
         "warnings": ready.warnings,
         "parametric": parametric(raw, shut, calibrated),
         "noise_floor": {

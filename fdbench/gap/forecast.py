@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fdbench.gap import confidence
 from fdbench.gap.candidates import candidates, middle_of_each
+from fdbench.gap.confidence import Heads
 from fdbench.gap.evidence import MODEL_ERROR, Split, gather
 from fdbench.gap.replay import Replay
 from fdbench.gap.runs import Run
@@ -33,20 +34,24 @@ NOTHING, OTHER = "no further effect", "any other effect"
 FOLLOWED = 0.1  # share of the stroke by which the simulated axis may miss the command
 
 
-def serious(stage: Stage) -> Stage:
+def serious(stage: Stage, heads: Heads | None = None) -> Stage:
     """Return a stage with its most probable rivals alone."""
-    belief = told(stage)
+    belief = told(stage, heads)
     every = sorted(stage.rivals, key=lambda rival: -belief.get(rival.kind.name, 0.0))[:MOST_RIVALS]
     likely = (rival for rival in every if belief.get(rival.kind.name, 0.0) >= SMALLEST_PROBABILITY)
     return replace(stage, rivals=tuple(likely))
 
 
-def told(stage: Stage) -> dict[str, float]:
-    """Return the probabilities that the verdict gives to rivals and to none; what lacks to 1 is what it doubts."""
+def told(stage: Stage, heads: Heads | None = None) -> dict[str, float]:
+    """Return the probabilities that the verdict gives to rivals and to none; what lacks to 1 is what it doubts.
+
+    Without ``heads`` they are drawn from those that the package was shipped with.
+    """
+    heads = heads or confidence.heads()
     own = stage.probabilities()
     none = max(1.0 - sum(own), 0.0)
     best = int(np.argmax(own))
-    kind, heads = stage.rivals[best].kind, confidence.heads()
+    kind = stage.rivals[best].kind
     if own[best] > none:
         same = alike(stage, kind)
         chance = heads.effect.probability(confidence.of_effect(stage, kind, same))
@@ -57,9 +62,9 @@ def told(stage: Stage) -> dict[str, float]:
     return {**found, NOTHING: min(none, 1.0 - sum(found.values()))}
 
 
-def overlooked(stage: Stage) -> list[Rival]:
+def overlooked(stage: Stage, heads: Heads | None = None) -> list[Rival]:
     """Return the effects of the library beside the serious rivals: of typical size, with nothing explained yet."""
-    known = {rival.kind for rival in serious(stage).rivals}
+    known = {rival.kind for rival in serious(stage, heads).rivals}
     others = middle_of_each(item for item in candidates(stage.base) if item.kind not in known)
     return [
         Rival(
@@ -151,13 +156,15 @@ class Forecaster:
     replay : Replay
     split : Split
     stage : Stage
+    heads : Heads, optional
+        See `told`.
     """
 
-    def __init__(self, replay: Replay, split: Split, stage: Stage) -> None:
-        known, hidden = serious(stage), overlooked(stage)
-        self.replay, self.split = replay, split
+    def __init__(self, replay: Replay, split: Split, stage: Stage, heads: Heads | None = None) -> None:
+        known, hidden = serious(stage, heads), overlooked(stage, heads)
+        self.replay, self.split, self.heads = replay, split, heads
         self.stage = replace(known, rivals=(*known.rivals, *hidden))
-        belief = told(stage)
+        belief = told(stage, heads)
         own, none = [belief.get(rival.kind.name, 0.0) for rival in known.rivals], belief[NOTHING]
         left = max(1.0 - sum(own) - none, OVERLOOKED)
         weights = np.array([*own, *(left / len(hidden) for _ in hidden), none])
@@ -248,7 +255,7 @@ class Forecaster:
 
     def _read(self, stage: Stage) -> FloatArray:
         """Return the probability of each rival and, last, of none, as the verdict gives them."""
-        found = told(stage)
+        found = told(stage, self.heads)
         return np.array([*(found.get(rival.kind.name, 0.0) for rival in stage.rivals), found[NOTHING]])
 
     def _judged(self, added: FloatArray, sizes: FloatArray, count: float) -> Stage:

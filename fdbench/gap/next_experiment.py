@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fdbench.gap.confidence import Heads
 from fdbench.gap.evidence import Split
 from fdbench.gap.forecast import Forecast, Forecaster, told
 from fdbench.gap.menu import menu_of
@@ -20,13 +21,13 @@ SURE = 0.9  # probability from which on a verdict needs no further experiment
 SMALLEST_GAIN = 0.02  # of the probability of the truth, below which nothing is proposed
 
 
-def most_open(stages: Sequence[Stage]) -> Stage | None:
+def most_open(stages: Sequence[Stage], heads: Heads | None = None) -> Stage | None:
     """Return the stage that is furthest from a decision; None where all are decided.
 
     Beside effects that were found, rivals count only if one of them is there more likely than not.
     """
     found = [stage for stage in stages if stage.rivals and (stage.present() >= 0.5 or not stage.base.effects)]
-    surest = [max(told(stage).values()) for stage in found]
+    surest = [max(told(stage, heads).values()) for stage in found]
     open_ = [(p, stage) for p, stage in zip(surest, found, strict=True) if p < SURE]
     return min(open_, key=lambda item: item[0])[1] if open_ else None
 
@@ -37,6 +38,7 @@ def design(
     stages: Sequence[Stage],
     nominal: Nominal,
     trajectories: Sequence[Trajectory] | None = None,
+    heads: Heads | None = None,
 ) -> Forecast | None:
     """Return the motion after which the truth is expected to be most probable, its time paid for, or None.
 
@@ -50,22 +52,26 @@ def design(
     nominal : Nominal
     trajectories : sequence of Trajectory, optional
         In place of the menu for the drive's limits.
+    heads : Heads, optional
+        What probabilities are drawn from; without, those that the package was shipped with.
 
     Returns
     -------
     Forecast or None
         None where no two candidates compete, or no motion would tell them apart.
     """
-    stage = most_open(stages)
+    stage = most_open(stages, heads)
     if stage is None:
         return None
-    forecaster = Forecaster(replay, split, stage)
+    forecaster = Forecaster(replay, split, stage, heads)
     every = menu_of(split, nominal) if trajectories is None else trajectories
     found = [item for item in map(forecaster.forecast, every) if item is not None and item.gain() >= SMALLEST_GAIN]
     return max(found, key=Forecast.utility, default=None)
 
 
-def propose(replay: Replay, split: Split, stages: Sequence[Stage], nominal: Nominal) -> dict[str, Any] | None:
+def propose(
+    replay: Replay, split: Split, stages: Sequence[Stage], nominal: Nominal, heads: Heads | None = None
+) -> dict[str, Any] | None:
     """Return the ``next_experiment`` of a diagnosis as JSON, or None; see `design`.
 
     Returns
@@ -74,7 +80,7 @@ def propose(replay: Replay, split: Split, stages: Sequence[Stage], nominal: Nomi
         ``to_separate``, ``trajectory`` and ``expected_log_odds`` of the contract; what else it separates; the expected
         probability of the truth now and after; its gain for each second; kind and sizes of the motion.
     """
-    found = design(replay, split, stages, nominal)
+    found = design(replay, split, stages, nominal, heads=heads)
     return None if found is None else found.answer()
 
 

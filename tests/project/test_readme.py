@@ -91,8 +91,7 @@ def test_slow_blocks_are_targets_of_make() -> None:
 
 def test_fragments_are_right(tmp_path: Path) -> None:
     effect, estimate = (block.text for block in blocks(README) if block.language == "py")
-    imports = "from dataclasses import dataclass\nfrom typing import final\nfrom fdbench.effects import *\n"
-    (tmp_path / "end_stop_spring.py").write_text(imports + effect, "utf-8")
+    (tmp_path / "end_stop_spring.py").write_text(effect, "utf-8")
     cls = effects.get(effects.add_file(tmp_path / "end_stop_spring.py"))
     cls.check_signature()
     assert cls.kernel(0.0, 1e-4, 0.75, 0.0, 0.0, *cls.typical(contact_position_m=0.25).values()) == (1000.0, 0.2)

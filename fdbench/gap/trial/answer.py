@@ -1,5 +1,6 @@
 """Answer a trial: run a diagnoser on records and model of each case, and hand in its answers with their digest."""
 
+import inspect
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -42,6 +43,7 @@ def answer(folder: Path, diagnoser: str, output: Path, progress: Callable[[str],
     kept = output.with_name(f"{output.name}.partial")
     content: dict[str, Any] = {
         "diagnoser": diagnoser,
+        "diagnoser_sha256": seal.file_digest(Path(inspect.getfile(kind))),
         "constant": kind.constant,
         "commit": seal.code_commit(),
         "code_sha256": seal.code_digest(),
