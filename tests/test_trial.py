@@ -368,6 +368,22 @@ def handed_in(trial: Path, tmp_path: Path) -> Path:
     return output
 
 
+@pytest.mark.parametrize("changed", [None, "code_sha256", "diagnoser_sha256", "manifest_sha256"])
+def test_interrupted_answers_go_on_where_nothing_changed(trial: Path, handed_in: Path, changed: str | None) -> None:
+    content = json.loads(handed_in.read_text("utf-8"))
+    first = next(iter(content["cases"]))
+    content["cases"] = {first: {**content["cases"][first], "none": 0.125}}
+    if changed is not None:
+        content[changed] = "0" * 64
+    output = handed_in.with_name("again.json")
+    kept = output.with_name("again.json.partial")
+    kept.write_text(json.dumps(content), "utf-8")
+    found = answer(trial / "trial", "random", output)["cases"]
+    assert (found[first]["none"] == 0.125) == (changed is None)
+    assert len(found) == 3
+    assert not kept.exists()
+
+
 def test_changed_answers_are_refused(trial: Path, handed_in: Path) -> None:
     text = handed_in.read_text("utf-8")
     handed_in.write_text(text.replace('"none": ', '"none":  ', 1), "utf-8")
