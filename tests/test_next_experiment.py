@@ -15,7 +15,7 @@ from fdbench.effects import Effect, effects
 from fdbench.gap.confidence import Head, heads
 from fdbench.gap.evidence import Split
 from fdbench.gap.floor import white
-from fdbench.gap.forecast import NOTHING, OTHER, OVERLOOKED, Forecast, Forecaster, serious, told
+from fdbench.gap.forecast import NOTHING, OTHER, OVERLOOKED, Forecast, Forecaster, Reader
 from fdbench.gap.hypothesis import start
 from fdbench.gap.menu import Limits, menu, menu_of
 from fdbench.gap.next_experiment import SURE, design, most_open, propose, write_proposed
@@ -72,13 +72,14 @@ def stage(*rivals: tuple[Effect, float], alone: float = 2.0, size: float = 100.0
     )
 
 
+READER = Reader()
 OPEN = stage((GAP, 1.20), (SOFT, 1.22), (effects.get("cogging").typical(), 3.0))
 
 
 @pytest.fixture(scope="module")
 def chosen(lab: Lab) -> Forecast:
     """Return what is proposed where a gap and a soft screw compete."""
-    found = design(*lab, [OPEN], nominal())
+    found = design(*lab, [OPEN], nominal(), READER)
     assert found is not None
     return found
 
@@ -114,30 +115,30 @@ def test_no_menu_without_room() -> None:
 
 
 def test_unlikely_rivals_are_left_out() -> None:
-    assert [rival.kind.name for rival in serious(OPEN).rivals] == ["backlash", "axial_compliance"]
-    assert 0.9 < sum(told(OPEN).values()) <= 1.0
+    assert [rival.kind.name for rival in READER.serious(OPEN).rivals] == ["backlash", "axial_compliance"]
+    assert 0.9 < sum(READER.told(OPEN).values()) <= 1.0
 
 
 def test_the_stage_in_doubt_is_taken() -> None:
     decided = stage((GAP, 1.0), (SOFT, 3.0), alone=9.0)
-    assert most_open([decided]) is None
-    found = most_open([decided, OPEN])
+    assert most_open([decided], READER) is None
+    found = most_open([decided, OPEN], READER)
     assert found is OPEN
 
 
 def test_effects_that_hardly_compete_beside_a_found_one_are_no_doubt() -> None:
     later = stage((SOFT, 1.18), (effects.get("cogging").typical(), 1.19), alone=1.22)
     assert later.present() < 0.5
-    assert most_open([later]) is not None
+    assert most_open([later], READER) is not None
     beside = dataclasses.replace(later, base=later.base.with_effect(GAP))
-    assert most_open([beside]) is None
+    assert most_open([beside], READER) is None
 
 
 def test_a_stage_that_decides_more_surely_than_such_claims_have_earned_is_open() -> None:
     poor = stage((GAP, 1.25), alone=1.6, size=0.1)
-    assert max(poor.probabilities()) > SURE > told(poor)["backlash"]
-    assert sum(told(poor).values()) < 1.0
-    assert most_open([poor]) is poor
+    assert max(poor.probabilities()) > SURE > READER.told(poor)["backlash"]
+    assert sum(READER.told(poor).values()) < 1.0
+    assert most_open([poor], READER) is poor
 
 
 # ---- the forecast ----
@@ -201,13 +202,13 @@ def test_a_motion_that_the_axis_does_not_follow_has_no_forecast(lab: Lab) -> Non
     jump = np.zeros((400, 3))
     jump[100:, 0] = 0.04
     there = Trajectory(kind="jump", words="jump", period_s=PERIOD_S, reference=jump)
-    assert Forecaster(replay, split, serious(OPEN)).forecast(there) is None
+    assert Forecaster(replay, split, READER.serious(OPEN), READER).forecast(there) is None
 
 
 def test_old_records_again_hardly_help(lab: Lab, chosen: Forecast) -> None:
     replay, split = lab
     again = Trajectory(kind="again", words="again", period_s=PERIOD_S, reference=split.runs[0].reference)
-    repeated = Forecaster(replay, split, serious(OPEN)).forecast(again)
+    repeated = Forecaster(replay, split, READER.serious(OPEN), READER).forecast(again)
     assert repeated is not None
     assert repeated.gain() < 0.5 * chosen.gain()
 
@@ -216,7 +217,7 @@ def test_old_records_again_hardly_help(lab: Lab, chosen: Forecast) -> None:
 
 
 def test_proposal_separates_what_competes(lab: Lab, chosen: Forecast) -> None:
-    found = propose(*lab, [OPEN], nominal())
+    found = propose(*lab, [OPEN], nominal(), READER)
     assert found == chosen.answer()
     json.dumps(found, allow_nan=False)
     odds = {tuple(item["effects"]): item["expected_log_odds"] for item in found["separates"]}
@@ -227,20 +228,29 @@ def test_proposal_separates_what_competes(lab: Lab, chosen: Forecast) -> None:
 
 def test_nothing_is_proposed_where_nothing_competes(lab: Lab) -> None:
     decided = stage((GAP, 1.0), (SOFT, 3.0), alone=9.0)
-    assert propose(*lab, [decided], nominal()) is None
-    assert propose(*lab, [stage()], nominal()) is None
-    assert propose(*lab, [], nominal()) is None
+    assert propose(*lab, [decided], nominal(), READER) is None
+    assert propose(*lab, [stage()], nominal(), READER) is None
+    assert propose(*lab, [], nominal(), READER) is None
 
 
 def test_what_is_in_doubt_depends_on_the_heads_that_are_given() -> None:
     sure = Head(bias=5.0, signs={}, claims=98, right=98)
     poor = stage((GAP, 1.25), alone=1.6, size=0.1)
-    assert most_open([poor]) is poor
-    assert most_open([poor], dataclasses.replace(heads(), effect=sure)) is None
+    assert most_open([poor], READER) is poor
+    assert most_open([poor], Reader(heads=dataclasses.replace(heads(), effect=sure))) is None
+
+
+def test_nothing_found_is_no_nothing_where_an_unknown_cause_is_probable() -> None:
+    empty = stage((GAP, 1.5), alone=1.0)
+    assert READER.told(empty)[NOTHING] > SURE
+    assert most_open([empty], READER) is None
+    doubtful = Reader(unknown=0.8)
+    assert doubtful.told(empty)[NOTHING] == pytest.approx(0.2)
+    assert most_open([empty], doubtful) is empty
 
 
 def test_no_motion_tells_twins_apart(lab: Lab) -> None:
-    twins = Forecaster(*lab, stage((GAP, 1.20), (GAP, 1.21), alone=9.0))
+    twins = Forecaster(*lab, stage((GAP, 1.20), (GAP, 1.21), alone=9.0), READER)
     for trajectory in menu_of(lab[1], nominal())[::4]:
         found = twins.forecast(trajectory)
         assert found is not None
@@ -248,7 +258,7 @@ def test_no_motion_tells_twins_apart(lab: Lab) -> None:
 
 
 def test_other_effects_count_as_large_as_they_may_be_hidden(lab: Lab) -> None:
-    found = Forecaster(*lab, OPEN)
+    found = Forecaster(*lab, OPEN, READER)
     kinds = [rival.kind.name for rival in found.stage.rivals]
     assert kinds[:2] == found.names[:2] == ["backlash", "axial_compliance"]
     assert len(set(kinds)) == len(kinds) > 15

@@ -15,6 +15,7 @@ from fdbench.gap.confidence import Heads, Signs
 from fdbench.gap.evidence import Split, gather
 from fdbench.gap.floor import Floor, floors, raised
 from fdbench.gap.following import prepared
+from fdbench.gap.forecast import Reader
 from fdbench.gap.hypothesis import Hypothesis, calibrations, start
 from fdbench.gap.next_experiment import propose
 from fdbench.gap.nominal import Nominal
@@ -90,7 +91,10 @@ def aligned(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Reco
     """Return records as they are compared with their model; see `diagnose` for parameters and errors."""
     if not records:
         raise RecordError("no records: at least one is needed, better three repeats of several motions.")
+    copies = copied([*records, *holdouts])
+    records, holdouts = ([item for item in given if id(item) not in copies] for given in (records, holdouts))
     nominal, raw_runs, warnings = prepared(nominal, [*records, *holdouts])
+    warnings = [*copies.values(), *warnings]
     drive = nominal.drive
     check_alike(raw_runs)
     for run in raw_runs:
@@ -118,6 +122,16 @@ def aligned(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Reco
         marks=marks,
         warnings=warnings,
     )
+
+
+def copied(records: Sequence[Record]) -> dict[int, str]:
+    """Return the identity of each record that has the same samples as one before it, and what to say of it."""
+    found: dict[int, str] = {}
+    for place, record in enumerate(records):
+        first = next((other for other in records[:place] if other == record), None)
+        if first is not None:
+            found[id(record)] = f"{record.source}: a copy of {first.source}. It tells nothing of noise and is left out."
+    return found
 
 
 def steadied(replay: Replay, ready: Aligned, calibrated: Hypothesis) -> Split:
@@ -213,14 +227,16 @@ def diagnose(
         shut=shut,
         marks=seen,
     )
-    judged = verdict(findings, heads or confidence.heads())
+    heads = heads or confidence.heads()
+    judged = verdict(findings, heads)
+    reader = Reader(heads=heads, unknown=judged.answer["unknown_probability"])
     answer = {
         "gap": {"channels": channels_of(replay, split, paper, calibrated, final)},
         "where": where(Gaps.of(split.plain, simulated)),
         **judged.answer,
         "rest_depends_on": types(split.plain, repaired, drive),
         "shrinkage": shrinkage(shut, final, seen, split.plain, ready.judged_on, raw),
-        "next_experiment": propose(replay, split, [*contests, *stages[-1:]], nominal, heads),
+        "next_experiment": propose(replay, split, [*contests, *stages[-1:]], nominal, reader),
         "warnings": ready.warnings,
         "parametric": parametric(raw, shut, calibrated),
         "noise_floor": {

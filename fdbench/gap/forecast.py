@@ -7,7 +7,7 @@ hidden. Probabilities before and after are read in the same way, as the verdict 
 """
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,62 +21,72 @@ from fdbench.gap.replay import Replay
 from fdbench.gap.runs import Run
 from fdbench.gap.search import EFFECTIVE_SAMPLES, NOISE_ALONE, Rival, Stage
 from fdbench.gap.trajectory import Trajectory
-from fdbench.gap.verdict import NAMED, alike, divided
+from fdbench.gap.verdict import alike, divided
 from fdbench.record import FloatArray
 
 MOST_RIVALS = 6
 SMALLEST_PROBABILITY = 0.02
 OVERLOOKED = 0.1  # least probability that the cause is an effect that the records gave no reason to consider
-PRICE_PER_S = 1e-3  # probability that a second of machine time has to bring
+PRICE_PER_S = 3e-4  # probability that a second of machine time has to bring, once a machine is set up for a motion
 SPLIT_LOG_ODDS = 3.0  # 20 to 1
 CERTAIN = 1e-12  # smallest probability that log odds tell from none
 NOTHING, OTHER = "no further effect", "any other effect"
 FOLLOWED = 0.1  # share of the stroke by which the simulated axis may miss the command
 
 
-def serious(stage: Stage, heads: Heads | None = None) -> Stage:
-    """Return a stage with its most probable rivals alone."""
-    belief = told(stage, heads)
-    every = sorted(stage.rivals, key=lambda rival: -belief.get(rival.kind.name, 0.0))[:MOST_RIVALS]
-    likely = (rival for rival in every if belief.get(rival.kind.name, 0.0) >= SMALLEST_PROBABILITY)
-    return replace(stage, rivals=tuple(likely))
+@dataclass(frozen=True, kw_only=True)
+class Reader:
+    """Reads a stage as the verdict does.
 
-
-def told(stage: Stage, heads: Heads | None = None) -> dict[str, float]:
-    """Return the probabilities that the verdict gives to rivals and to none; what lacks to 1 is what it doubts.
-
-    Without ``heads`` they are drawn from those that the package was shipped with.
+    Attributes
+    ----------
+    heads : Heads
+        What probabilities are drawn from.
+    unknown : float
+        Probability of an unknown cause: where nothing was found, it is not probable that there is nothing.
     """
-    heads = heads or confidence.heads()
-    own = stage.probabilities()
-    none = max(1.0 - sum(own), 0.0)
-    best = int(np.argmax(own))
-    kind = stage.rivals[best].kind
-    if own[best] > none:
-        same = alike(stage, kind)
-        chance = heads.effect.probability(confidence.of_effect(stage, kind, same))
-    else:
-        same = []
-        chance = min(heads.suspect.probability(confidence.of_effect(stage, kind)), NAMED)
-    found = divided(stage, kind, same, chance)
-    return {**found, NOTHING: min(none, 1.0 - sum(found.values()))}
 
+    heads: Heads = field(default_factory=confidence.heads)
+    unknown: float = 0.0
 
-def overlooked(stage: Stage, heads: Heads | None = None) -> list[Rival]:
-    """Return the effects of the library beside the serious rivals: of typical size, with nothing explained yet."""
-    known = {rival.kind for rival in serious(stage, heads).rivals}
-    others = middle_of_each(item for item in candidates(stage.base) if item.kind not in known)
-    return [
-        Rival(
-            kind=item.kind,
-            hypothesis=item.hypotheses(stage.base)[0],
-            misfit=stage.misfit,
-            penalty=stage.penalty,
-            refined=False,
-            size=0.0,
-        )
-        for item in others
-    ]
+    def told(self, stage: Stage) -> dict[str, float]:
+        """Return the probabilities that the verdict gives to rivals and to none; what lacks to 1 is what it doubts."""
+        own = stage.probabilities()
+        none = max(1.0 - sum(own), 0.0)
+        best = int(np.argmax(own))
+        kind = stage.rivals[best].kind
+        if own[best] > none:
+            same = alike(stage, kind)
+            chance = self.heads.effect.probability(confidence.of_effect(stage, kind, same))
+        else:
+            same = []
+            chance = min(self.heads.suspect.probability(confidence.of_effect(stage, kind)), own[best])
+        found = divided(stage, kind, same, chance)
+        most = 1.0 if stage.base.effects else 1.0 - self.unknown
+        return {**found, NOTHING: min(none, most, 1.0 - sum(found.values()))}
+
+    def serious(self, stage: Stage) -> Stage:
+        """Return a stage with its most probable rivals alone."""
+        belief = self.told(stage)
+        every = sorted(stage.rivals, key=lambda rival: -belief.get(rival.kind.name, 0.0))[:MOST_RIVALS]
+        likely = (rival for rival in every if belief.get(rival.kind.name, 0.0) >= SMALLEST_PROBABILITY)
+        return replace(stage, rivals=tuple(likely))
+
+    def overlooked(self, stage: Stage) -> list[Rival]:
+        """Return the effects of the library beside the serious rivals: of typical size, with nothing explained yet."""
+        known = {rival.kind for rival in self.serious(stage).rivals}
+        others = middle_of_each(item for item in candidates(stage.base) if item.kind not in known)
+        return [
+            Rival(
+                kind=item.kind,
+                hypothesis=item.hypotheses(stage.base)[0],
+                misfit=stage.misfit,
+                penalty=stage.penalty,
+                refined=False,
+                size=0.0,
+            )
+            for item in others
+        ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,15 +166,14 @@ class Forecaster:
     replay : Replay
     split : Split
     stage : Stage
-    heads : Heads, optional
-        See `told`.
+    reader : Reader
     """
 
-    def __init__(self, replay: Replay, split: Split, stage: Stage, heads: Heads | None = None) -> None:
-        known, hidden = serious(stage, heads), overlooked(stage, heads)
-        self.replay, self.split, self.heads = replay, split, heads
+    def __init__(self, replay: Replay, split: Split, stage: Stage, reader: Reader) -> None:
+        known, hidden = reader.serious(stage), reader.overlooked(stage)
+        self.replay, self.split, self.reader = replay, split, reader
         self.stage = replace(known, rivals=(*known.rivals, *hidden))
-        belief = told(stage, heads)
+        belief = reader.told(stage)
         own, none = [belief.get(rival.kind.name, 0.0) for rival in known.rivals], belief[NOTHING]
         left = max(1.0 - sum(own) - none, OVERLOOKED)
         weights = np.array([*own, *(left / len(hidden) for _ in hidden), none])
@@ -255,7 +264,7 @@ class Forecaster:
 
     def _read(self, stage: Stage) -> FloatArray:
         """Return the probability of each rival and, last, of none, as the verdict gives them."""
-        found = told(stage, self.heads)
+        found = self.reader.told(stage)
         return np.array([*(found.get(rival.kind.name, 0.0) for rival in stage.rivals), found[NOTHING]])
 
     def _judged(self, added: FloatArray, sizes: FloatArray, count: float) -> Stage:

@@ -51,7 +51,7 @@ class Limits:
 def menu(limits: Limits, period_s: float) -> list[Trajectory]:
     """Return the motions that may be proposed: constant speeds, reversals, multisines, strokes and small sines.
 
-    One has strokes and a multisine of all frequencies, for what nobody thinks of.
+    One has strokes and multisines of all frequencies, for what nobody thinks of.
     """
     x, length = limits.start_m, limits.stroke_m
     fastest, hardest = limits.velocity_m_per_s, limits.acceleration_m_per_s2
@@ -84,10 +84,10 @@ def menu(limits: Limits, period_s: float) -> list[Trajectory]:
     for band_Hz, part in (((0.5, 10.0), 0.3), ((1.0, 60.0), 0.1), ((1.0, 60.0), 0.3), ((10.0, 150.0), 0.1)):
         add("multisine", *wave(band_Hz, part))
     stops = [x + length * share for share in (0.0, 0.6, 0.1, 0.4, 0.0, 0.5)]
-    words, reference = wave((1.0, 150.0), 0.3)
     strokes = moves(stops, (fastest,), 0.8 * hardest, period_s)
-    words = f"up to {_mm(0.6 * length)} at {0.8 * hardest:.3g} m/s^2, then {words}"
-    add("strokes and multisine", words, np.concatenate((strokes, reference)))
+    (slow, slowly), (quick, quickly) = wave((0.5, 10.0), 0.3), wave((1.0, 150.0), 0.3)
+    words = f"up to {_mm(0.6 * length)} at {0.8 * hardest:.3g} m/s^2, then {slow}, then {quick}"
+    add("strokes and multisine", words, np.concatenate((strokes, slowly, quickly)))
     for part in (0.3, 0.8):
         stops = [x + length * share for share in (0.0, 0.6, 0.1, 0.4, 0.0)]
         reference = moves(stops, (fastest,), part * hardest, period_s)

@@ -5,9 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fdbench.gap.confidence import Heads
 from fdbench.gap.evidence import Split
-from fdbench.gap.forecast import Forecast, Forecaster, told
+from fdbench.gap.forecast import Forecast, Forecaster, Reader
 from fdbench.gap.menu import menu_of
 from fdbench.gap.nominal import Nominal
 from fdbench.gap.replay import Replay
@@ -21,13 +20,13 @@ SURE = 0.9  # probability from which on a verdict needs no further experiment
 SMALLEST_GAIN = 0.02  # of the probability of the truth, below which nothing is proposed
 
 
-def most_open(stages: Sequence[Stage], heads: Heads | None = None) -> Stage | None:
+def most_open(stages: Sequence[Stage], reader: Reader) -> Stage | None:
     """Return the stage that is furthest from a decision; None where all are decided.
 
     Beside effects that were found, rivals count only if one of them is there more likely than not.
     """
     found = [stage for stage in stages if stage.rivals and (stage.present() >= 0.5 or not stage.base.effects)]
-    surest = [max(told(stage, heads).values()) for stage in found]
+    surest = [max(reader.told(stage).values()) for stage in found]
     open_ = [(p, stage) for p, stage in zip(surest, found, strict=True) if p < SURE]
     return min(open_, key=lambda item: item[0])[1] if open_ else None
 
@@ -37,8 +36,8 @@ def design(
     split: Split,
     stages: Sequence[Stage],
     nominal: Nominal,
+    reader: Reader,
     trajectories: Sequence[Trajectory] | None = None,
-    heads: Heads | None = None,
 ) -> Forecast | None:
     """Return the motion after which the truth is expected to be most probable, its time paid for, or None.
 
@@ -50,27 +49,26 @@ def design(
     stages : sequence of Stage
         Whose rivals may compete.
     nominal : Nominal
+    reader : Reader
     trajectories : sequence of Trajectory, optional
         In place of the menu for the drive's limits.
-    heads : Heads, optional
-        What probabilities are drawn from; without, those that the package was shipped with.
 
     Returns
     -------
     Forecast or None
         None where no two candidates compete, or no motion would tell them apart.
     """
-    stage = most_open(stages, heads)
+    stage = most_open(stages, reader)
     if stage is None:
         return None
-    forecaster = Forecaster(replay, split, stage, heads)
+    forecaster = Forecaster(replay, split, stage, reader)
     every = menu_of(split, nominal) if trajectories is None else trajectories
     found = [item for item in map(forecaster.forecast, every) if item is not None and item.gain() >= SMALLEST_GAIN]
     return max(found, key=Forecast.utility, default=None)
 
 
 def propose(
-    replay: Replay, split: Split, stages: Sequence[Stage], nominal: Nominal, heads: Heads | None = None
+    replay: Replay, split: Split, stages: Sequence[Stage], nominal: Nominal, reader: Reader
 ) -> dict[str, Any] | None:
     """Return the ``next_experiment`` of a diagnosis as JSON, or None; see `design`.
 
@@ -80,7 +78,7 @@ def propose(
         ``to_separate``, ``trajectory`` and ``expected_log_odds`` of the contract; what else it separates; the expected
         probability of the truth now and after; its gain for each second; kind and sizes of the motion.
     """
-    found = design(replay, split, stages, nominal, heads=heads)
+    found = design(replay, split, stages, nominal, reader)
     return None if found is None else found.answer()
 
 
