@@ -12,6 +12,7 @@ from fdbench import cli
 from fdbench.catalogue import scenario_folder
 from fdbench.errors import FdbenchError, RecordError
 from fdbench.gap.align import check_alignment, check_record
+from fdbench.gap.diagnose import aligned
 from fdbench.gap.following import prepared
 from fdbench.gap.hypothesis import start
 from fdbench.gap.nominal import load_nominal
@@ -282,3 +283,17 @@ def test_a_command_that_bends_has_sharp_rates() -> None:
     velocity = np.concatenate(([0.0], np.cumsum(acceleration[:-1]) * PERIOD_S))
     np.testing.assert_allclose(rate(velocity, PERIOD_S)[1:-2], acceleration[1:-2], atol=1e-9)
     np.testing.assert_allclose(rate(np.sin(20.0 * t), PERIOD_S)[2:-2], 20.0 * np.cos(20.0 * t)[2:-2], atol=4e-3)
+
+
+def test_copies_of_a_record_tell_nothing_of_noise() -> None:
+    nominal = load_nominal(MODEL)
+    first, again = (Record(stroke(), {}, source) for source in ("a.csv", "b.csv"))
+    found = aligned(nominal, [first, again], [first])
+    alone = aligned(nominal, [first], [])
+    assert [line for line in found.warnings if line not in alone.warnings] == [
+        "b.csv: a copy of a.csv. It tells nothing of noise and is left out.",
+        "a.csv: a copy of a.csv. It tells nothing of noise and is left out.",
+    ]
+    assert [run.name for run in found.runs] == ["a.csv"]
+    assert not any(floor.measured for floor in found.split.floors.values())
+    assert found.split.floors["position_m"].rms == alone.split.floors["position_m"].rms

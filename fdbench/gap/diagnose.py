@@ -91,10 +91,9 @@ def aligned(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Reco
     """Return records as they are compared with their model; see `diagnose` for parameters and errors."""
     if not records:
         raise RecordError("no records: at least one is needed, better three repeats of several motions.")
-    copies = copied([*records, *holdouts])
-    records, holdouts = ([item for item in given if id(item) not in copies] for given in (records, holdouts))
+    records, holdouts, copies = without_copies(records, holdouts)
     nominal, raw_runs, warnings = prepared(nominal, [*records, *holdouts])
-    warnings = [*copies.values(), *warnings]
+    warnings = [*copies, *warnings]
     drive = nominal.drive
     check_alike(raw_runs)
     for run in raw_runs:
@@ -124,14 +123,22 @@ def aligned(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Reco
     )
 
 
-def copied(records: Sequence[Record]) -> dict[int, str]:
-    """Return the identity of each record that has the same samples as one before it, and what to say of it."""
-    found: dict[int, str] = {}
-    for place, record in enumerate(records):
-        first = next((other for other in records[:place] if other == record), None)
-        if first is not None:
-            found[id(record)] = f"{record.source}: a copy of {first.source}. It tells nothing of noise and is left out."
-    return found
+def without_copies(
+    records: Sequence[Record], holdouts: Sequence[Record]
+) -> tuple[list[Record], list[Record], list[str]]:
+    """Return records and held-out ones without those that have the samples of one before them, and what to say."""
+    found: tuple[list[Record], list[Record]] = ([], [])
+    warnings = []
+    for given, kept in zip((records, holdouts), found, strict=True):
+        for record in given:
+            first = next((other for other in (*found[0], *found[1]) if other == record), None)
+            if first is None:
+                kept.append(record)
+            else:
+                warnings.append(
+                    f"{record.source}: a copy of {first.source}. It tells nothing of noise and is left out."
+                )
+    return *found, warnings
 
 
 def steadied(replay: Replay, ready: Aligned, calibrated: Hypothesis) -> Split:
