@@ -262,10 +262,10 @@ class Scores:
 
 
 def solved(normal: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the solution of normal equations, scaled and held off singularity."""
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
-    held = normal / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
-    return np.asarray(np.linalg.solve(held, right / scale) / scale)
+    """Return the solution of normal equations, or of each of a stack of them, scaled and held off singularity."""
+    scale = np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 1e-30))
+    held = normal / (scale[..., :, None] * scale[..., None, :]) + 1e-9 * np.eye(scale.shape[-1])
+    return np.asarray(np.linalg.solve(held, (right / scale)[..., None])[..., 0] / scale)
 
 
 def distance(sums: FloatArray, columns: Sequence[int], theta: FloatArray) -> float:

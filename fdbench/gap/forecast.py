@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fdbench.gap import confidence
 from fdbench.gap.candidates import candidates, middle_of_each
 from fdbench.gap.confidence import Heads
-from fdbench.gap.evidence import MODEL_ERROR, Split, gather
+from fdbench.gap.evidence import MODEL_ERROR, Split, gather, solved
 from fdbench.gap.replay import Replay
 from fdbench.gap.runs import Run
 from fdbench.gap.search import EFFECTIVE_SAMPLES, NOISE_ALONE, Rival, Stage
@@ -72,21 +72,22 @@ class Reader:
         likely = (rival for rival in every if belief.get(rival.kind.name, 0.0) >= SMALLEST_PROBABILITY)
         return replace(stage, rivals=tuple(likely))
 
-    def overlooked(self, stage: Stage) -> list[Rival]:
-        """Return the effects of the library beside the serious rivals: of typical size, with nothing explained yet."""
-        known = {rival.kind for rival in self.serious(stage).rivals}
-        others = middle_of_each(item for item in candidates(stage.base) if item.kind not in known)
-        return [
-            Rival(
-                kind=item.kind,
-                hypothesis=item.hypotheses(stage.base)[0],
-                misfit=stage.misfit,
-                penalty=stage.penalty,
-                refined=False,
-                size=0.0,
-            )
-            for item in others
-        ]
+
+def overlooked(serious: Stage) -> list[Rival]:
+    """Return the effects of the library beside the rivals of a stage: of typical size, with nothing explained yet."""
+    known = {rival.kind for rival in serious.rivals}
+    others = middle_of_each(item for item in candidates(serious.base) if item.kind not in known)
+    return [
+        Rival(
+            kind=item.kind,
+            hypothesis=item.hypotheses(serious.base)[0],
+            misfit=serious.misfit,
+            penalty=serious.penalty,
+            refined=False,
+            size=0.0,
+        )
+        for item in others
+    ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -170,7 +171,8 @@ class Forecaster:
     """
 
     def __init__(self, replay: Replay, split: Split, stage: Stage, reader: Reader) -> None:
-        known, hidden = reader.serious(stage), reader.overlooked(stage)
+        known = reader.serious(stage)
+        hidden = overlooked(known)
         self.replay, self.split, self.reader = replay, split, reader
         self.stage = replace(known, rivals=(*known.rivals, *hidden))
         belief = reader.told(stage)
@@ -256,11 +258,8 @@ class Forecaster:
         priors = np.arange(self.n_shifts)
         normal[:, priors, priors] += 1.0
         right[:, priors] -= self.stage.base.shifts
-        scale = np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2), 1e-30))
-        right /= scale
-        normal = normal / (scale[:, :, None] * scale[:, None, :]) + 1e-9 * np.eye(columns.shape[1])
-        fitted = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
-        return np.asarray(sums[0, 0] - np.sum(right * fitted, axis=1)), np.asarray(fitted / scale)
+        fitted = solved(normal, right)
+        return np.asarray(sums[0, 0] - np.sum(right * fitted, axis=1)), fitted
 
     def _read(self, stage: Stage) -> FloatArray:
         """Return the probability of each rival and, last, of none, as the verdict gives them."""
