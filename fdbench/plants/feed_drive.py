@@ -322,6 +322,17 @@ class FeedDrive(Plant):
             return _state_space.regression(record, space, change_per_newton(space, period))
         raise SpecError(f"model '{model}' is not offered by this feed drive.{did_you_mean(model, self.models())}")
 
+    def free_run(self, command: Record, model: str, parameters: Mapping[str, float]) -> FloatArray | None:
+        """Return the velocity that the loop makes of a command, or the force that a commanded motion takes."""
+        if model == "velocity_loop":
+            return loop.free_run(command["reference_velocity_m_per_s"], parameters)
+        if model in inverse.NAMES_OF and self.inverse_dynamics is not None:
+            position = command["reference_position_m"]
+            moved = Record({"time_s": command["time_s"], "motor_position_m": position}, {}, command.source)
+            Z = inverse.regression(moved, np.zeros(len(position)), self.inverse_dynamics, model)
+            return np.asarray(Z.regressors @ np.array([parameters[name] for name in Z.names]))
+        return None
+
     def state_space(self, sampling_time_s: float) -> StateSpace:
         """Return the linear part for observers; the friction effects on paper are not in it."""
         if self.sensors is None:
