@@ -14,7 +14,7 @@ import numpy as np
 
 from fdbench.errors import SpecError, did_you_mean
 from fdbench.simulate.random import stream
-from fdbench.specification import bounded, check_bounds, positive
+from fdbench.specification import bounded, check_bounds
 
 # Where a normal distribution is cut, in standard deviations: what a maker's inspection would let pass.
 LARGEST_DEVIATION = 2.0

@@ -192,7 +192,10 @@ class Scenario:
 
     @cached_property
     def _covariance(self) -> FloatArray | None:
-        """How far the model's parameters may be from those on paper: to first order, each draw moved both ways."""
+        """How far the model's parameters may be from those on paper: to first order, each draw moved both ways.
+
+        None where the machine is not drawn, or where what is drawn moves no parameter of the model.
+        """
         own = [draw for draw in self.draw if any(path.startswith("plant.") for path in draw.values)]
         if not own or self.timing is None:
             return None
@@ -203,7 +206,7 @@ class Scenario:
             return np.array(list(plant.true_parameters(model, period_s).values()))
 
         moved = np.array([0.5 * (parameters(draw, 1.0) - parameters(draw, -1.0)) for draw in own])
-        return np.asarray(moved.T @ moved)
+        return np.asarray(moved.T @ moved) if moved.any() else None
 
     def drawn(self, seed: int) -> "Scenario":
         """Return the scenario with the machine of a seed on paper and in reality; itself where nothing is drawn."""
@@ -264,7 +267,7 @@ class Scenario:
 
     @property
     def _validating(self) -> "Scenario":
-        """This machine in its validation motion, undisturbed and read without noise."""
+        """The machine in its validation motion, undisturbed and read without noise."""
         if self.validation is None:
             raise SpecError(f"{self.id}: it has no [validation].")
         effects = tuple(effect for effect in self.reality.effects if not (effect.disturbance or effect.random))
@@ -349,10 +352,12 @@ def _over(lower: Mapping[str, Any], upper: Mapping[str, Any]) -> dict[str, Any]:
     merged = dict(lower)
     for key, value in upper.items():
         below = merged.get(key)
-        both = isinstance(below, Mapping) and isinstance(value, Mapping)
-        # A table of another kind has other keys: it replaces the lower one whole.
-        merge = both and value.get("kind", below.get("kind")) == below.get("kind")
-        merged[key] = _over(below, value) if merge else value
+        if isinstance(below, Mapping) and isinstance(value, Mapping):
+            # A table of another kind has other keys: it replaces the lower one whole.
+            is_same = value.get("kind", below.get("kind")) == below.get("kind")
+            merged[key] = _over(below, value) if is_same else value
+        else:
+            merged[key] = value
     return merged
 
 

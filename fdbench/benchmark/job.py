@@ -17,7 +17,7 @@ from fdbench.errors import FdbenchError, MissingData, PluginError, SimulationDiv
 from fdbench.estimator import Context, Estimate, Estimator, estimators
 from fdbench.metrics import Outcome, metrics
 from fdbench.metrics._parameters import signed_errors
-from fdbench.record import Record
+from fdbench.record import FloatArray, Record
 from fdbench.regression import Regression
 from fdbench.scenario import Scenario, Truth, load_scenario
 
@@ -104,6 +104,7 @@ class _Trial:
     record: Record
     truth: Truth
     regression: Regression
+    command: Record | None
 
 
 def do(job: Job) -> list[Run]:
@@ -136,12 +137,19 @@ def do(job: Job) -> list[Run]:
 def _observe(scenario: Scenario, seed: int) -> _Trial:
     record, truth = scenario.observe(seed)
     context = scenario.context()
-    return _Trial(scenario=scenario, context=context, record=record, truth=truth, regression=context.regression(record))
+    return _Trial(
+        scenario=scenario,
+        context=context,
+        record=record,
+        truth=truth,
+        regression=context.regression(record),
+        command=scenario.command(),
+    )
 
 
 def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str], store: Store | None) -> Run:
     try:
-        estimate, seconds = _estimate(choice, trial)
+        estimate, response, seconds = _estimate(choice, trial)
         check_estimate(estimate, trial.regression, plant_parameters(trial.context))
         outcome = Outcome(
             scenario=trial.scenario,
@@ -150,6 +158,7 @@ def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str],
             truth=trial.truth,
             estimate=estimate,
             seconds=seconds,
+            response=response,
         )
         parameters = tuple(_parameter_values(outcome))
     except (Exception, SystemExit) as error:  # noqa: BLE001
@@ -170,10 +179,10 @@ def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str],
     )
 
 
-def _estimate(choice: Choice, trial: _Trial) -> tuple[Estimate, float]:
+def _estimate(choice: Choice, trial: _Trial) -> tuple[Estimate, FloatArray | None, float]:
     if choice.name == oracle.NAME:
         start = time.perf_counter()
-        return oracle.oracle(trial.regression, trial.truth), time.perf_counter() - start
+        return oracle.oracle(trial.regression, trial.truth), trial.truth.response, time.perf_counter() - start
     estimator = construct(choice.name, choice.arguments)
     reason = estimator.skip(trial.context)
     if reason is not None and not isinstance(reason, str):
@@ -186,7 +195,9 @@ def _estimate(choice: Choice, trial: _Trial) -> tuple[Estimate, float]:
     record = _handed_over(trial.record)
     start = time.perf_counter()
     estimate = estimator.fit(trial.context, record)
-    return estimate, time.perf_counter() - start
+    seconds = time.perf_counter() - start
+    response = None if trial.command is None else estimator.predict(trial.context, estimate, trial.command)
+    return estimate, response, seconds
 
 
 def _handed_over(record: Record) -> Record:

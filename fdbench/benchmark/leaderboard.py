@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.run import NULL
 from fdbench.benchmark.statistics import (
+    DECADES,
     LEVEL,
     RESAMPLES,
     Interval,
@@ -22,6 +23,7 @@ from fdbench.benchmark.statistics import (
     standings,
     troubles,
     unranked,
+    unused,
 )
 from fdbench.benchmark.store import OK, SKIPPED, Store
 from fdbench.errors import FdbenchError
@@ -33,17 +35,22 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SCORE = f"""\
-One ranking for each track and kind of plant, of the estimators that apply to one of its scenarios. Score of a run: mean
-over the primary metrics of the track of (null - loss) / (null - oracle), clipped to [-1, 1], where the loss is the
-distance of a metric to its ideal value and null and oracle are the mean losses of these two over the seeds. 1 is as
-good as knowing the truth, 0 as good as having learnt nothing. A failed or diverged run has each metric's worst value, a
-skipped one scores 0. Score of an estimator: interquartile mean over its runs, each scenario with the same weight;
-{LEVEL:.0%} interval by {RESAMPLES} bootstrap resamples of the seeds within scenarios. Estimators share a rank where the
-interval of the paired difference to the first of that rank holds 0."""
+One ranking for each track and kind of plant, of the estimators that apply to one of its scenarios. Every seed is
+another machine under another disturbance, drawn about a data sheet, which is all that an estimator is told. Score of a
+run: mean over the primary metrics of the track (`*` below) of log10(error of null / error) / {DECADES:g}, clipped to
+[-1, 1]: each tenfold smaller error is worth {1 / DECADES:.2f}. `null` knows the data sheet and has learnt nothing beyond
+it; its error is the geometric mean over the seeds, so that its score is about 0. `oracle` knows the truth and has the
+score 1. A failed or diverged run has each metric's worst value, a skipped one scores 0. Tracks: `parameters` of the
+plant's model; the `disturbance` force within the record; `output`, a free run from the command alone, in a motion that
+the estimator has not seen, against the undisturbed response without noise. Score of an estimator: interquartile mean
+over its runs, each scenario with the same weight; {LEVEL:.0%} interval by {RESAMPLES} bootstrap resamples of the seeds
+within scenarios. Estimators share a rank where the interval of the paired difference to the first of that rank holds
+0."""
 
 NOTES = f"""\
-Means over the seeds that went well. `↓`: smaller is better, `↑`: bigger is better. Bias: mean error over the seeds ±
-half of its {LEVEL:.0%} t interval, in per cent of the true value or, where that is 0, in the parameter's unit."""
+Means over the seeds that went well. `↓`: smaller is better, `↑`: bigger is better, `*`: the score rests on it. Bias:
+mean error over the seeds ± half of its {LEVEL:.0%} t interval, in per cent of the true value or, where that is 0, in the
+parameter's unit."""
 
 # Corrections of released scenarios and scores: suite version and what was wrong, newest first.
 ERRATA: tuple[tuple[str, str], ...] = ()
@@ -121,8 +128,8 @@ def _lines(scores: "pd.DataFrame", parameters: "pd.DataFrame") -> Iterator[str]:
             shown = track
         yield from ["", f"### {track}: {plant}", ""]
         yield from _ranking(standings(scores, track, plant))
-        if text := unranked_text(scores, track, plant):
-            yield from ["", text]
+        for text in (unranked_text(scores, track, plant), unused_text(scores, track, plant)):
+            yield from ["", text] if text else []
     yield ""
     yield "## Scenarios"
     yield ""
@@ -171,7 +178,7 @@ def _metric_table(means: "pd.DataFrame") -> Iterator[str]:
             if metric.track == track:
                 values = [float(present.loc[name, estimator]) for estimator in estimators]
                 scale = float(present.loc[name, NULL]) if NULL in present else math.nan
-                title = f"{name} {'↑' if metric.bigger_is_better else '↓'}"
+                title = f"{name} {'↑' if metric.bigger_is_better else '↓'}{' *' if metric.primary else ''}"
                 rows.append([title, metric.unit, *(number_text(value, scale) for value in values)])
         if rows:
             yield ""
@@ -256,6 +263,13 @@ def unranked_text(scores: "pd.DataFrame", track: str, plant: str) -> str:
     """Return a sentence on the estimators that lack runs of a ranking, or an empty text."""
     names = unranked(scores, track, plant)
     return f"Not ranked, as runs that the others have are missing: {', '.join(names)}." if names else ""
+
+
+def unused_text(scores: "pd.DataFrame", track: str, plant: str) -> str:
+    """Return a sentence on the metrics that a ranking does not rest on in some scenario, or an empty text."""
+    found = unused(scores, track, plant)
+    listed = ", ".join(f"{metric} in {scenario}" for scenario, metric in found)
+    return f"Not used, as knowing the truth gains nothing on knowing the data sheet: {listed}." if found else ""
 
 
 def seeds_of(own: "pd.DataFrame") -> str:
