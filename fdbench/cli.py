@@ -19,6 +19,7 @@ from fdbench.commands.report import report
 from fdbench.commands.reproduce import reproduce
 from fdbench.commands.run import run
 from fdbench.commands.trial import trial
+from fdbench.commands.verify import verify
 from fdbench.errors import FdbenchError
 
 # For the processes of a run; in this one, numpy is imported before this line is reached.
@@ -69,7 +70,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command("list")(list_)
-for command in (run, leaderboard, compare, report, record, check, reproduce, diagnose):
+for command in (run, leaderboard, verify, compare, report, record, check, reproduce, diagnose):
     app.command()(command)
 app.add_typer(trial, name="trial")
 

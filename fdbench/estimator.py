@@ -98,9 +98,17 @@ class Estimate:
 
 
 class Estimator(ABC):
-    """Common part of both kinds: registered by file name, every constructor argument has a default."""
+    """Common part of both kinds: registered by file name, every constructor argument has a default.
+
+    Class attributes
+    ----------------
+    made_for : tuple of str or None
+        Models, as ``Context.model`` names them, that the method is for; None: any. On others it is only run where it is
+        selected by name.
+    """
 
     name: ClassVar[str]
+    made_for: ClassVar[tuple[str, ...] | None] = None
     expected_failures: ClassVar[Mapping[str, str]] = {}
 
     def skip(self, context: Context) -> str | None:

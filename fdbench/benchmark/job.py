@@ -17,6 +17,7 @@ from fdbench.errors import FdbenchError, MissingData, PluginError, SimulationDiv
 from fdbench.estimator import Context, Estimate, Estimator, estimators
 from fdbench.metrics import Outcome, metrics
 from fdbench.metrics._parameters import signed_errors
+from fdbench.nonce import derived_seed
 from fdbench.record import FloatArray, Record
 from fdbench.regression import Regression
 from fdbench.scenario import Scenario, Truth, load_scenario
@@ -95,6 +96,12 @@ def construct(name: str, arguments: Mapping[str, Any]) -> Estimator:
     return cls(**arguments)
 
 
+def not_made_for(estimator: type[Estimator], model: str) -> str | None:
+    """Return that an estimator is for other models than this one, or None."""
+    models = estimator.made_for
+    return None if models is None or model in models else f"made for other models: {', '.join(models)}"
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Trial:
     """A record with all that its estimators share."""
@@ -114,7 +121,7 @@ def do(job: Job) -> list[Run]:
     store, scenario = Store(job.folder), load_scenario(job.source)
     trial: _Trial | None = None
     try:
-        trial = _observe(scenario, job.seed)
+        trial = _observe(scenario, derived_seed(job.provenance.get("nonce", ""), scenario.id, job.seed))
         status, message = OK, ""
     except (Exception, SystemExit) as error:  # noqa: BLE001
         status, message = describe(error)
@@ -184,7 +191,7 @@ def _estimate(choice: Choice, trial: _Trial) -> tuple[Estimate, FloatArray | Non
         start = time.perf_counter()
         return oracle.oracle(trial.regression, trial.truth), trial.truth.response, time.perf_counter() - start
     estimator = construct(choice.name, choice.arguments)
-    reason = estimator.skip(trial.context)
+    reason = not_made_for(type(estimator), trial.context.model) or estimator.skip(trial.context)
     if reason is not None and not isinstance(reason, str):
         raise PluginError(f"skip() returned {reason!r}; a reason as text, or None, is expected.")
     if reason is not None:

@@ -28,9 +28,6 @@ RUN = ["scenario", "seed"]
 # Share of null's loss up to which the oracle's is rounding error.
 SMALLEST_REACH = 1e-6
 
-# Tenfold smaller errors between the score 0 of the data sheet and the score 1.
-DECADES = 3.0
-
 
 @dataclass(frozen=True, kw_only=True)
 class Interval:
@@ -53,7 +50,8 @@ class Standing:
     Attributes
     ----------
     rank : int or None
-        Shared where the paired difference to the first of the rank is not significant; None for null and oracle.
+        Shared where the paired difference to the first of the rank is not significant; None for null and oracle, and
+        for what was ok nowhere.
     estimator : str
     score : Interval
         Interquartile mean of the normalised scores.
@@ -123,12 +121,12 @@ def run_scores(scores: "pd.DataFrame", track: str, plant: str | None = None) -> 
     r"""Return the score of each run in a track: a row per scenario and seed, a column per estimator.
 
     .. math:: s = \frac{1}{M} \sum_{i=1}^{M} \mathrm{clip}\!\left(
-              \frac{1}{D} \log_{10} \frac{\bar\ell_{i,null}}{\ell_i}, -1, 1 \right)
+              \frac{1}{D_i} \log_{10} \frac{\bar\ell_{i,null}}{\ell_i}, -1, 1 \right)
 
     with the `loss` :math:`\ell` of each primary metric, the geometric mean of null's losses over the scenario's seeds
-    and the `DECADES` D: each tenfold smaller error is worth 1 / D more. A metric counts where it is `usable`; a run
-    counts where null and oracle both ran well. A failed or diverged run has each metric's worst value. A run that is
-    skipped, or claims nothing, is NaN. An estimator that never claims anything of the track has no column, nor has one
+    and the metric's ``decades`` D: each tenfold smaller error is worth 1 / D more. A metric counts where it is
+    `usable`; a run counts where null and oracle both ran well. A failed or diverged run has each metric's worst value.
+    A run that is skipped, or claims nothing, is NaN. An estimator that never claims anything of the track has no column, nor has one
     that lacks runs; see `unranked`. With ``plant``, only scenarios of this kind of plant count.
 
     Raises
@@ -151,7 +149,8 @@ def run_scores(scores: "pd.DataFrame", track: str, plant: str | None = None) -> 
     wide, null = wide[np.isfinite(null)], null[np.isfinite(null)]
     with np.errstate(divide="ignore"):
         ratios = np.log10(null[:, None]) - np.log10(wide)
-    result: pd.DataFrame = (ratios / DECADES).clip(-1.0, 1.0).groupby(RUN).mean().sort_index()
+    decades = np.array([metrics.get(name).decades for name in wide.index.get_level_values("metric")])
+    result: pd.DataFrame = ratios.div(decades, axis=0).clip(-1.0, 1.0).groupby(RUN).mean().sort_index()
     good = set(rows.loc[rows["status"] == OK, "estimator"])
     never_good = set(scores["estimator"]) - set(scores.loc[scores["status"] == OK, "estimator"])
     ranked = [name for name in sorted(result.columns) if name in good | never_good and result[name].notna().any()]
@@ -279,12 +278,13 @@ def standings(scores: "pd.DataFrame", track: str, plant: str | None = None) -> l
     distributions = bootstrap(values.fillna(0.0))
     statuses = run_statuses(scores).set_index(["estimator", *RUN])["status"]
     covered = values.notna().groupby("scenario").any()
+    good = set(scores.loc[scores["status"] == OK, "estimator"])
     lines: list[Standing] = []
     first, rank, n_ranked = "", 0, 0
     for name in sorted(distributions, key=lambda column: (-round(distributions[column][0], 3), column)):
         value, resampled = distributions[name]
-        is_reference = name in (NULL, ORACLE)
-        if not is_reference:
+        is_ranked = name not in (NULL, ORACLE) and name in good
+        if is_ranked:
             n_ranked += 1
             best, best_resampled = distributions[first or name]
             difference = percentile_interval(best - value, best_resampled - resampled, known)
@@ -292,7 +292,7 @@ def standings(scores: "pd.DataFrame", track: str, plant: str | None = None) -> l
                 first, rank = name, n_ranked
         lines.append(
             Standing(
-                rank=None if is_reference else rank,
+                rank=rank if is_ranked else None,
                 estimator=name,
                 score=percentile_interval(value, resampled, known),
                 scenarios=int(covered[name].sum()),

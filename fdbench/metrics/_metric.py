@@ -50,6 +50,9 @@ class Metric(ABC):
         Leaderboard that the metric belongs to: parameters, disturbance, output or speed.
     primary : bool
         Whether the metric counts in the ranking of its track.
+    decades : float
+        For a primary metric: how many tenfold smaller errors lie between the score of the data sheet, 0, and 1; there
+        the best that is conceivable on a drive should lie.
     practical_limit, practical_change : float
         Smallest relative and smallest absolute change that matter to a user; both must be exceeded.
     """
@@ -61,6 +64,7 @@ class Metric(ABC):
     ideal: ClassVar[float] = 0.0
     track: ClassVar[str]
     primary: ClassVar[bool] = False
+    decades: ClassVar[float] = 3.0
     practical_limit: ClassVar[float] = 0.05
     practical_change: ClassVar[float] = 0.0
 
