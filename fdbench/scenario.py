@@ -92,14 +92,21 @@ class Estimation:
 
 @dataclass(frozen=True, kw_only=True)
 class Validation:
-    """A second motion of the same machine, without process forces and noise, which estimators predict by a free run.
+    """A motion that estimators do not see but predict by a free run; one of the two.
 
     Parameters
     ----------
-    motion : Motion
+    motion : Motion, optional
+        Of the same machine, simulated without process forces and noise.
+    start_s : float, optional
+        Of a measured record: what comes from here on is withheld.
     """
 
-    motion: Motion
+    motion: Motion | None = None
+    start_s: float | None = positive(default=None)
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,10 +179,13 @@ class Scenario:
         for suite in self.suites:
             if suite not in SUITES:
                 raise SpecError(f"suites: unknown suite '{suite}'.{did_you_mean(suite, SUITES)}")
-        if self.measured is not None and (self.draw or self.validation):
-            raise SpecError(
-                "measured: a measured machine is neither drawn nor moved again; leave out draw, validation."
-            )
+        if self.measured is not None and self.draw:
+            raise SpecError("draw: a measured machine is not drawn; leave this table out.")
+        if self.validation is not None:
+            needed, other = ("motion", "start_s") if self.measured is None else ("start_s", "motion")
+            if getattr(self.validation, needed) is None or getattr(self.validation, other) is not None:
+                kind = "simulated" if self.measured is None else "measured"
+                raise SpecError(f"validation.{needed}: a {kind} scenario has this one, and no {other}.")
         if self.measured is None and (self.timing is None or self.motion is None):
             raise SpecError("timing: missing table; a scenario has [timing] and [motion], or [measured].")
 
@@ -242,25 +252,43 @@ class Scenario:
             If the scenario is measured and its file is not on this machine.
         """
         if self.measured is not None:
-            path = measured_file(self.measured.file, self.measured.obtain)
-            mapping = {"record": {"file": path.name}, "columns": self.measured.columns}
-            record = read_mapped(mapping, path.parent, f"{self.id}: measured")
-            return record, Truth(parameters=dict(self.measured.reference_parameters), disturbance_N=None)
+            record, withheld = self._measurement()
+            response = None if withheld is None else self.plant.regression(withheld, self.estimation.model).target
+            parameters = dict(self.measured.reference_parameters)
+            return record, Truth(parameters=parameters, disturbance_N=None, response=response)
         machine = self.drawn(seed)
         record, truth = simulate(machine, seed)
         return record, replace(truth, response=machine.response(seed))
 
+    def _measurement(self) -> tuple[Record, Record | None]:
+        """Return the measured record that is handed out, and the part that is withheld."""
+        if self.measured is None:
+            raise SpecError(f"{self.id}: nothing is measured.")
+        path = measured_file(self.measured.file, self.measured.obtain)
+        mapping = {"record": {"file": path.name}, "columns": self.measured.columns}
+        record = read_mapped(mapping, path.parent, f"{self.id}: measured")
+        if self.validation is None or self.validation.start_s is None:
+            return record, None
+        first = int(np.searchsorted(record["time_s"], self.validation.start_s))
+        return record.slice(0, first), record.slice(first, record.n_samples)
+
     def command(self) -> Record | None:
         """Return what is known beforehand of the validation motion: its commands, on the clock of the record."""
-        if self.validation is None or self.timing is None:
+        if self.validation is None:
             return None
+        if self.timing is None:
+            withheld = self._measurement()[1]
+            if withheld is None:
+                return None
+            known = {name: withheld[name] for name in withheld.columns if "reference_" in name}
+            return Record({"time_s": withheld["time_s"], **known}, {}, f"{self.id}: validation")
         system = self._validating.system()
         time_s = np.arange(system.n_samples, dtype=np.float64) * self.timing.sampling_time_s
         return Record({"time_s": time_s, **system.commanded}, {}, f"{self.id}: validation")
 
     def response(self, seed: int) -> FloatArray | None:
         """Return the model's target in the validation motion, (n_rows,), or None without one."""
-        if self.validation is None:
+        if self.validation is None or self.validation.motion is None:
             return None
         record, _ = simulate(self._validating, seed)
         return self.plant.regression(record, self.estimation.model).target
@@ -268,8 +296,8 @@ class Scenario:
     @property
     def _validating(self) -> "Scenario":
         """The machine in its validation motion, undisturbed and read without noise."""
-        if self.validation is None:
-            raise SpecError(f"{self.id}: it has no [validation].")
+        if self.validation is None or self.validation.motion is None:
+            raise SpecError(f"{self.id}: it has no [validation.motion].")
         effects = tuple(effect for effect in self.reality.effects if not (effect.disturbance or effect.random))
         other = replace(self, motion=self.validation.motion, reality=Reality(effects=effects), validation=None)
         return _named(other, self.id, self.digest, self.table)

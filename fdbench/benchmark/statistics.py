@@ -126,8 +126,8 @@ def run_scores(scores: "pd.DataFrame", track: str, plant: str | None = None) -> 
     with the `loss` :math:`\ell` of each primary metric, the geometric mean of null's losses over the scenario's seeds
     and the metric's ``decades`` D: each tenfold smaller error is worth 1 / D more. A metric counts where it is
     `usable`; a run counts where null and oracle both ran well. A failed or diverged run has each metric's worst value.
-    A run that is skipped, or claims nothing, is NaN. An estimator that never claims anything of the track has no column, nor has one
-    that lacks runs; see `unranked`. With ``plant``, only scenarios of this kind of plant count.
+    A run that is skipped, or claims nothing, is NaN. An estimator that never claims anything of the track has no
+    column, nor has one that lacks runs; see `unranked`. With ``plant``, only scenarios of this kind count.
 
     Raises
     ------

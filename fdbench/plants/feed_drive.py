@@ -8,7 +8,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from fdbench.effects import Effect, Port
-from fdbench.errors import RecordError, SpecError, did_you_mean
+from fdbench.errors import RecordError, SimulationDiverged, SpecError, did_you_mean
 from fdbench.plants import _inverse_dynamics as inverse
 from fdbench.plants import _state_space
 from fdbench.plants import _velocity_loop as loop
@@ -21,11 +21,12 @@ from fdbench.record import Record
 from fdbench.regression import Regression
 from fdbench.simulate import layout
 from fdbench.simulate.axis import Axis, Mechanics
-from fdbench.simulate.stability import check_substep
-from fdbench.simulate.system import FloatArray, Setup
+from fdbench.simulate.stability import check_substep, needed_substeps
+from fdbench.simulate.system import FloatArray, Sampled, Setup, Timing
 from fdbench.specification import bounded, check_bounds, nonnegative, positive
 
 TWO_PI = 2.0 * np.pi
+FEWEST_SUBSTEPS = 10
 
 
 @final
@@ -224,6 +225,13 @@ class FeedDrive(Plant):
         """Total viscous friction of the linear part."""
         return self.motor.viscous_friction_N_s_per_m + (self.table.viscous_friction_N_s_per_m if self.table else 0.0)
 
+    @property
+    def _masses(self) -> dict[Port, float]:
+        """Mass that the forces on either side move."""
+        if self.screw is None or self.table is None:
+            return {Port.MOTOR_FORCE: self.mass_kg, Port.TABLE_FORCE: self.mass_kg}
+        return {Port.MOTOR_FORCE: self.motor.mass_kg, Port.TABLE_FORCE: self.table.mass_kg}
+
     def mechanics(self) -> Mechanics:
         """Return the linear part as matrices."""
         A, B = np.zeros((4, 4)), np.zeros((4, 2))
@@ -255,10 +263,7 @@ class FeedDrive(Plant):
         noises += ["motor_current_A"] if self.motor.logged == "motor_current_A" else []
         setup.noise.check_only(noises, "this feed drive")
         effects = (*self.effects, *setup.unmodelled)
-        masses = {Port.MOTOR_FORCE: self.mass_kg, Port.TABLE_FORCE: self.mass_kg}
-        if self.screw is not None and self.table is not None:
-            masses = {Port.MOTOR_FORCE: self.motor.mass_kg, Port.TABLE_FORCE: self.table.mass_kg}
-        check_substep(effects, masses, setup.timing.sampling_time_s, setup.timing.substeps)
+        check_substep(effects, self._masses, setup.timing.sampling_time_s, setup.timing.substeps)
         columns = {"motor_position_m": layout.OUT_MOTOR}
         if self.screw is not None:
             columns["table_position_m"] = layout.OUT_TABLE
@@ -323,15 +328,31 @@ class FeedDrive(Plant):
         raise SpecError(f"model '{model}' is not offered by this feed drive.{did_you_mean(model, self.models())}")
 
     def free_run(self, command: Record, model: str, parameters: Mapping[str, float]) -> FloatArray | None:
-        """Return the velocity that the loop makes of a command, or the force that a commanded motion takes."""
+        """Return the velocity that the loop makes of a command, or the force for the motion that it makes of it."""
         if model == "velocity_loop":
             return loop.free_run(command["reference_velocity_m_per_s"], parameters)
-        if model in inverse.NAMES_OF and self.inverse_dynamics is not None:
-            position = command["reference_position_m"]
-            moved = Record({"time_s": command["time_s"], "motor_position_m": position}, {}, command.source)
-            Z = inverse.regression(moved, np.zeros(len(position)), self.inverse_dynamics, model)
-            return np.asarray(Z.regressors @ np.array([parameters[name] for name in Z.names]))
+        if model in inverse.NAMES_OF:
+            moved = self.regression(self.respond(command), model)
+            return np.asarray(moved.regressors @ np.array([parameters[name] for name in moved.names]))
         return None
+
+    def respond(self, command: Record) -> Record:
+        """Return what the axis on paper would log of a commanded motion, without noise."""
+        position = command["reference_position_m"]
+        period_s = command.sampling_time_s
+        is_known = "reference_velocity_m_per_s" in command
+        velocity = command["reference_velocity_m_per_s"] if is_known else np.gradient(position, period_s)
+        reference = np.column_stack((position, velocity, np.gradient(velocity, period_s)))
+        n = len(position)
+        substeps = max(FEWEST_SUBSTEPS, needed_substeps(self.effects, self._masses, period_s))
+        timing = Timing(sampling_time_s=period_s, duration_s=n * period_s, substeps=substeps)
+        axis = self.system(Setup(timing=timing, motion=Sampled(reference)))
+        axis.start([0])
+        rows = axis.advance(n)[:, :, 0]
+        if bool(axis.diverged[0]) or not np.isfinite(rows).all():
+            raise SimulationDiverged("the axis on paper leaves its travel or velocity limit under this command.")
+        columns = {name: rows[:, index] for index, name in enumerate(axis.columns)}
+        return Record({"time_s": command["time_s"], **columns}, {}, command.source)
 
     def state_space(self, sampling_time_s: float) -> StateSpace:
         """Return the linear part for observers; the friction effects on paper are not in it."""
