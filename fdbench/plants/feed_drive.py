@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar, final
 
 import numpy as np
@@ -338,20 +339,10 @@ class FeedDrive(Plant):
 
     def respond(self, command: Record) -> Record:
         """Return what the axis on paper would log of a commanded motion, without noise."""
-        position = command["reference_position_m"]
-        period_s = command.sampling_time_s
+        position, period_s = command["reference_position_m"], command.sampling_time_s
         is_known = "reference_velocity_m_per_s" in command
         velocity = command["reference_velocity_m_per_s"] if is_known else np.gradient(position, period_s)
-        reference = np.column_stack((position, velocity, np.gradient(velocity, period_s)))
-        n = len(position)
-        substeps = max(FEWEST_SUBSTEPS, needed_substeps(self.effects, self._masses, period_s))
-        timing = Timing(sampling_time_s=period_s, duration_s=n * period_s, substeps=substeps)
-        axis = self.system(Setup(timing=timing, motion=Sampled(reference)))
-        axis.start([0])
-        rows = axis.advance(n)[:, :, 0]
-        if bool(axis.diverged[0]) or not np.isfinite(rows).all():
-            raise SimulationDiverged("the axis on paper leaves its travel or velocity limit under this command.")
-        columns = {name: rows[:, index] for index, name in enumerate(axis.columns)}
+        columns = _responded(self, period_s, position.tobytes(), velocity.tobytes())
         return Record({"time_s": command["time_s"], **columns}, {}, command.source)
 
     def state_space(self, sampling_time_s: float) -> StateSpace:
@@ -386,3 +377,18 @@ class FeedDrive(Plant):
     ) -> Mapping[str, float]:
         """Return mass and frictions that follow from the discrete parameters of the velocity loop."""
         return self._loop(sampling_time_s).physical(parameters) if model == "velocity_loop" else {}
+
+
+@lru_cache(maxsize=4)
+def _responded(drive: FeedDrive, period_s: float, position: bytes, velocity: bytes) -> Mapping[str, FloatArray]:
+    """Return the columns that a drive logs; kept, as every estimator of a scenario asks for the same."""
+    speed = np.frombuffer(velocity)
+    reference = np.column_stack((np.frombuffer(position), speed, np.gradient(speed, period_s)))
+    substeps = max(FEWEST_SUBSTEPS, needed_substeps(drive.effects, drive._masses, period_s))
+    timing = Timing(sampling_time_s=period_s, duration_s=len(speed) * period_s, substeps=substeps)
+    axis = drive.system(Setup(timing=timing, motion=Sampled(reference)))
+    axis.start([0])
+    rows = axis.advance(axis.n_samples)[:, :, 0]
+    if bool(axis.diverged[0]) or not np.isfinite(rows).all():
+        raise SimulationDiverged("the axis on paper leaves its travel or velocity limit under this command.")
+    return {name: rows[:, index].copy() for index, name in enumerate(axis.columns)}
