@@ -52,7 +52,14 @@ Values = Mapping[str, Sequence[float | str]]
 
 def table(scenario: str, metric: str, values: Values, **columns: str) -> pd.DataFrame:
     """Return score rows of one metric; a value that is a text is a status."""
-    common = {"fdbench_version": "1", "code_digest": "c", "scenario_digest": "s", "estimator_digest": "e", "plant": "p", "nonce": ""}
+    common = {
+        "fdbench_version": "1",
+        "code_digest": "c",
+        "scenario_digest": "s",
+        "estimator_digest": "e",
+        "plant": "p",
+        "nonce": "",
+    }
     lines = [
         {
             "scenario": scenario,
