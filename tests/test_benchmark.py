@@ -160,10 +160,10 @@ def test_an_estimator_sees_no_seed_to_simulate_the_truth_with(tmp_path: Path, sc
 
 
 def test_a_skip_has_a_reason(tmp_path: Path, scenario: str) -> None:
-    text = FIT + f"return {LIKE_NULL}\n\n    def skip(self, context):\n        return 'not for ' + context.scenario\n"
+    text = FIT + f"return {LIKE_NULL}\n\n    def skip(self, context):\n        return 'not for ' + context.model\n"
     run([scenario], [estimator_file(tmp_path, "picky", text)], 1, tmp_path / "out")
     found = rows(Store(tmp_path / "out"), "picky")
-    assert set(zip(found["status"], found["message"], strict=True)) == {("skipped", "not for Short-v0")}
+    assert set(zip(found["status"], found["message"], strict=True)) == {("skipped", "not for velocity_loop")}
 
 
 def test_unknown_argument_names_the_nearest(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from fdbench.reading import read_record
 from fdbench.scenario import load_scenario
 
 PROGRAM = [sys.executable, "-m", "fdbench.cli"]
-RUN = ["run", "--scenario", "ShakerConstant-v0", "--seeds", "1", "--jobs", "1"]
+RUN = ["run", "--scenario", "ShakerConstant-v1", "--seeds", "1", "--jobs", "1"]
 MODEL = str(scenario_folder() / "BallScrewAxis-v0.toml")
 
 ESTIMATOR = '''import numpy as np
@@ -129,8 +129,8 @@ def write(name: str, text: str) -> Path:
         ("record loop.toml -o a.csv", r"loop\.toml: cannot be read: "),
         ("run --jobs 0", r"'--jobs': .*greater than or equal to 1"),
         ("run --suite quik", r"'quik' is not one of 'quick', 'full'"),
-        ("run --scenario Shaker", r"unknown scenario 'Shaker'\. Did you mean Shaker\w+-v0\?"),
-        ("run --scenario shakerconstant", r"Did you mean ShakerConstant-v0\?"),
+        ("run --scenario Shaker", r"unknown scenario 'Shaker'\. Did you mean Shaker\w+-v[01]\?"),
+        ("run --scenario shakerconstant", r"Did you mean ShakerConstant-v[01]\?"),
         ("run --scenario none.toml", r"none\.toml: cannot be read: no such file"),
         ("run --scenario ShakerConstant-v0 --scenario fdbench/ShakerConstant-v0", r"is given 2 times"),
         ("run --scenario ShakerConstant-v0 --estimator least_square", r"Did you mean least_squares\?"),
@@ -158,7 +158,7 @@ def write(name: str, text: str) -> Path:
         ("compare folder", r"Missing argument 'new'"),
         ("compare folder none", r"folder: no scores\.parquet"),
         ("record ShakerConstant-v0", r"fdbench record: Missing option '-o' / '--output'"),
-        ("record ShakerConst-v0 -o a.csv", r"Did you mean ShakerConstant-v0\?"),
+        ("record ShakerConst-v0 -o a.csv", r"Did you mean ShakerConstant-v[01]\?"),
         ("record ShakerConstant-v0 -o a.csv --seed -1", r"'--seed': .*greater than or equal to 0"),
         ("record ShakerConstant-v0 -o none/a.csv", r"there is no folder none"),
         ("record ShakerConstant-v0 -o folder", r"folder: a folder, where a file to write is expected"),
@@ -541,8 +541,8 @@ def test_other_results_of_the_folder_are_kept_and_shown(results: Path) -> None:
         assert {"least_squares", "mean_force"} <= set(re.findall(r"\w+", (results / name).read_text("utf-8")))
     write("mean_force.py", ESTIMATOR + "\n# another one\n")
     again = run(*RUN, "--estimator", "mean_force.py", "--seeds", "2", "--first-seed", "1", "--out", results)
-    assert "Left out: 1 earlier run of mean_force on ShakerConstant-v0, as their scenario" in again.stdout
-    shutil.rmtree(results / "runs" / "ShakerConstant-v0" / "mean_force")
+    assert "Left out: 1 earlier run of mean_force on ShakerConstant-v1, as their scenario" in again.stdout
+    shutil.rmtree(results / "runs" / "ShakerConstant-v1" / "mean_force")
     for file in (results / "runs").rglob("[12].json"):
         file.unlink()
     assert run(*RUN, "--estimator", "least_squares", "--out", results).exit_code == 0
@@ -622,7 +622,7 @@ def test_an_interrupted_run_resumes() -> None:
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
     environment.pop("COLUMNS", None)
     with start(*arguments, env=environment) as process:
-        assert next(lines_of(process)) == "1/4 ShakerConstant-v0 seed 0\n"
+        assert next(lines_of(process)) == "1/4 ShakerConstant-v1 seed 0\n"
         process.send_signal(signal.SIGINT)
         assert process.communicate()[1] == "fdbench: interrupted; what is finished is kept.\n"
     assert process.returncode == 130

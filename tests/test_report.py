@@ -26,7 +26,7 @@ from fdbench.report._page import Figure, Html, Section, page, table, tag
 from fdbench.report._series import envelope, thinned
 from fdbench.report.answer import write_answer
 
-SCENARIOS = ("MillingUpDown-v0", "ShakerConstant-v0")
+SCENARIOS = ("MillingUpDown-v1", "ShakerConstant-v0")
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)> & \"quoted\" 'text'"
 VOID = {"meta", "wbr", "link", "img", "br"}
 
@@ -216,14 +216,14 @@ def test_text_is_escaped(only_failures: Page) -> None:
 
 
 def test_names_are_escaped_in_figures(tmp_path: Path) -> None:
-    values = {"null": 100.0, "oracle": 0.0, "<b>bold": 50.0}
+    values = {"null": 100.0, "oracle": 0.0, "<b>bold": 1.0}
     scores = {name: Score(metric="parameter_error", unit="%", value=value) for name, value in values.items()}
     runs = [replace(failed_run(name, ""), status=OK, scores=(score,)) for name, score in scores.items()]
     shown = hand_made(tmp_path, runs)
     (figure,) = shown.figures.values()
     assert {trace["name"]: trace["x"] for trace in figure["data"]} == {
         "oracle": [1.0],
-        "&lt;b&gt;bold": [0.5],
+        "&lt;b&gt;bold": [pytest.approx(2 / 3)],
         "null": [0.0],
     }
 

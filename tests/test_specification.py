@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from fdbench.catalogue import scenario_files
 from fdbench.errors import SpecError
 from fdbench.gap.nominal import Nominal, load_nominal
-from fdbench.scenario import Scenario
+from fdbench.scenario import Scenario, extended
 from fdbench.specification import bounded, check_bounds, load_toml, positive, read
 
-TABLES = {path.stem: load_toml(path) for path in scenario_files()}
+TABLES = {path.stem: extended(path)[0] for path in scenario_files()}
 WHERE = "File-v0.toml: scenario"
 OTHER_TYPES: list[Any] = ["text", "", True, False, {}, {"kind": 3}, {"kind": "none of them"}, [], [[]], [1.0], ["text"]]
 OTHER_NUMBERS = [math.nan, math.inf, -math.inf, -1, 0, 0.5, -1.5, 5, 1e-320, 1e308, 10**30, 10**400]
