@@ -191,14 +191,19 @@ class Store:
             Key(file.parent.parent.name, file.parent.name, int(file.stem)) for file in files if file.stem.isdecimal()
         ]
 
-    def is_finished(self, key: Key, digests: Mapping[str, str], keep: bool) -> bool:
-        """Return whether a run need not be repeated: it was good, nothing has changed, and what is to be kept is."""
+    def is_finished(self, key: Key, digests: Mapping[str, str], keep: bool, skips_hold: bool) -> bool:
+        """Return whether a run need not be repeated: nothing has changed, and it was good and what is to be kept is.
+
+        With ``skips_hold`` a skipped run need not be repeated either.
+        """
         try:
             run = self.read_run(key)
         except FdbenchError:
             return False
-        if run is None or run.status != OK or any(run.provenance.get(name) != digests[name] for name in DIGESTS):
+        if run is None or any(run.provenance.get(name) != digests[name] for name in DIGESTS):
             return False
+        if run.status != OK:
+            return run.status == SKIPPED and skips_hold
         return not keep or (self.estimate_file(key).is_file() and self.record_file(key.scenario, key.seed).is_file())
 
     # ---- the selection and its tables ----
