@@ -79,8 +79,9 @@ def run(
     """Run every estimator on every scenario for a number of seeds; see `fdbench.benchmark.store`.
 
     Runs that ``out`` holds for the same scenario, estimator, code and seed are reused, unless they failed or the data
-    that they lacked have come since. A measured scenario has one record and is run for seed 0 only. Record and estimates of the first seed are always kept. The
-    tables hold the selection and all else that ``out`` holds and that has not changed since.
+    that they lacked have come since. A measured scenario has one record and is run for seed 0 only. Record and
+    estimates of the first seed are always kept. The tables hold the selection and all else that ``out`` holds and that
+    has not changed since.
 
     Parameters
     ----------
@@ -122,12 +123,12 @@ def run(
     for name, count in Counter(scenario.id for _, scenario in selected).items():
         if count > 1:
             raise FdbenchError(f"scenario '{name}' is given {count} times.")
-    sources = _sources(names)
+    sources, plugins = _sources(names), _plugins() if jobs > 1 else ()
     plan = []
     for source, scenario in selected:
         choices = tuple(_choice(name, scenario, sources) for name in names)
         own = _jobs(source, scenario, choices, range(1) if scenario.measured else drawn, keep_estimates, origin)
-        plan += [replace(job, folder=store.folder.resolve(), plugins=_plugins() if jobs > 1 else ()) for job in own]
+        plan += [replace(job, folder=store.folder.resolve(), plugins=plugins) for job in own]
     keys = {key for job in plan for key in job.runs}
     others, stale = _others(store, keys, [scenario for _, scenario in selected], origin["code_digest"])
     selection = {"scenarios": {scenario.id: scenario.digest for _, scenario in selected}, "estimators": list(names)}

@@ -269,7 +269,7 @@ class Store:
 
     def write_record(self, scenario: str, seed: int, record: Record) -> None:
         """Keep a record."""
-        with _replaced(self.record_file(scenario, seed)) as partial:
+        with replaced(self.record_file(scenario, seed)) as partial:
             record.to_parquet(partial)
 
     def read_record(self, scenario: str, seed: int = 0) -> Record:
@@ -291,7 +291,7 @@ class Store:
         }
         arrays = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
         table = pyarrow.table(arrays).replace_schema_metadata({"fdbench": json.dumps(metadata)})
-        with _replaced(self.estimate_file(key)) as partial:
+        with replaced(self.estimate_file(key)) as partial:
             parquet.write_table(table, partial)
 
     def read_estimate(self, key: Key) -> Kept | None:
@@ -342,17 +342,17 @@ def _write_table(path: Path, rows: list[dict[str, Any]], columns: Mapping[str, s
     from pyarrow import parquet
 
     schema = pyarrow.schema([(name, pyarrow.type_for_alias(kind)) for name, kind in columns.items()])
-    with _replaced(path) as partial:
+    with replaced(path) as partial:
         parquet.write_table(pyarrow.Table.from_pylist(rows, schema=schema), partial)
 
 
 def _write(path: Path, text: str) -> None:
-    with _replaced(path) as partial:
+    with replaced(path) as partial:
         partial.write_text(text, "utf-8", newline="\n")
 
 
 @contextmanager
-def _replaced(path: Path) -> Iterator[Path]:
+def replaced(path: Path) -> Iterator[Path]:
     """Yield a file beside ``path`` that takes its place when all has gone well."""
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
