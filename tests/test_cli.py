@@ -117,7 +117,7 @@ def write(name: str, text: str) -> Path:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ("list scenario", r"'scenario' is not one of 'scenarios', 'estimators', 'effects', 'metrics'\. Try"),
+        ("list scenario", r"'scenario' is not one of 'scenarios', 'estimators', 'effects', 'metrics', .*\. Try"),
         ("list effects --jsn", r"No such option: --jsn .*--json"),
         ("lst", r"No such command 'lst'\. Did you mean 'list'\?"),
         ("run --seeds 0", r"fdbench run: .*'--seeds': .*greater than or equal to 1"),

@@ -441,7 +441,7 @@ def test_the_comment_has_every_part_and_well_formed_tables() -> None:
         ]
     )
     text = markdown(compare(base, new, allow_missing=True))
-    assert "### fdbench: Losses: 3, gains: 0; 3 rows compared, 1 of them on the same records." in text
+    assert "### fdbench: Losses: 3, gains: 0; 3 rows compared, 2 of them on the same records." in text
     assert "| disturbance_delay | 20 us → 250 ms |" in text
     assert "| loss | S-v0 | x | parameter_error | 2 → 2.23 % | +11.7% |" in text
     assert r"failed with seed 0: a\|b of data.csv" in text

@@ -28,9 +28,10 @@ def write_changed(folder: Path, makers: Mapping[str, Callable[[Path], None]]) ->
     """
     sources = _sources(folder)
     known = _known(folder / MADE_OF)
-    written = [name for name in makers if known.get(name) != _state(sources, folder / name)]
+    files = {name: folder / name for name in makers}
+    written = [name for name, file in files.items() if not file.is_file() or known.get(name) != _state(sources, file)]
     for name in written:
-        with replaced(folder / name) as partial:
+        with replaced(files[name]) as partial:
             makers[name](partial)
             known[name] = _state(sources, partial)
     if _sources(folder) != sources:  # another run has written to this folder meanwhile
@@ -61,12 +62,12 @@ def _kept(folder: Path) -> Iterator[bytes]:
             yield f"{path.relative_to(folder).as_posix()} {status.st_size} {status.st_mtime_ns}".encode()
 
 
-def _state(sources: str, file: Path) -> str | None:
-    """Return the digest of a file and its sources, or None where there is no file."""
-    return digest([sources.encode(), file.read_bytes()]) if file.is_file() else None
+def _state(sources: str, file: Path) -> str:
+    """Return the digest of a file and its sources."""
+    return digest([sources.encode(), file.read_bytes()])
 
 
-def _known(file: Path) -> dict[str, str | None]:
+def _known(file: Path) -> dict[str, str]:
     """Return the states that were written last; a list that cannot be read only means that all is written anew."""
     try:
         found = json.loads(file.read_text("utf-8"))
