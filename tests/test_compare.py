@@ -431,10 +431,10 @@ def test_bad_usage_is_one_message(
 
 def test_the_comment_has_every_part_and_well_formed_tables() -> None:
     base = pd.concat([errors(1.0, 2.0, 3.0), rows("y", "parameter_error", [1.0]), rows("z", "prediction_error", [3.0])])
-    base = pd.concat([base, rows("d", "disturbance_delay", [2e-5])])
+    base = pd.concat([base, rows("d", "disturbance_delay", [2e-5], unit="s")])
     new = pd.concat(
         [
-            rows("d", "disturbance_delay", [0.25]),
+            rows("d", "disturbance_delay", [0.25], unit="s"),
             errors(1.2, 2.2, 3.3),
             errors(1.0, metric="prediction_error"),
             rows("y", "parameter_error", ["failed"], message="a|b of /data/of/me/data.csv"),

@@ -328,13 +328,13 @@ def _score_rows(runs: Sequence[Run]) -> Iterator[dict[str, Any]]:
     for run in runs:
         provenance = {name: run.provenance.get(name, "") for name in PROVENANCE}
         for score in run.scores:
-            yield {**run.key._asdict(), "plant": run.plant, **asdict(score), "seconds": run.seconds, **provenance}
+            yield {**run.key._asdict(), "plant": run.plant, **vars(score), "seconds": run.seconds, **provenance}
 
 
 def _parameter_rows(runs: Sequence[Run]) -> Iterator[dict[str, Any]]:
     for run in runs:
         for value in run.parameters:
-            yield {**run.key._asdict(), **asdict(value)}
+            yield {**run.key._asdict(), **vars(value)}
 
 
 def _write_table(path: Path, rows: list[dict[str, Any]], columns: Mapping[str, str]) -> None:
