@@ -24,7 +24,7 @@ class Kind(StrEnum):
 WORDS = {
     Kind.SCENARIOS: "Machine, its reality, its command and what is to be found: the cases of the benchmark.",
     Kind.ESTIMATORS: "What is ranked: it claims parameters, disturbance or output from a record.",
-    Kind.EFFECTS: "What a real axis has and its model may lack: friction, backlash, cogging and others.",
+    Kind.EFFECTS: "What a real axis has and its model may lack: frictions, compliances, errors of sensors and others.",
     Kind.METRICS: "What a claim is scored with, against the truth.",
     Kind.PLANTS: "Kinds of machine that a scenario may have.",
     Kind.MOTIONS: "Commands that a scenario may give.",
