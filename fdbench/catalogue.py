@@ -19,3 +19,11 @@ def scenario_files() -> list[Path]:
 def scenario_ids() -> list[str]:
     """Return the ids of all scenarios, without the namespace ``fdbench/``."""
     return [path.stem for path in scenario_files()]
+
+
+def newest_ids() -> list[str]:
+    """Return the ids of all scenarios of which there is no newer version."""
+    newest: dict[str, str] = {}
+    for name in sorted(scenario_ids(), key=lambda text: (text.rpartition("-v")[0], int(text.rpartition("-v")[2]))):
+        newest[name.rpartition("-v")[0]] = name
+    return sorted(newest.values())

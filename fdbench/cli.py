@@ -19,6 +19,7 @@ from fdbench.commands.report import report
 from fdbench.commands.reproduce import reproduce
 from fdbench.commands.run import run
 from fdbench.commands.trial import trial
+from fdbench.commands.verify import verify
 from fdbench.errors import FdbenchError
 from fdbench.version import __version__
 
@@ -88,7 +89,7 @@ def common(
 
 
 app.command("list")(list_)
-for command in (run, leaderboard, compare, report, record, check, reproduce, diagnose):
+for command in (run, leaderboard, verify, compare, report, record, check, reproduce, diagnose):
     app.command()(command)
 app.add_typer(trial, name="trial")
 

@@ -36,10 +36,10 @@ __all__ = [
 class Context:
     """What a user of a real drive would know before the record is taken.
 
+    The machine under the record is another one: its values lie about those on paper, as its data sheet says.
+
     Attributes
     ----------
-    scenario : str
-        Id of the scenario.
     sampling_time_s : float
         Clock of the record.
     plant : Plant
@@ -47,14 +47,22 @@ class Context:
     model : str
         Which linear model of the plant is to be identified, such as ``"velocity_loop"``.
     disturbance_period_s : float or None
-        Period of the spindle or shaker, where one runs.
+        Nominal period of the spindle or shaker, where one runs; a spindle slips.
+    covariance : (n_parameters, n_parameters) array or None
+        How far the parameters of the model may be from those on paper, in the order of ``nominal``; None where the data
+        sheet does not say.
     """
 
-    scenario: str
     sampling_time_s: float
     plant: Plant
     model: str
     disturbance_period_s: float | None = None
+    covariance: FloatArray | None = None
+
+    @property
+    def nominal(self) -> Mapping[str, float]:
+        """Parameters of the model as they follow from the data sheet."""
+        return self.plant.true_parameters(self.model, self.sampling_time_s)
 
     def regression(self, record: Record) -> Regression:
         """Return the nominal plant's linear model, filled with the samples of ``record``."""
@@ -90,9 +98,17 @@ class Estimate:
 
 
 class Estimator(ABC):
-    """Common part of both kinds: registered by file name, every constructor argument has a default."""
+    """Common part of both kinds: registered by file name, every constructor argument has a default.
+
+    Class attributes
+    ----------------
+    made_for : tuple of str or None
+        Models, as ``Context.model`` names them, that the method is for; None: any. On others it is only run where it is
+        selected by name.
+    """
 
     name: ClassVar[str]
+    made_for: ClassVar[tuple[str, ...] | None] = None
     expected_failures: ClassVar[Mapping[str, str]] = {}
 
     def skip(self, context: Context) -> str | None:
@@ -102,6 +118,27 @@ class Estimator(ABC):
     @abstractmethod
     def fit(self, context: Context, record: Record) -> Estimate:
         """Estimate from a whole record."""
+
+    def predict(self, context: Context, estimate: Estimate, command: Record) -> FloatArray | None:
+        """Return the model's target for a command that was never tried, by a free run: nothing of it is measured.
+
+        Parameters
+        ----------
+        context : Context
+        estimate : Estimate
+            What ``fit`` of this very estimator has just returned.
+        command : Record
+            The command's columns alone, such as ``reference_position_m``.
+
+        Returns
+        -------
+        (n_rows,) array or None
+            One value for each row that the regression of a record of this length has; None makes no claim. By default
+            the plant's model with the estimated parameters, where ``estimate`` has them all.
+        """
+        if any(name not in estimate.parameters for name in context.nominal):
+            return None
+        return context.plant.free_run(command, context.model, estimate.parameters)
 
 
 class BatchEstimator(Estimator):

@@ -5,7 +5,7 @@ One strict TOML file for each versioned id; see the ``scenarios`` folder.
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from fdbench.catalogue import scenario_folder, scenario_ids
+from fdbench.draw import Draw, check_draws, drawn_table, moved_table
 from fdbench.effects import Effect
 from fdbench.errors import SimulationDiverged, SpecError, UnknownName, did_you_mean
 from fdbench.estimator import Context
@@ -90,6 +91,25 @@ class Estimation:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Validation:
+    """A motion that estimators do not see but predict by a free run; one of the two.
+
+    Parameters
+    ----------
+    motion : Motion, optional
+        Of the same machine, simulated without process forces and noise.
+    start_s : float, optional
+        Of a measured record: what comes from here on is withheld.
+    """
+
+    motion: Motion | None = None
+    start_s: float | None = positive(default=None)
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Environment:
     """Gymnasium side: what an action of 1 means, and which error the reward squares.
 
@@ -116,15 +136,23 @@ class Truth:
         Parameters of the scenario's model, discrete or physical.
     disturbance_N : (n_samples,) array or None
         Mean process force against motion over each sampling time.
+    response : (n_rows,) array or None
+        What the model's target is in the validation motion.
     """
 
     parameters: Mapping[str, float]
     disturbance_N: FloatArray | None
+    response: FloatArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """One versioned benchmark case; the fields are the tables of its TOML file."""
+    """One versioned benchmark case; the fields are the tables of its TOML file.
+
+    A file may take over another one, ``extends = "ShakerConstant-v0"``, and say only what differs; lists are replaced
+    whole. With ``draw`` every seed is another machine; without it the machine is the one on paper, as in a published
+    trial.
+    """
 
     title: str
     source: str
@@ -136,8 +164,11 @@ class Scenario:
     reality: Reality = field(default_factory=Reality)
     environment: Environment | None = None
     measured: Measured | None = None
+    validation: Validation | None = None
+    draw: tuple[Draw, ...] = ()
     id: str = field(default="", init=False)
     digest: str = field(default="", init=False)
+    table: Mapping[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.estimation.model not in self.plant.models():
@@ -148,6 +179,13 @@ class Scenario:
         for suite in self.suites:
             if suite not in SUITES:
                 raise SpecError(f"suites: unknown suite '{suite}'.{did_you_mean(suite, SUITES)}")
+        if self.measured is not None and self.draw:
+            raise SpecError("draw: a measured machine is not drawn; leave this table out.")
+        if self.validation is not None:
+            needed, other = ("motion", "start_s") if self.measured is None else ("start_s", "motion")
+            if getattr(self.validation, needed) is None or getattr(self.validation, other) is not None:
+                kind = "simulated" if self.measured is None else "measured"
+                raise SpecError(f"validation.{needed}: a {kind} scenario has this one, and no {other}.")
         if self.measured is None and (self.timing is None or self.motion is None):
             raise SpecError("timing: missing table; a scenario has [timing] and [motion], or [measured].")
 
@@ -155,12 +193,38 @@ class Scenario:
         """Return what an estimator may know."""
         period = self.timing.sampling_time_s if self.timing else self.record().sampling_time_s
         return Context(
-            scenario=self.id,
             sampling_time_s=period,
             plant=self.plant,
             model=self.estimation.model,
             disturbance_period_s=self.estimation.disturbance_period_s,
+            covariance=self._covariance,
         )
+
+    @cached_property
+    def _covariance(self) -> FloatArray | None:
+        """How far the model's parameters may be from those on paper: to first order, each draw moved both ways.
+
+        None where the machine is not drawn, or where what is drawn moves no parameter of the model.
+        """
+        own = [draw for draw in self.draw if any(path.startswith("plant.") for path in draw.values)]
+        if not own or self.timing is None:
+            return None
+        model, period_s = self.estimation.model, self.timing.sampling_time_s
+
+        def parameters(draw: Draw, deviations: float) -> FloatArray:
+            plant = self._read(moved_table(self.table, draw, deviations)).plant
+            return np.array(list(plant.true_parameters(model, period_s).values()))
+
+        moved = np.array([0.5 * (parameters(draw, 1.0) - parameters(draw, -1.0)) for draw in own])
+        return np.asarray(moved.T @ moved) if moved.any() else None
+
+    def drawn(self, seed: int) -> "Scenario":
+        """Return the scenario with the machine of a seed on paper and in reality; itself where nothing is drawn."""
+        return self._read(drawn_table(self.table, self.draw, seed)) if self.draw else self
+
+    def _read(self, table: Mapping[str, Any]) -> "Scenario":
+        kept = {key: value for key, value in table.items() if key != "draw"}
+        return _named(read(Scenario, kept, f"{self.id}: drawn"), self.id, self.digest, kept)
 
     @cached_property
     def setup(self) -> Setup:
@@ -188,11 +252,55 @@ class Scenario:
             If the scenario is measured and its file is not on this machine.
         """
         if self.measured is not None:
-            path = measured_file(self.measured.file, self.measured.obtain)
-            mapping = {"record": {"file": path.name}, "columns": self.measured.columns}
-            record = read_mapped(mapping, path.parent, f"{self.id}: measured")
-            return record, Truth(parameters=dict(self.measured.reference_parameters), disturbance_N=None)
-        return simulate(self, seed)
+            record, withheld = self._measurement()
+            response = None if withheld is None else self.plant.regression(withheld, self.estimation.model).target
+            parameters = dict(self.measured.reference_parameters)
+            return record, Truth(parameters=parameters, disturbance_N=None, response=response)
+        machine = self.drawn(seed)
+        record, truth = simulate(machine, seed)
+        return record, replace(truth, response=machine.response(seed))
+
+    def _measurement(self) -> tuple[Record, Record | None]:
+        """Return the measured record that is handed out, and the part that is withheld."""
+        if self.measured is None:
+            raise SpecError(f"{self.id}: nothing is measured.")
+        path = measured_file(self.measured.file, self.measured.obtain)
+        mapping = {"record": {"file": path.name}, "columns": self.measured.columns}
+        record = read_mapped(mapping, path.parent, f"{self.id}: measured")
+        if self.validation is None or self.validation.start_s is None:
+            return record, None
+        first = int(np.searchsorted(record["time_s"], self.validation.start_s))
+        return record.slice(0, first), record.slice(first, record.n_samples)
+
+    def command(self) -> Record | None:
+        """Return what is known beforehand of the validation motion: its commands, on the clock of the record."""
+        if self.validation is None:
+            return None
+        if self.timing is None:
+            withheld = self._measurement()[1]
+            if withheld is None:
+                return None
+            known = {name: withheld[name] for name in withheld.columns if "reference_" in name}
+            return Record({"time_s": withheld["time_s"], **known}, {}, f"{self.id}: validation")
+        system = self._validating.system()
+        time_s = np.arange(system.n_samples, dtype=np.float64) * self.timing.sampling_time_s
+        return Record({"time_s": time_s, **system.commanded}, {}, f"{self.id}: validation")
+
+    def response(self, seed: int) -> FloatArray | None:
+        """Return the model's target in the validation motion, (n_rows,), or None without one."""
+        if self.validation is None or self.validation.motion is None:
+            return None
+        record, _ = simulate(self._validating, seed)
+        return self.plant.regression(record, self.estimation.model).target
+
+    @property
+    def _validating(self) -> "Scenario":
+        """The machine in its validation motion, undisturbed and read without noise."""
+        if self.validation is None or self.validation.motion is None:
+            raise SpecError(f"{self.id}: it has no [validation.motion].")
+        effects = tuple(effect for effect in self.reality.effects if not (effect.disturbance or effect.random))
+        other = replace(self, motion=self.validation.motion, reality=Reality(effects=effects), validation=None)
+        return _named(other, self.id, self.digest, self.table)
 
 
 def simulate(scenario: Scenario, seed: int) -> tuple[Record, Truth]:
@@ -236,9 +344,54 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
 
 
 def _load(path: Path) -> Scenario:
-    scenario = read(Scenario, load_toml(path), f"{path.name}: scenario")
-    object.__setattr__(scenario, "id", path.stem)
-    object.__setattr__(scenario, "digest", hashlib.sha256(path.read_bytes()).hexdigest())
+    table, parts = _extended(path, ())
+    scenario = read(Scenario, table, f"{path.name}: scenario")
+    digest = hashlib.sha256(parts[0] if len(parts) == 1 else b"".join(hashlib.sha256(part).digest() for part in parts))
+    _named(scenario, path.stem, digest.hexdigest(), table)
+    try:
+        check_draws(table, scenario.draw)
+        scenario.drawn(0)
+    except SpecError as error:
+        raise SpecError(f"{path.name}: {error}") from error
+    return scenario
+
+
+def _extended(path: Path, below: tuple[str, ...]) -> tuple[dict[str, Any], list[bytes]]:
+    """Return the tables of a file over those of the one that it extends, and the content of both."""
+    table = load_toml(path)
+    content = path.read_bytes()
+    if "extends" not in table:
+        return table, [content]
+    base = table.pop("extends")
+    allowed = [file.stem for file in path.parent.glob("*.toml")] + scenario_ids()
+    if not isinstance(base, str) or base in below or base == path.stem or base not in allowed:
+        raise SpecError(
+            f"{path.name}: extends: the id of another scenario, beside this file or of fdbench, is expected, found "
+            f"{base!r}.{did_you_mean(str(base), allowed)}"
+        )
+    beside = path.parent / f"{base}.toml"
+    file = beside if beside.is_file() else scenario_folder() / f"{base}.toml"
+    lower, parts = _extended(file, (*below, path.stem))
+    return _over(lower, table), [content, *parts]
+
+
+def _over(lower: Mapping[str, Any], upper: Mapping[str, Any]) -> dict[str, Any]:
+    """Return one table over another; tables within are merged, all else is replaced."""
+    merged = dict(lower)
+    for key, value in upper.items():
+        below = merged.get(key)
+        if isinstance(below, Mapping) and isinstance(value, Mapping):
+            # A table of another kind has other keys: it replaces the lower one whole.
+            is_same = value.get("kind", below.get("kind")) == below.get("kind")
+            merged[key] = _over(below, value) if is_same else value
+        else:
+            merged[key] = value
+    return merged
+
+
+def _named(scenario: Scenario, name: str, digest: str, table: Mapping[str, Any]) -> Scenario:
+    for key, value in (("id", name), ("digest", digest), ("table", table)):
+        object.__setattr__(scenario, key, value)
     return scenario
 
 

@@ -25,6 +25,7 @@ UNITS: dict[str, str] = {
     "K": "K",
     "W": "W",
     "Hz": "Hz",
+    "Hz_per_s": "Hz/s",
     "Pa": "Pa",
     "rad": "rad",
     "dB": "dB",

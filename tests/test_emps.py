@@ -40,9 +40,7 @@ def test_least_squares_gives_the_published_parameters(model: str, monkeypatch: p
     scenario = load_scenario("EMPS-v0")
     record, _ = scenario.observe(0)
     context = scenario.context()
-    context = Context(
-        scenario=context.scenario, sampling_time_s=context.sampling_time_s, plant=context.plant, model=model
-    )
+    context = Context(sampling_time_s=context.sampling_time_s, plant=context.plant, model=model)
     estimate: Estimate = estimators.get("least_squares")().fit(context, record)
     assert record.n_samples == 24841
     for name, value in PUBLISHED[model].items():

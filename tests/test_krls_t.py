@@ -201,7 +201,7 @@ class Toy:
 
 def context(period_s: float | None = PSI) -> Context:
     plant = cast(Plant, Toy())
-    return Context(scenario="Toy-v0", sampling_time_s=TS, plant=plant, model="toy", disturbance_period_s=period_s)
+    return Context(sampling_time_s=TS, plant=plant, model="toy", disturbance_period_s=period_s)
 
 
 def toy_record(n: int = 400) -> Record:

@@ -45,7 +45,7 @@ def estimate(estimator: Estimator, regressors: FloatArray, target: FloatArray, g
         rows=np.arange(n),
         disturbance_gain=gain,
     )
-    context = Context(scenario="test", sampling_time_s=0.01, plant=cast(Plant, TablePlant(table)), model="table")
+    context = Context(sampling_time_s=0.01, plant=cast(Plant, TablePlant(table)), model="table")
     assert estimator.skip(context) is None
     return estimator.fit(context, Record({"time_s": np.linspace(0.0, 1.0, 3)}))
 

@@ -60,7 +60,6 @@ def context_of(time_s: FloatArray, z: FloatArray, y: FloatArray, gain: float, pe
         disturbance_gain=gain,
     )
     return Context(
-        scenario="test",
         sampling_time_s=SAMPLING_TIME_S,
         plant=cast(Plant, TablePlant(table)),
         model="table",

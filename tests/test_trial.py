@@ -29,6 +29,7 @@ from fdbench.gap.trial.make import MANIFEST, listed_effects, make, read_manifest
 from fdbench.gap.trial.oracle import held_out_gaps, oracle_closure
 from fdbench.gap.trial.score import Table, score, sheet
 from fdbench.gap.trial.tiers import Tier
+from fdbench.nonce import check_nonce, new_nonce
 from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.specification import load_toml, read
@@ -187,11 +188,11 @@ def test_commitment_is_bound_to_truth_and_salt_and_not_to_layout() -> None:
 @pytest.mark.parametrize("nonce", ["", "xyz", "12345678901234567", "ab"])
 def test_what_is_no_nonce_is_refused(nonce: str) -> None:
     with pytest.raises(SpecError, match="hexadecimal"):
-        seal.check_nonce(nonce)
+        check_nonce(nonce)
 
 
 def test_fresh_nonces_differ() -> None:
-    assert seal.new_nonce() != seal.new_nonce()
+    assert new_nonce() != new_nonce()
 
 
 # ---- the chain ----

@@ -59,7 +59,7 @@ def estimate_force(
         If the plant offers no spectra.
     """
     if not isinstance(context.plant, SpectralPlant):
-        raise SpecError(f"{context.scenario}: {declined(context)}.")
+        raise SpecError(f"{context.model}: {declined(context)}.")
     spectra = context.plant.spectra(record)
     G, training = expand(spectra.features, functions), spectra.training
     coefficients = solve(G[training], spectra.targets[training])

@@ -22,7 +22,7 @@ class Null(BatchEstimator):
         regression = context.regression(record)
         target = regression.target
         return Estimate(
-            parameters=dict.fromkeys(regression.names, 0.0),
+            parameters=dict(context.nominal),
             disturbance_N=np.zeros(len(target)),
             output=np.concatenate((target[:1], target[:-1])),
         )

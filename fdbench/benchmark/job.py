@@ -17,7 +17,8 @@ from fdbench.errors import FdbenchError, MissingData, PluginError, SimulationDiv
 from fdbench.estimator import Context, Estimate, Estimator, estimators
 from fdbench.metrics import Outcome, metrics
 from fdbench.metrics._parameters import signed_errors
-from fdbench.record import Record
+from fdbench.nonce import derived_seed
+from fdbench.record import FloatArray, Record
 from fdbench.regression import Regression
 from fdbench.scenario import Scenario, Truth, load_scenario
 
@@ -95,6 +96,12 @@ def construct(name: str, arguments: Mapping[str, Any]) -> Estimator:
     return cls(**arguments)
 
 
+def not_made_for(estimator: type[Estimator], model: str) -> str | None:
+    """Return that an estimator is for other models than this one, or None."""
+    models = estimator.made_for
+    return None if models is None or model in models else f"made for other models: {', '.join(models)}"
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Trial:
     """A record with all that its estimators share."""
@@ -104,6 +111,7 @@ class _Trial:
     record: Record
     truth: Truth
     regression: Regression
+    command: Record | None
 
 
 def do(job: Job) -> list[Run]:
@@ -113,7 +121,7 @@ def do(job: Job) -> list[Run]:
     store, scenario = Store(job.folder), load_scenario(job.source)
     trial: _Trial | None = None
     try:
-        trial = _observe(scenario, job.seed)
+        trial = _observe(scenario, derived_seed(job.provenance.get("nonce", ""), scenario.id, job.seed))
         status, message = OK, ""
     except (Exception, SystemExit) as error:  # noqa: BLE001
         status, message = describe(error)
@@ -136,12 +144,19 @@ def do(job: Job) -> list[Run]:
 def _observe(scenario: Scenario, seed: int) -> _Trial:
     record, truth = scenario.observe(seed)
     context = scenario.context()
-    return _Trial(scenario=scenario, context=context, record=record, truth=truth, regression=context.regression(record))
+    return _Trial(
+        scenario=scenario,
+        context=context,
+        record=record,
+        truth=truth,
+        regression=context.regression(record),
+        command=scenario.command(),
+    )
 
 
 def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str], store: Store | None) -> Run:
     try:
-        estimate, seconds = _estimate(choice, trial)
+        estimate, response, seconds = _estimate(choice, trial)
         check_estimate(estimate, trial.regression, plant_parameters(trial.context))
         outcome = Outcome(
             scenario=trial.scenario,
@@ -150,6 +165,7 @@ def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str],
             truth=trial.truth,
             estimate=estimate,
             seconds=seconds,
+            response=response,
         )
         parameters = tuple(_parameter_values(outcome))
     except (Exception, SystemExit) as error:  # noqa: BLE001
@@ -170,12 +186,12 @@ def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str],
     )
 
 
-def _estimate(choice: Choice, trial: _Trial) -> tuple[Estimate, float]:
+def _estimate(choice: Choice, trial: _Trial) -> tuple[Estimate, FloatArray | None, float]:
     if choice.name == oracle.NAME:
         start = time.perf_counter()
-        return oracle.oracle(trial.regression, trial.truth), time.perf_counter() - start
+        return oracle.oracle(trial.regression, trial.truth), trial.truth.response, time.perf_counter() - start
     estimator = construct(choice.name, choice.arguments)
-    reason = estimator.skip(trial.context)
+    reason = not_made_for(type(estimator), trial.context.model) or estimator.skip(trial.context)
     if reason is not None and not isinstance(reason, str):
         raise PluginError(f"skip() returned {reason!r}; a reason as text, or None, is expected.")
     if reason is not None:
@@ -186,7 +202,9 @@ def _estimate(choice: Choice, trial: _Trial) -> tuple[Estimate, float]:
     record = _handed_over(trial.record)
     start = time.perf_counter()
     estimate = estimator.fit(trial.context, record)
-    return estimate, time.perf_counter() - start
+    seconds = time.perf_counter() - start
+    response = None if trial.command is None else estimator.predict(trial.context, estimate, trial.command)
+    return estimate, response, seconds
 
 
 def _handed_over(record: Record) -> Record:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.run import NULL
+from fdbench.benchmark.seal import Seal, read_seal
 from fdbench.benchmark.statistics import (
     LEVEL,
     RESAMPLES,
@@ -22,6 +23,7 @@ from fdbench.benchmark.statistics import (
     standings,
     troubles,
     unranked,
+    unused,
 )
 from fdbench.benchmark.store import OK, SKIPPED, Store
 from fdbench.errors import FdbenchError
@@ -32,18 +34,26 @@ from fdbench.units import TIMES, time_text, unit_of
 if TYPE_CHECKING:
     import pandas as pd
 
+DECADES_TEXT = ", ".join(f"{m.decades:g} for {m.name}" for m in map(metrics.get, metrics.names()) if m.primary)
+
 SCORE = f"""\
-One ranking for each track and kind of plant, of the estimators that apply to one of its scenarios. Score of a run: mean
-over the primary metrics of the track of (null - loss) / (null - oracle), clipped to [-1, 1], where the loss is the
-distance of a metric to its ideal value and null and oracle are the mean losses of these two over the seeds. 1 is as
-good as knowing the truth, 0 as good as having learnt nothing. A failed or diverged run has each metric's worst value, a
-skipped one scores 0. Score of an estimator: interquartile mean over its runs, each scenario with the same weight;
-{LEVEL:.0%} interval by {RESAMPLES} bootstrap resamples of the seeds within scenarios. Estimators share a rank where the
-interval of the paired difference to the first of that rank holds 0."""
+One ranking for each track and kind of plant, of the estimators that apply to one of its scenarios. Every seed is
+another machine under another disturbance, drawn about a data sheet, which is all that an estimator is told. Score of a
+run: mean over the primary metrics of the track (`*` below) of log10(error of null / error) / D, clipped to [-1, 1],
+with D = {DECADES_TEXT}: each
+tenfold smaller error is worth 1 / D more. `null` knows the data sheet and has learnt nothing beyond it; its error is
+the geometric mean over the seeds, so that its score is about 0. `oracle` knows the truth and has the score 1. A failed
+or diverged run has each metric's worst value, a skipped one scores 0. Tracks: `parameters` of the plant's model; the
+`disturbance` force within the record; `output`, a free run from the command alone, in a motion that the estimator has
+not seen, against the undisturbed response without noise. Score of an estimator: interquartile mean over its runs, each
+scenario with the same weight; {LEVEL:.0%} interval by {RESAMPLES} bootstrap resamples of the seeds within scenarios.
+Estimators share a rank where the interval of the paired difference to the first of that rank holds 0. What was ok
+nowhere has no rank."""
 
 NOTES = f"""\
-Means over the seeds that went well. `↓`: smaller is better, `↑`: bigger is better. Bias: mean error over the seeds ±
-half of its {LEVEL:.0%} t interval, in per cent of the true value or, where that is 0, in the parameter's unit."""
+Means over the seeds that went well. `↓`: smaller is better, `↑`: bigger is better, `*`: the score rests on it. Bias:
+mean error over the seeds ± half of its {LEVEL:.0%} t interval, in per cent of the true value or, where that is 0, in
+the parameter's unit."""
 
 # Corrections of released scenarios and scores: suite version and what was wrong, newest first.
 ERRATA: tuple[tuple[str, str], ...] = ()
@@ -68,7 +78,7 @@ def leaderboard(store: Store) -> str:
     """
     scores = store.scores()
     check_mergeable(scores)
-    return "\n".join(_lines(scores, store.parameters())) + "\n"
+    return "\n".join(_lines(scores, store.parameters(), read_seal(store.folder))) + "\n"
 
 
 def difference(text: str, path: str | Path) -> str:
@@ -88,7 +98,7 @@ def check_mergeable(scores: "pd.DataFrame") -> None:
         If a scenario, or an estimator in a scenario, has rows of different digests, if rows are of different suite
         versions, or if a run is there twice.
     """
-    for version in ("fdbench_version", "code_digest"):
+    for version in ("fdbench_version", "code_digest", "nonce"):
         found = sorted(scores[version].unique())
         if len(found) > 1:
             raise FdbenchError(f"scores: rows of different {version}: {', '.join(found)}. Run them all again.")
@@ -108,10 +118,12 @@ def check_mergeable(scores: "pd.DataFrame") -> None:
         raise FdbenchError(f"scores: {row.scenario}, {row.estimator}, seed {row.seed}, {row.metric} is there twice.")
 
 
-def _lines(scores: "pd.DataFrame", parameters: "pd.DataFrame") -> Iterator[str]:
+def _lines(scores: "pd.DataFrame", parameters: "pd.DataFrame", seal: Seal | None) -> Iterator[str]:
     yield "# Leaderboard"
     yield ""
     yield f"Suite version {scores['fdbench_version'].iloc[0]}. Written by `fdbench leaderboard`, not to be edited."
+    yield ""
+    yield from _sealing(scores, seal)
     yield ""
     yield SCORE
     shown = ""
@@ -121,8 +133,8 @@ def _lines(scores: "pd.DataFrame", parameters: "pd.DataFrame") -> Iterator[str]:
             shown = track
         yield from ["", f"### {track}: {plant}", ""]
         yield from _ranking(standings(scores, track, plant))
-        if text := unranked_text(scores, track, plant):
-            yield from ["", text]
+        for text in (unranked_text(scores, track, plant), unused_text(scores, track, plant)):
+            yield from ["", text] if text else []
     yield ""
     yield "## Scenarios"
     yield ""
@@ -144,6 +156,21 @@ def _lines(scores: "pd.DataFrame", parameters: "pd.DataFrame") -> Iterator[str]:
     yield from _skips([trouble for trouble in found if trouble.status == SKIPPED], scores["scenario"].nunique())
     yield from ["", "## Errata", ""]
     yield from [f"- {version}: {text}" for version, text in ERRATA] or ["None."]
+
+
+def _sealing(scores: "pd.DataFrame", seal: Seal | None) -> Iterator[str]:
+    nonce = str(scores["nonce"].iloc[0])
+    if not nonce:
+        yield "Seeds are public: an estimator can have been made for them. `fdbench run --sealed` draws secret ones."
+        return
+    yield f"Sealed: the seeds follow from the nonce `{nonce}`."
+    if seal is None or seal.nonce != nonce:
+        yield "They repeat those of another run; no digest was written down before the nonce was drawn."
+        return
+    yield f"It was drawn after these digests were written down, at commit `{seal.commit or 'unknown'}`, code"
+    yield f"`{seal.code_digest[:12]}`; `fdbench verify` repeats a sample of the runs."
+    yield ""
+    yield from _table(["estimator", "digest"], [[f"`{n}`", f"`{d[:16]}`"] for n, d in seal.estimators.items()], "ll")
 
 
 def _ranking(ranking: Sequence[Standing]) -> Iterator[str]:
@@ -171,7 +198,7 @@ def _metric_table(means: "pd.DataFrame") -> Iterator[str]:
             if metric.track == track:
                 values = [float(present.loc[name, estimator]) for estimator in estimators]
                 scale = float(present.loc[name, NULL]) if NULL in present else math.nan
-                title = f"{name} {'↑' if metric.bigger_is_better else '↓'}"
+                title = f"{name} {'↑' if metric.bigger_is_better else '↓'}{' *' if metric.primary else ''}"
                 cells = [value_text(value, metric.unit, scale) for value in values]
                 rows.append([title, shown_unit(metric.unit), *cells])
         if rows:
@@ -257,6 +284,13 @@ def unranked_text(scores: "pd.DataFrame", track: str, plant: str) -> str:
     """Return a sentence on the estimators that lack runs of a ranking, or an empty text."""
     names = unranked(scores, track, plant)
     return f"Not ranked, as runs that the others have are missing: {', '.join(names)}." if names else ""
+
+
+def unused_text(scores: "pd.DataFrame", track: str, plant: str) -> str:
+    """Return a sentence on the metrics that a ranking does not rest on in some scenario, or an empty text."""
+    found = unused(scores, track, plant)
+    listed = ", ".join(f"{metric} in {scenario}" for scenario, metric in found)
+    return f"Not used, as knowing the truth gains nothing on knowing the data sheet: {listed}." if found else ""
 
 
 def seeds_of(own: "pd.DataFrame") -> str:

@@ -30,7 +30,8 @@ PACKAGE = Path(__file__).parent.parent
 # Beginnings of the paths, within the package, of what uses scores and has no part in making them.
 USERS_OF_SCORES = (
     *("cli.py", "commands/", "checks/", "envs/", "gap/", "report/", "reproduce/"),
-    *("benchmark/compare", "benchmark/console", "benchmark/leaderboard", "benchmark/statistics"),
+    *("benchmark/compare", "benchmark/console", "benchmark/leaderboard", "benchmark/seal"),
+    *("benchmark/statistics", "benchmark/verify"),
 )
 
 # Names the runs whose times may be compared, as those that one job of a CI measured one after another.

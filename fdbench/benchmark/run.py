@@ -7,12 +7,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fdbench.benchmark import oracle
-from fdbench.benchmark.job import REGISTRIES, Choice, Job, describe, do
+from fdbench.benchmark.job import REGISTRIES, Choice, Job, describe, do, not_made_for
 from fdbench.benchmark.provenance import digest, estimator_digest, plugin_files, provenance, source_files
+from fdbench.benchmark.seal import Seal
+from fdbench.benchmark.seal import sealed as seal
 from fdbench.benchmark.store import DIGESTS, OK, STATUSES, Key, Run, Store
 from fdbench.catalogue import scenario_ids
 from fdbench.errors import FdbenchError, MissingData, PluginError
 from fdbench.estimator import estimators as registry
+from fdbench.nonce import check_nonce
 from fdbench.reading import measured_file
 from fdbench.scenario import Scenario, load_scenario
 
@@ -67,10 +70,12 @@ class Summary:
 
 def run(
     scenarios: Sequence[str | Path],
-    estimators: Sequence[str],
+    estimators: Sequence[str] | None,
     seeds: int,
     out: str | Path,
     *,
+    sealed: bool = False,
+    nonce: str = "",
     first_seed: int = 0,
     jobs: int = 1,
     keep_estimates: bool = False,
@@ -87,12 +92,17 @@ def run(
     ----------
     scenarios : sequence of str or Path
         Ids, or paths of TOML files.
-    estimators : sequence of str
-        Registered names, or paths of Python files; ``null`` and ``oracle`` are added.
+    estimators : sequence of str or None
+        Registered names, or paths of Python files; ``null`` and ``oracle`` are added. None: all that are installed,
+        each on the scenarios with a model that it is made for.
     seeds : int
         At least 1.
     out : path
         Folder of the results.
+    sealed : bool
+        Draw a nonce for the seeds after the digests of all that is run are written down; see `fdbench.benchmark.seal`.
+    nonce : str
+        That of another run, whose seeds are to be repeated.
     first_seed : int
         At least 0; the seeds are this one and those that follow.
     jobs : int
@@ -118,19 +128,31 @@ def run(
             raise FdbenchError(f"{name} {value}: at least {low} and at most {high}.")
     drawn = range(first_seed, first_seed + seeds)
     store, origin = Store(out), provenance()
-    names = select(estimators)
+    names = select(registry.names() if estimators is None else estimators)
     selected = [(_lasting(choice), load_scenario(choice)) for choice in scenarios]
     for name, count in Counter(scenario.id for _, scenario in selected).items():
         if count > 1:
             raise FdbenchError(f"scenario '{name}' is given {count} times.")
     sources, plugins = _sources(names), _plugins() if jobs > 1 else ()
+    if sealed and nonce:
+        raise FdbenchError("sealed draws a nonce, and one is given: leave out one of the two.")
+    origin["nonce"] = check_nonce(nonce) if nonce else ""
+    if sealed:
+        fixed = Seal(
+            estimators={name: estimator_digest(files, {}) for name, files in sources.items()},
+            scenarios={scenario.id: scenario.digest for _, scenario in selected},
+            code_digest=origin["code_digest"],
+            commit=origin["commit"],
+        )
+        origin["nonce"] = seal(store.folder, fixed).nonce
     plan = []
     for source, scenario in selected:
-        choices = tuple(_choice(name, scenario, sources) for name in names)
+        own_names = names if estimators is not None else _made_for(names, scenario)
+        choices = tuple(_choice(name, scenario, sources) for name in own_names)
         own = _jobs(source, scenario, choices, range(1) if scenario.measured else drawn, keep_estimates, origin)
         plan += [replace(job, folder=store.folder.resolve(), plugins=plugins) for job in own]
     keys = {key for job in plan for key in job.runs}
-    others, stale = _others(store, keys, [scenario for _, scenario in selected], origin["code_digest"])
+    others, stale = _others(store, keys, [scenario for _, scenario in selected], origin)
     selection = {"scenarios": {scenario.id: scenario.digest for _, scenario in selected}, "estimators": list(names)}
     options = {"seeds": seeds, "first_seed": first_seed, "keep_estimates": keep_estimates}
     store.write_selection({**selection, **options, **origin})
@@ -151,7 +173,7 @@ def run(
 
 
 def _others(
-    store: Store, keys: Collection[Key], selected: Sequence[Scenario], code_digest: str
+    store: Store, keys: Collection[Key], selected: Sequence[Scenario], origin: Mapping[str, str]
 ) -> tuple[list[Key], list[Key]]:
     """Return the runs of the folder beside ``keys``: those that hold still, and those that do not."""
     runs, holding, stale = list[Run](), list[Key](), list[Key]()
@@ -164,7 +186,7 @@ def _others(
             runs += [run] if run is not None else []
     digests = _digests_now(runs, selected)
     for run in runs:
-        now = (*digests[run.key[:2]], code_digest)
+        now = (*digests[run.key[:2]], origin["code_digest"], origin["nonce"])
         (holding if tuple(run.provenance.get(name) for name in DIGESTS) == now else stale).append(run.key)
     return holding, stale
 
@@ -198,6 +220,18 @@ def select(names_or_files: Sequence[str]) -> tuple[str, ...]:
     for name in names.difference(registry.names()):
         registry.get(name)
     return tuple(sorted({*names, oracle.NAME}))
+
+
+def _made_for(names: Sequence[str], scenario: Scenario) -> tuple[str, ...]:
+    """Return the estimators that are for the scenario's model; one that cannot be loaded is, so that it is reported."""
+    found = []
+    for name in names:
+        try:
+            reason = None if name == oracle.NAME else not_made_for(registry.get(name), scenario.estimation.model)
+        except PluginError:
+            reason = None
+        found += [name] if reason is None else []
+    return tuple(found)
 
 
 def _sources(names: Iterable[str]) -> dict[str, list[Path]]:

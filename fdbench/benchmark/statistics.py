@@ -25,7 +25,7 @@ EVERY = "all"  # estimators of a scenario
 FIRST_PLANT = "feed_drive"
 RUN = ["scenario", "seed"]
 
-# Share of the null's loss by which the oracle must be better, or the metric says nothing in that scenario.
+# Share of null's loss up to which the oracle's is rounding error.
 SMALLEST_REACH = 1e-6
 
 
@@ -50,7 +50,8 @@ class Standing:
     Attributes
     ----------
     rank : int or None
-        Shared where the paired difference to the first of the rank is not significant; None for null and oracle.
+        Shared where the paired difference to the first of the rank is not significant; None for null and oracle, and
+        for what was ok nowhere.
     estimator : str
     score : Interval
         Interquartile mean of the normalised scores.
@@ -120,13 +121,13 @@ def run_scores(scores: "pd.DataFrame", track: str, plant: str | None = None) -> 
     r"""Return the score of each run in a track: a row per scenario and seed, a column per estimator.
 
     .. math:: s = \frac{1}{M} \sum_{i=1}^{M} \mathrm{clip}\!\left(
-              \frac{\bar\ell_{i,null} - \ell_i}{\bar\ell_{i,null} - \bar\ell_{i,oracle}}, -1, 1 \right)
+              \frac{1}{D_i} \log_{10} \frac{\bar\ell_{i,null}}{\ell_i}, -1, 1 \right)
 
-    with the `loss` :math:`\ell` of each primary metric and the mean losses of null and oracle over the scenario's
-    seeds. A metric counts where both have it and the oracle is better; a run counts where both ran well. A failed or
-    diverged run has each metric's worst value. A run that is skipped, or claims nothing, is NaN. An estimator that
-    never claims anything of the track has no column, nor has one that lacks runs; see `unranked`. With ``plant``,
-    only scenarios of this kind of plant count.
+    with the `loss` :math:`\ell` of each primary metric, the geometric mean of null's losses over the scenario's seeds
+    and the metric's ``decades`` D: each tenfold smaller error is worth 1 / D more. A metric counts where it is
+    `usable`; a run counts where null and oracle both ran well. A failed or diverged run has each metric's worst value.
+    A run that is skipped, or claims nothing, is NaN. An estimator that never claims anything of the track has no
+    column, nor has one that lacks runs; see `unranked`. With ``plant``, only scenarios of this kind count.
 
     Raises
     ------
@@ -142,24 +143,62 @@ def run_scores(scores: "pd.DataFrame", track: str, plant: str | None = None) -> 
             raise FdbenchError(f"scores: no rows of '{reference}', which every score is measured against.")
     rows = _primary_rows(scores, track)
     runs, lacking = _ranked_runs(rows)
-    rows = rows[pd.MultiIndex.from_frame(rows[RUN]).isin(runs) & ~rows["estimator"].isin(lacking)].copy()
-    classes = {name: metrics.get(name) for name in rows["metric"].unique()}
-    rows["loss"] = [
-        np.nan if status == SKIPPED else loss(classes[name], value if status == OK else classes[name].worst)
-        for name, value, status in zip(rows["metric"], rows["value"], rows["status"], strict=True)
-    ]
-    references = rows[rows["estimator"].isin([NULL, ORACLE]) & (rows["status"] == OK)]
-    bounds = references.pivot(index=[*RUN, "metric"], columns="estimator", values="loss")
-    bounds = bounds.reindex(columns=[NULL, ORACLE]).dropna()
-    means = bounds.groupby(["scenario", "metric"]).transform("mean")
-    bounds = means[means[NULL] - means[ORACLE] > SMALLEST_REACH * means[NULL].abs()]
-    wide = rows.pivot(index=[*RUN, "metric"], columns="estimator", values="loss").reindex(bounds.index)
-    normalised = wide.rsub(bounds[NULL], axis=0).div(bounds[NULL] - bounds[ORACLE], axis=0).clip(-1.0, 1.0)
-    result: pd.DataFrame = normalised.groupby(RUN).mean().sort_index()
+    rows = rows[pd.MultiIndex.from_frame(rows[RUN]).isin(runs) & ~rows["estimator"].isin(lacking)]
+    wide = _losses(rows).dropna(subset=[NULL, ORACLE])
+    null = usable(rows).reindex(_without_seed(wide)).to_numpy()
+    wide, null = wide[np.isfinite(null)], null[np.isfinite(null)]
+    with np.errstate(divide="ignore"):
+        ratios = np.log10(null[:, None]) - np.log10(wide)
+    decades = np.array([metrics.get(name).decades for name in wide.index.get_level_values("metric")])
+    result: pd.DataFrame = ratios.div(decades, axis=0).clip(-1.0, 1.0).groupby(RUN).mean().sort_index()
     good = set(rows.loc[rows["status"] == OK, "estimator"])
     never_good = set(scores["estimator"]) - set(scores.loc[scores["status"] == OK, "estimator"])
     ranked = [name for name in sorted(result.columns) if name in good | never_good and result[name].notna().any()]
     return result[ranked]
+
+
+def _losses(rows: "pd.DataFrame") -> "pd.DataFrame":
+    """Return the loss of each run in each metric: rows scenario, seed and metric, columns estimators."""
+    classes = {name: metrics.get(name) for name in rows["metric"].unique()}
+    losses = [
+        np.nan if status == SKIPPED else loss(classes[name], value if status == OK else classes[name].worst)
+        for name, value, status in zip(rows["metric"], rows["value"], rows["status"], strict=True)
+    ]
+    wide: pd.DataFrame = rows.assign(loss=losses).pivot(index=[*RUN, "metric"], columns="estimator", values="loss")
+    good = rows[rows["status"] == OK].pivot(index=[*RUN, "metric"], columns="estimator", values="value").notna()
+    for reference in (NULL, ORACLE):
+        is_good = good.reindex(index=wide.index, columns=[reference], fill_value=False)[reference]
+        wide[reference] = wide[reference].where(is_good) if reference in wide else np.nan
+    return wide
+
+
+def _without_seed(wide: "pd.DataFrame") -> "pd.MultiIndex":
+    """Return the scenario and the metric of each row."""
+    import pandas as pd
+
+    return pd.MultiIndex.from_arrays([wide.index.get_level_values(name) for name in ("scenario", "metric")])
+
+
+def usable(rows: "pd.DataFrame") -> "pd.Series":
+    """Return the geometric mean of null's losses by scenario and metric, of those metrics that a score can rest on.
+
+    They are those in which the oracle has no loss but rounding errors, so that none can stand above it, and null has
+    one in every seed.
+    """
+    wide = _losses(rows).dropna(subset=[NULL, ORACLE])
+    reachable = wide[ORACLE] <= SMALLEST_REACH * wide[NULL]
+    fit = (reachable & (wide[NULL] > 0.0)).groupby(["scenario", "metric"]).all()
+    with np.errstate(divide="ignore"):
+        means: pd.Series = np.exp(np.log(wide[NULL]).groupby(["scenario", "metric"]).mean())
+    return means[fit]
+
+
+def unused(scores: "pd.DataFrame", track: str, plant: str) -> list[tuple[str, str]]:
+    """Return scenario and metric of what a ranking leaves out, as even the oracle has a loss or null has none."""
+    rows = _primary_rows(scores[scores["plant"] == plant], track)
+    known = _without_seed(_losses(rows).dropna(subset=[NULL, ORACLE])).unique()
+    counted = usable(rows).index
+    return sorted((str(scenario), str(metric)) for scenario, metric in known if (scenario, metric) not in counted)
 
 
 def _primary_rows(scores: "pd.DataFrame", track: str) -> "pd.DataFrame":
@@ -239,12 +278,13 @@ def standings(scores: "pd.DataFrame", track: str, plant: str | None = None) -> l
     distributions = bootstrap(values.fillna(0.0))
     statuses = run_statuses(scores).set_index(["estimator", *RUN])["status"]
     covered = values.notna().groupby("scenario").any()
+    good = set(scores.loc[scores["status"] == OK, "estimator"])
     lines: list[Standing] = []
     first, rank, n_ranked = "", 0, 0
     for name in sorted(distributions, key=lambda column: (-round(distributions[column][0], 3), column)):
         value, resampled = distributions[name]
-        is_reference = name in (NULL, ORACLE)
-        if not is_reference:
+        is_ranked = name not in (NULL, ORACLE) and name in good
+        if is_ranked:
             n_ranked += 1
             best, best_resampled = distributions[first or name]
             difference = percentile_interval(best - value, best_resampled - resampled, known)
@@ -252,7 +292,7 @@ def standings(scores: "pd.DataFrame", track: str, plant: str | None = None) -> l
                 first, rank = name, n_ranked
         lines.append(
             Standing(
-                rank=None if is_reference else rank,
+                rank=rank if is_ranked else None,
                 estimator=name,
                 score=percentile_interval(value, resampled, known),
                 scenarios=int(covered[name].sum()),

@@ -32,8 +32,9 @@ if TYPE_CHECKING:
 
 OK, FAILED, DIVERGED, SKIPPED = STATUSES = ("ok", "failed", "diverged", "skipped")
 
-# What a result is a function of, besides the seed: it is reused as long as these stay as they were.
-DIGESTS = ("scenario_digest", "estimator_digest", "code_digest")
+# What a result is a function of, besides the seed: it is reused as long as these stay as they were. The nonce is
+# empty where seeds are public.
+DIGESTS = ("scenario_digest", "estimator_digest", "code_digest", "nonce")
 
 PROVENANCE = (*DIGESTS, "fdbench_version", "commit", "python", "numpy", "numba", "machine", "run_id", "utc")
 

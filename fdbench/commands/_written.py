@@ -7,6 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from fdbench.benchmark.provenance import PACKAGE, digest
+from fdbench.benchmark.seal import FILE
 from fdbench.benchmark.store import replaced
 
 MADE_OF = "made_of.json"
@@ -44,7 +45,8 @@ def write_changed(folder: Path, makers: Mapping[str, Callable[[Path], None]]) ->
 
 def _sources(folder: Path) -> str:
     tables = [(folder / name).read_bytes() for name in ("scores.parquet", "parameters.parquet")]
-    return digest([_code(), *tables, *_kept(folder)])
+    seal = folder / FILE
+    return digest([_code(), *tables, seal.read_bytes() if seal.is_file() else b"", *_kept(folder)])
 
 
 @lru_cache(maxsize=1)

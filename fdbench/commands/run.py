@@ -13,13 +13,14 @@ from fdbench.errors import FdbenchError
 
 
 class Suite(StrEnum):
-    """Selections of scenarios."""
+    """Selections of scenarios: two of drawn machines, and the published trials that these were made of."""
 
     QUICK = "quick"
     FULL = "full"
+    PUBLISHED = "published"
 
 
-SEEDS = {Suite.QUICK: 3, Suite.FULL: 10}
+SEEDS = {Suite.QUICK: 3, Suite.FULL: 10, Suite.PUBLISHED: 3}
 
 
 def results_folder(path: Path) -> Path:
@@ -30,6 +31,17 @@ def results_folder(path: Path) -> Path:
     if not os.access(nearest, os.W_OK):
         raise FdbenchError(f"{path}: cannot be written: permission denied.")
     return path
+
+
+def in_suite(suite: Suite) -> list[str]:
+    """Return the ids of a suite; of several versions the newest counts, the others are published trials."""
+    from fdbench.catalogue import newest_ids, scenario_ids
+    from fdbench.scenario import load_scenario
+
+    newest = newest_ids()
+    if suite is Suite.PUBLISHED:
+        return [name for name in scenario_ids() if name not in newest]
+    return [name for name in newest if suite in load_scenario(name).suites]
 
 
 def run(
@@ -52,6 +64,13 @@ def run(
         typer.Option(min=1, help="Number of seeds, that is of repeats with other noise; quick: 3, full: 10."),
     ] = None,
     first_seed: Annotated[int, typer.Option(min=0, help="First seed; the others follow it.")] = 0,
+    sealed: Annotated[
+        bool,
+        typer.Option("--sealed", help="Draw secret seeds after the digests of all estimators are written down."),
+    ] = False,
+    nonce: Annotated[
+        str, typer.Option(metavar="HEX", help="Repeat the seeds of a sealed run: the nonce of its leaderboard.")
+    ] = "",
     effect: Effects = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Processes; default: one for each core.")] = None,
     out: Annotated[
@@ -75,16 +94,13 @@ def run(
     from fdbench.benchmark.run import run as run_benchmark
     from fdbench.benchmark.run import select
     from fdbench.benchmark.store import SKIPPED, Store
-    from fdbench.catalogue import scenario_ids
     from fdbench.commands._written import write_changed
-    from fdbench.estimator import estimators
     from fdbench.gap.trial.board import board, published
     from fdbench.report import write_report
-    from fdbench.scenario import load_scenario
 
     add_effects(effect)
-    chosen = scenario or [name for name in scenario_ids() if suite in load_scenario(name).suites]
-    names = [*select(distinct(estimator))] if estimator else estimators.names()
+    chosen = scenario or in_suite(suite)
+    names = [*select(distinct(estimator))] if estimator else None
     screen = Console()
     with console.progress(screen) as shown:
         summary = run_benchmark(
@@ -92,6 +108,8 @@ def run(
             names,
             seeds or SEEDS[suite],
             out,
+            sealed=sealed,
+            nonce=nonce,
             first_seed=first_seed,
             jobs=jobs or os.cpu_count() or 1,
             keep_estimates=keep_estimates,

@@ -61,9 +61,11 @@ class RunoutForce(Effect):
     exit_angle_rad: float = parameter("phi_out", low=0.0, high=TURN, typical=math.pi)
     direction_rad: float = parameter("theta", low=-TURN, high=TURN, typical=0.0)
     angle_rad: float = parameter("phi_0", low=-TURN, high=TURN, typical=0.0, default=0.0, phase=True)
+    frequency_drift_Hz_per_s: float = parameter("r", low=-10.0, high=10.0, typical=0.0, default=0.0)
 
     @kernel
-    def kernel(t, h, x, v, u, e, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0):
-        with_runout = cutting_force(t, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, e)
-        without = cutting_force(t, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, 0.0)
+    def kernel(t, h, x, v, u, e, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, r):
+        turned = t + 0.5 * r / f_s * t * t
+        with_runout = cutting_force(turned, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, e)
+        without = cutting_force(turned, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, 0.0)
         return with_runout - without, 0.0

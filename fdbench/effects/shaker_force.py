@@ -16,10 +16,11 @@ class ShakerForce(Effect):
     r"""Electrodynamic shaker mounted on the table.
 
     .. math::
-        F(t) = A\, e(t) \cos(2 \pi f t + \varphi), \quad t_0 < t < t_1, \qquad
+        F(t) = A\, e(t) \cos(2 \pi (f t + \tfrac12 r t^2) + \varphi), \quad t_0 < t < t_1, \qquad
         e(t) = 1 - d + d \sin\frac{\pi (t - t_0)}{t_1 - t_0}
 
-    The sweep depth d is 0 for constant amplitude and 1 for an amplitude that rises from zero and falls back.
+    The frequency drifts at the rate r, 0 for a steady one. The sweep depth d is 0 for constant amplitude and 1 for an
+    amplitude that rises from zero and falls back.
 
     Source: McPherson (2024), case study 1 (55 Hz, constant and sweeping amplitude).
 
@@ -43,12 +44,13 @@ class ShakerForce(Effect):
     stop_s: float = parameter("t_1", low=0.0, high=1e6, typical=1e6)
     sweep_depth: float = parameter("d", low=0.0, high=1.0, typical=0.0)
     phase_rad: float = parameter("phi", low=-TURN, high=TURN, typical=0.0, default=0.0, phase=True)
+    frequency_drift_Hz_per_s: float = parameter("r", low=-10.0, high=10.0, typical=0.0, default=0.0)
 
     @kernel
-    def kernel(t, h, x, v, u, A, f, t_0, t_1, d, phi):
+    def kernel(t, h, x, v, u, A, f, t_0, t_1, d, phi, r):
         running = t_0 < t < t_1
         phase = (t - t_0) / (t_1 - t_0) if running else 0.0
         envelope = 1.0 - d + d * sin(PI * phase)
-        turns = f * t
+        turns = f * t + 0.5 * r * t * t
         force = A * envelope * cos(TURN * (turns - math.floor(turns)) + phi)
         return (force if running else 0.0), 0.0

@@ -39,7 +39,8 @@ class ToothPassingForce(Effect):
     r"""Sum over the engaged teeth of a milling cutter that feeds along the axis.
 
     .. math::
-        h_j = \frac{|v|}{f_s N_t} \sin\varphi_j, \quad \varphi_j = 2 \pi (f_s t + j / N_t) + \varphi_0, \quad
+        h_j = \frac{|v|}{f_s N_t} \sin\varphi_j, \quad
+        \varphi_j = 2 \pi (f_s t + \tfrac12 r t^2 + j / N_t) + \varphi_0, \quad
         F_t = a_p (K_{tc} h_j + K_{te}), \quad F_r = a_p (K_{rc} h_j + K_{re}),
 
     .. math:: F = \sum_j \cos\theta (-F_t \cos\varphi_j - F_r \sin\varphi_j)
@@ -47,7 +48,8 @@ class ToothPassingForce(Effect):
 
     where v is the commanded feed: what the axis swings about it returns with the next tooth and cancels in the chip.
     The sum runs over the teeth with :math:`\varphi_{in} < \varphi_j < \varphi_{out}`; h is the chip thickness, F_t and
-    F_r the tangential and radial force on a tooth, :math:`\varphi_0` the angle of the tool at t = 0. The direction
+    F_r the tangential and radial force on a tooth, :math:`\varphi_0` the angle of the tool at t = 0, r its drift.
+    The direction
     :math:`\theta` is 0 along the feed and :math:`\pi/2` across it. F turns its sign with v and is 0 at standstill. Like
     every force of its port it counts against motion: in a slot its mean is negative, so that it draws the table on.
 
@@ -90,7 +92,10 @@ class ToothPassingForce(Effect):
         pitch = {name: point[name] / point["teeth"] for name in ("spindle_frequency_Hz", "angle_rad")}
         return {**point, **pitch}
 
+    frequency_drift_Hz_per_s: float = parameter("r", low=-10.0, high=10.0, typical=0.0, default=0.0)
+
     @kernel
-    def kernel(t, h, x, v, u, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0):
-        force = cutting_force(t, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, 0.0)
+    def kernel(t, h, x, v, u, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, r):
+        turned = t + 0.5 * r / f_s * t * t
+        force = cutting_force(turned, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, 0.0)
         return force, 0.0

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from fdbench.estimator import Estimate, Regression
-from fdbench.record import Record
+from fdbench.record import FloatArray, Record
 from fdbench.registry import Registry
 from fdbench.scenario import Scenario, Truth
 
@@ -21,6 +21,8 @@ class Outcome:
     estimate : Estimate
     seconds : float
         Time of ``fit``.
+    response : (n_rows,) array or None
+        What the estimator predicts for the validation motion.
     """
 
     scenario: Scenario
@@ -29,6 +31,7 @@ class Outcome:
     truth: Truth
     estimate: Estimate
     seconds: float
+    response: FloatArray | None = None
 
 
 class Metric(ABC):
@@ -47,6 +50,9 @@ class Metric(ABC):
         Leaderboard that the metric belongs to: parameters, disturbance, output or speed.
     primary : bool
         Whether the metric counts in the ranking of its track.
+    decades : float
+        For a primary metric: how many tenfold smaller errors lie between the score of the data sheet, 0, and 1; there
+        the best that is conceivable on a drive should lie.
     practical_limit, practical_change : float
         Smallest relative and smallest absolute change that matter to a user; both must be exceeded.
     """
@@ -58,6 +64,7 @@ class Metric(ABC):
     ideal: ClassVar[float] = 0.0
     track: ClassVar[str]
     primary: ClassVar[bool] = False
+    decades: ClassVar[float] = 3.0
     practical_limit: ClassVar[float] = 0.05
     practical_change: ClassVar[float] = 0.0
 

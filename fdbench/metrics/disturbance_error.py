@@ -20,6 +20,8 @@ class DisturbanceError(Metric):
     Validity: one mean for the whole window; where the feed changes within it, the change of the mean force counts.
     Skipped where the true disturbance does not vary, as in control trials.
 
+    ``decades`` is 2: no force on a drive is known to better than a per cent.
+
     ``worst`` is ten times the error of claiming nothing.
 
     Source: definition; the case is that of McPherson, thesis, 2024, chapter 4.
@@ -29,6 +31,7 @@ class DisturbanceError(Metric):
     worst = 1000.0
     track = "disturbance"
     primary = True
+    decades = 2.0
 
     def skip(self, outcome: Outcome) -> str | None:
         return no_disturbance(outcome)

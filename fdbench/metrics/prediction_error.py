@@ -29,7 +29,6 @@ class PredictionError(Metric):
     unit = "%"
     worst = 1000.0
     track = "output"
-    primary = True
 
     def skip(self, outcome: Outcome) -> str | None:
         if np.ptp(outcome.regression.target) == 0.0:

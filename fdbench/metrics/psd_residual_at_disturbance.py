@@ -35,7 +35,6 @@ class PsdResidualAtDisturbance(Metric):
     unit = "dB"
     worst = 100.0
     track = "output"
-    primary = True
     practical_change = 0.5
 
     def skip(self, outcome: Outcome) -> str | None:

@@ -42,6 +42,13 @@ class Plant(ABC):
     ) -> Mapping[str, float]:
         """Return masses, frictions and so on that follow from the parameters of ``model``."""
 
+    def free_run(self, command: Record, model: str, parameters: Mapping[str, float]) -> FloatArray | None:
+        """Return the target of ``model`` (n_rows,) that parameters predict from a command alone, or None.
+
+        None where the model's target cannot be told from the command, as that of an observer.
+        """
+        return None
+
     @abstractmethod
     def system(self, setup: Setup, n_lanes: int = 1) -> System:
         """Return ``n_lanes`` instances of the plant as they are simulated."""

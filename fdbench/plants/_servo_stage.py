@@ -273,6 +273,11 @@ class Stage(Plant):
             disturbance_gain=float(np.mean([response.compliance_m_per_N for response in axes.values()])),
         )
 
+    def free_run(self, command: Record, model: str, parameters: Mapping[str, float]) -> FloatArray:
+        """Return the positions that the response on paper makes of a command, times the gain of each axis."""
+        gains = [parameters[f"{prefix}response_gain"] for prefix in self.axes()]
+        return np.repeat(gains, command.n_samples) * self.nominal_response(command)
+
     def true_parameters(self, model: str, sampling_time_s: float) -> Mapping[str, float]:
         """Return the gain of each axis, 1 on paper."""
         if model != MODEL:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdbench.plants._friction_curve import FrictionLine
-from fdbench.record import Record
+from fdbench.record import FloatArray, Record
 from fdbench.regression import Regression
 
 DEAD_BAND_M_PER_S = 1e-3
@@ -94,3 +94,16 @@ def regression(record: Record, model: VelocityLoopModel) -> Regression:
         rows=np.arange(record.n_samples - 1),
         disturbance_gain=-model.disturbance_time_s / model.mass_kg,
     )
+
+
+def free_run(reference: FloatArray, parameters: Mapping[str, float]) -> FloatArray:
+    """Return the velocity v_1 ... v_{n-1} (n - 1,) from rest that parameters make of a commanded one (n,)."""
+    beta_1, beta_2 = parameters["beta_1"], parameters["beta_2"]
+    beta_3, beta_4 = parameters.get("beta_3", 0.0), parameters.get("beta_4", 0.0)
+    velocity = np.zeros(len(reference))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(len(reference) - 1):
+            now = velocity[k]
+            friction = beta_3 if now > DEAD_BAND_M_PER_S else -beta_4 if now < -DEAD_BAND_M_PER_S else 0.0
+            velocity[k + 1] = beta_1 * reference[k] + beta_2 * now - friction
+    return velocity[1:]

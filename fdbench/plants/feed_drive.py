@@ -3,12 +3,13 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar, final
 
 import numpy as np
 
 from fdbench.effects import Effect, Port
-from fdbench.errors import RecordError, SpecError, did_you_mean
+from fdbench.errors import RecordError, SimulationDiverged, SpecError, did_you_mean
 from fdbench.plants import _inverse_dynamics as inverse
 from fdbench.plants import _state_space
 from fdbench.plants import _velocity_loop as loop
@@ -21,11 +22,12 @@ from fdbench.record import Record
 from fdbench.regression import Regression
 from fdbench.simulate import layout
 from fdbench.simulate.axis import Axis, Mechanics
-from fdbench.simulate.stability import check_substep
-from fdbench.simulate.system import FloatArray, Setup
+from fdbench.simulate.stability import check_substep, needed_substeps
+from fdbench.simulate.system import FloatArray, Sampled, Setup, Timing
 from fdbench.specification import bounded, check_bounds, nonnegative, positive
 
 TWO_PI = 2.0 * np.pi
+FEWEST_SUBSTEPS = 10
 
 
 @final
@@ -224,6 +226,13 @@ class FeedDrive(Plant):
         """Total viscous friction of the linear part."""
         return self.motor.viscous_friction_N_s_per_m + (self.table.viscous_friction_N_s_per_m if self.table else 0.0)
 
+    @property
+    def _masses(self) -> dict[Port, float]:
+        """Mass that the forces on either side move."""
+        if self.screw is None or self.table is None:
+            return {Port.MOTOR_FORCE: self.mass_kg, Port.TABLE_FORCE: self.mass_kg}
+        return {Port.MOTOR_FORCE: self.motor.mass_kg, Port.TABLE_FORCE: self.table.mass_kg}
+
     def mechanics(self) -> Mechanics:
         """Return the linear part as matrices."""
         A, B = np.zeros((4, 4)), np.zeros((4, 2))
@@ -255,10 +264,7 @@ class FeedDrive(Plant):
         noises += ["motor_current_A"] if self.motor.logged == "motor_current_A" else []
         setup.noise.check_only(noises, "this feed drive")
         effects = (*self.effects, *setup.unmodelled)
-        masses = {Port.MOTOR_FORCE: self.mass_kg, Port.TABLE_FORCE: self.mass_kg}
-        if self.screw is not None and self.table is not None:
-            masses = {Port.MOTOR_FORCE: self.motor.mass_kg, Port.TABLE_FORCE: self.table.mass_kg}
-        check_substep(effects, masses, setup.timing.sampling_time_s, setup.timing.substeps)
+        check_substep(effects, self._masses, setup.timing.sampling_time_s, setup.timing.substeps)
         columns = {"motor_position_m": layout.OUT_MOTOR}
         if self.screw is not None:
             columns["table_position_m"] = layout.OUT_TABLE
@@ -322,6 +328,23 @@ class FeedDrive(Plant):
             return _state_space.regression(record, space, change_per_newton(space, period))
         raise SpecError(f"model '{model}' is not offered by this feed drive.{did_you_mean(model, self.models())}")
 
+    def free_run(self, command: Record, model: str, parameters: Mapping[str, float]) -> FloatArray | None:
+        """Return the velocity that the loop makes of a command, or the force for the motion that it makes of it."""
+        if model == "velocity_loop":
+            return loop.free_run(command["reference_velocity_m_per_s"], parameters)
+        if model in inverse.NAMES_OF:
+            moved = self.regression(self.respond(command), model)
+            return np.asarray(moved.regressors @ np.array([parameters[name] for name in moved.names]))
+        return None
+
+    def respond(self, command: Record) -> Record:
+        """Return what the axis on paper would log of a commanded motion, without noise."""
+        position, period_s = command["reference_position_m"], command.sampling_time_s
+        is_known = "reference_velocity_m_per_s" in command
+        velocity = command["reference_velocity_m_per_s"] if is_known else np.gradient(position, period_s)
+        columns = _responded(self, period_s, position.tobytes(), velocity.tobytes())
+        return Record({"time_s": command["time_s"], **columns}, {}, command.source)
+
     def state_space(self, sampling_time_s: float) -> StateSpace:
         """Return the linear part for observers; the friction effects on paper are not in it."""
         if self.sensors is None:
@@ -354,3 +377,18 @@ class FeedDrive(Plant):
     ) -> Mapping[str, float]:
         """Return mass and frictions that follow from the discrete parameters of the velocity loop."""
         return self._loop(sampling_time_s).physical(parameters) if model == "velocity_loop" else {}
+
+
+@lru_cache(maxsize=4)
+def _responded(drive: FeedDrive, period_s: float, position: bytes, velocity: bytes) -> Mapping[str, FloatArray]:
+    """Return the columns that a drive logs; kept, as every estimator of a scenario asks for the same."""
+    speed = np.frombuffer(velocity)
+    reference = np.column_stack((np.frombuffer(position), speed, np.gradient(speed, period_s)))
+    substeps = max(FEWEST_SUBSTEPS, needed_substeps(drive.effects, drive._masses, period_s))
+    timing = Timing(sampling_time_s=period_s, duration_s=len(speed) * period_s, substeps=substeps)
+    axis = drive.system(Setup(timing=timing, motion=Sampled(reference)))
+    axis.start([0])
+    rows = axis.advance(axis.n_samples)[:, :, 0]
+    if bool(axis.diverged[0]) or not np.isfinite(rows).all():
+        raise SimulationDiverged("the axis on paper leaves its travel or velocity limit under this command.")
+    return {name: rows[:, index].copy() for index, name in enumerate(axis.columns)}

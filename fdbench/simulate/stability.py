@@ -34,6 +34,15 @@ def stiffness(effect: Effect) -> float:
     return hidden + max(abs(b - a) for a, b in pairwise(along)) / PROBE_SPACING_M
 
 
+def needed_substeps(effects: Sequence[Effect], mass_of: dict[Port, float], period_s: float) -> int:
+    """Return how many substeps a sampling time needs at least for `check_substep` to pass."""
+    needed = 1
+    for port, mass in mass_of.items():
+        total = sum(stiffness(effect) for effect in effects if effect.port is port)
+        needed = max(needed, math.ceil(period_s * math.sqrt(total / mass)))
+    return needed
+
+
 def check_substep(effects: Sequence[Effect], mass_of: dict[Port, float], period_s: float, substeps: int) -> None:
     """Raise a SpecError where a substep is longer than 1/omega of the stiffest effect spring against its mass.
 

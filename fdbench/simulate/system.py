@@ -89,6 +89,25 @@ class Setup:
     unmodelled: tuple[Effect, ...] = ()
 
 
+@dataclass(frozen=True, eq=False)
+class Sampled(Motion):
+    """A motion that is known sample by sample, as one that was recorded.
+
+    Parameters
+    ----------
+    samples : (n_samples, 3) array
+        Position (m), velocity (m/s) and acceleration (m/s^2).
+    """
+
+    samples: FloatArray
+
+    def reference(self, period_s: float, n_samples: int) -> FloatArray:
+        """Return the samples."""
+        if len(self.samples) != n_samples:
+            raise SpecError(f"motion: {len(self.samples)} samples are known, {n_samples} are asked for.")
+        return self.samples
+
+
 class System(ABC):
     """Instances of a plant, stepped together; the last axis of every array is the lane.
 

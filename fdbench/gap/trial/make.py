@@ -9,6 +9,7 @@ from fdbench.gap.nominal import Nominal
 from fdbench.gap.repaired import toml_lines
 from fdbench.gap.trial import seal
 from fdbench.gap.trial.tiers import AXIS, Case, Tier, draw_case
+from fdbench.nonce import check_nonce, new_nonce
 from fdbench.specification import load_toml, read
 from fdbench.version import __version__
 
@@ -54,7 +55,7 @@ def make(
     SpecError
         If the folder is not empty, or the key would lie in it or exists.
     """
-    nonce = seal.new_nonce() if nonce is None else seal.check_nonce(nonce)
+    nonce = new_nonce() if nonce is None else check_nonce(nonce)
     folder, key = folder.absolute(), key.absolute()
     if key.is_relative_to(folder):
         raise SpecError(f"key: {key} lies in the trial's folder; who answers must not see it. Give a file elsewhere.")

@@ -14,6 +14,7 @@ from fdbench.gap.trial import seal
 from fdbench.gap.trial.answer import FAILED
 from fdbench.gap.trial.make import MANIFEST, read_manifest
 from fdbench.gap.trial.oracle import oracle_closure
+from fdbench.nonce import check_nonce
 from fdbench.record import FloatArray
 
 NAMED = 0.5  # probability above which an effect counts as named
@@ -215,7 +216,7 @@ def check_key(folder: Path, manifest: Mapping[str, Any], opened: Mapping[str, An
     """Raise a SpecError unless each truth is the one that was committed to."""
     if not {"nonce", "cases"} <= set(opened):
         raise SpecError(f"{key}: not a key; a trial's key has its nonce and its cases.")
-    if manifest["nonce_sha256"] != seal.commitment(seal.check_nonce(opened["nonce"]), "nonce"):
+    if manifest["nonce_sha256"] != seal.commitment(check_nonce(opened["nonce"]), "nonce"):
         raise SpecError(f"{key}: not the key of the trial in {folder}; its nonce has another SHA-256.")
     if set(opened["cases"]) != set(manifest["cases"]):
         raise SpecError(f"{key}: holds other cases than the trial in {folder}.")

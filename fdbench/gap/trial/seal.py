@@ -1,11 +1,8 @@
 """Sealing: commitments that bind who makes a trial and who answers it, without telling one what the other knows."""
 
 import hashlib
-import hmac
 import json
 import os
-import re
-import secrets
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -13,30 +10,7 @@ from typing import Any
 import numpy as np
 
 from fdbench.errors import SpecError
-
-NONCE_BYTES = 32
-
-
-def new_nonce() -> str:
-    """Return a secret that nobody could know before, 64 hexadecimal digits."""
-    return secrets.token_hex(NONCE_BYTES)
-
-
-def check_nonce(nonce: str) -> str:
-    """Return a nonce as it is used, or raise a SpecError if it is none."""
-    text = nonce.lower()
-    if not re.fullmatch(r"[0-9a-f]{16,128}", text) or len(text) % 2:
-        raise SpecError(f"nonce: '{nonce}' is not an even number of 16 to 128 hexadecimal digits.")
-    return text
-
-
-def derived(nonce: str, label: str) -> bytes:
-    """Return 32 bytes that follow from a nonce and a label, and tell nothing of either.
-
-    >>> derived("00" * 8, "a") == derived("00" * 8, "a"), derived("00" * 8, "a") == derived("00" * 8, "b")
-    (True, False)
-    """
-    return hmac.new(bytes.fromhex(nonce), label.encode(), hashlib.sha256).digest()
+from fdbench.nonce import derived
 
 
 def generator(nonce: str, label: str) -> np.random.Generator:
