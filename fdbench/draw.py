@@ -4,17 +4,18 @@ A draw names values of a scenario by their path, such as ``plant.motor.mass_kg``
 ``reality.effects.shaker_force.phase_rad``; an entry of a list is named by its ``kind``, or by its number from 0.
 """
 
-import copy
+import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from functools import partial
+from typing import Any, TypeVar, cast, final
 
 import numpy as np
 
 from fdbench.errors import SpecError, did_you_mean
 from fdbench.simulate.random import stream
-from fdbench.specification import bounded, check_bounds
+from fdbench.specification import bounded, check_bounds, snake_case
 
 # Where a normal distribution is cut, in standard deviations: what a maker's inspection would let pass.
 LARGEST_DEVIATION = 2.0
@@ -47,6 +48,10 @@ class Normal:
             z = generator.standard_normal()
         return nominal * (1.0 + self.relative_deviation * z)
 
+    def extreme(self, nominal: float, upper: bool) -> float:
+        """Return the largest or smallest value."""
+        return nominal * (1.0 + (LARGEST_DEVIATION if upper else -LARGEST_DEVIATION) * self.relative_deviation)
+
     def deviation(self, nominal: float) -> float:
         """Return the standard deviation of a value."""
         return abs(nominal) * self.relative_deviation * math.sqrt(_REMAINING_VARIANCE)
@@ -74,6 +79,10 @@ class LogUniform:
     def drawn(self, nominal: float, generator: np.random.Generator) -> float:
         """Return one value."""
         return float(nominal * self.factor ** generator.uniform(-1.0, 1.0))
+
+    def extreme(self, nominal: float, upper: bool) -> float:
+        """Return the largest or smallest value."""
+        return nominal * (self.factor if upper else 1.0 / self.factor)
 
     def deviation(self, nominal: float) -> float:
         r"""Return the standard deviation, to first order :math:`\ln f / \sqrt 3`."""
@@ -106,6 +115,10 @@ class Uniform:
         """Return one value."""
         return float(generator.uniform(self.low, self.high))
 
+    def extreme(self, nominal: float, upper: bool) -> float:
+        """Return the largest or smallest value."""
+        return self.high if upper else self.low
+
     def deviation(self, nominal: float) -> float:
         """Return the standard deviation of a value."""
         return (self.high - self.low) / math.sqrt(12.0)
@@ -113,85 +126,67 @@ class Uniform:
 
 Draw = Normal | LogUniform | Uniform
 
+Specification = TypeVar("Specification")
 
-def drawn_table(table: Mapping[str, Any], draws: Sequence[Draw], seed: int) -> dict[str, Any]:
-    """Return a scenario's table with the values of one machine.
+
+def drawn(specification: Specification, draws: Sequence[Draw], seed: int) -> Specification:
+    """Return a specification, such as a scenario, with the values of one machine.
 
     Each draw has a random stream of its own, named by its paths, so that a further draw moves none of the others.
     """
-    result = copy.deepcopy(dict(table))
     for draw in draws:
-        generator = stream(seed, f"draw {' '.join(draw.values)}")
-        state = generator.bit_generator.state
         for path in draw.values:
-            generator.bit_generator.state = state
-            holder, key = _place(result, path)
-            holder[key] = draw.drawn(_number(holder, key), generator)
-    return result
+            generator = stream(seed, f"draw {' '.join(draw.values)}")  # anew, so that all paths share the factor
+            specification = changed(specification, path, partial(draw.drawn, generator=generator))
+    return specification
 
 
-def moved_table(table: Mapping[str, Any], draw: Draw, deviations: float) -> dict[str, Any]:
-    """Return a scenario's table with the values of one draw moved by a number of standard deviations."""
-    result = copy.deepcopy(dict(table))
+def moved(specification: Specification, draw: Draw, deviations: float) -> Specification:
+    """Return a specification with the values of one draw moved by a number of standard deviations."""
     for path in draw.values:
-        holder, key = _place(result, path)
-        nominal = _number(holder, key)
-        holder[key] = nominal + deviations * draw.deviation(nominal)
-    return result
+        specification = changed(specification, path, lambda nominal: nominal + deviations * draw.deviation(nominal))
+    return specification
 
 
-def check_draws(table: Mapping[str, Any], draws: Iterable[Draw]) -> None:
-    """Raise a SpecError if a path names no number of the scenario, or if two draws name the same.
+def changed(specification: Specification, path: str, change: Callable[[float], float]) -> Specification:
+    """Return a specification in which ``change`` was applied to one number; bounds are checked.
 
-    A value that the file leaves at its default, such as a phase, may be drawn uniformly, which asks for no nominal one.
+    Raises
+    ------
+    SpecError
+        If the path names no number; the message gives the nearest name.
     """
+    return cast(Specification, _changed(specification, path.split("."), change, path))
+
+
+def _changed(holder: Any, keys: Sequence[str], change: Callable[[float], float], path: str) -> Any:
+    if not keys:
+        if isinstance(holder, bool) or not isinstance(holder, int | float):
+            raise SpecError(f"{path}: not a number but {type(holder).__name__}; name one of its values.")
+        return change(float(holder))
+    key, rest = keys[0], keys[1:]
+    if isinstance(holder, tuple):
+        kinds = [getattr(item, "name", None) or snake_case(type(item).__name__) for item in holder]
+        index = int(key) if key.isdecimal() else kinds.index(key) if key in kinds else len(holder)
+        if index >= len(holder):
+            raise SpecError(f"{path}: there is no '{key}'; there are {', '.join(kinds)}.{did_you_mean(key, kinds)}")
+        return (*holder[:index], _changed(holder[index], rest, change, path), *holder[index + 1 :])
+    names = [field.name for field in dataclasses.fields(holder)] if dataclasses.is_dataclass(holder) else []
+    if key not in names:
+        raise SpecError(f"{path}: there is no '{key}'.{did_you_mean(key, names)}")
+    return dataclasses.replace(holder, **{key: _changed(getattr(holder, key), rest, change, path)})
+
+
+def check_draws(specification: Any, draws: Sequence[Draw]) -> None:
+    """Raise a SpecError if a path names no number, if two draws name the same, or if bounds are left."""
     seen: set[str] = set()
     for number, draw in enumerate(draws):
         for path in draw.values:
-            try:
-                holder, key = _place(table, path)
-            except SpecError as error:
-                raise SpecError(f"draw[{number}].values: {error}") from error
-            is_left_out = isinstance(holder, Mapping) and key not in holder
-            if is_left_out and not isinstance(draw, Uniform):
-                raise SpecError(f"draw[{number}].values: {path} is not in the file.{did_you_mean(key, holder)}")
-            value = 0.0 if is_left_out else holder[key]
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise SpecError(f"draw[{number}].values: {path} is {value!r}; a number is expected.")
             if path in seen:
                 raise SpecError(f"draw[{number}].values: {path} is drawn twice.")
             seen.add(path)
-
-
-def _number(holder: Any, key: Any) -> float:
-    return float(holder.get(key, 0.0) if isinstance(holder, Mapping) else holder[key])
-
-
-def _place(table: Any, path: str) -> tuple[Any, Any]:
-    """Return the table or list that holds a value, and its key there; only the last key need not exist."""
-    *parents, last = path.split(".")
-    for depth, key in enumerate(parents):
-        entry = _entry(table, key)
-        if entry is None:
-            allowed = list(table) if isinstance(table, Mapping) else [_kind(item) for item in table]
-            where = ".".join(parents[:depth]) or "the scenario"
-            raise SpecError(f"{path}: {where} has no '{key}'.{did_you_mean(key, allowed)}")
-        table = table[entry]
-        if not isinstance(table, Mapping | list):
-            raise SpecError(f"{path}: {'.'.join(parents[: depth + 1])} is a value, not a table.")
-    place = last if isinstance(table, Mapping) else _entry(table, last)
-    if place is None:
-        raise SpecError(f"{path}: {'.'.join(parents)} has {len(table)} entries.")
-    return table, place
-
-
-def _entry(table: Mapping[str, Any] | Sequence[Any], key: str) -> Any:
-    if isinstance(table, Mapping):
-        return key if key in table else None
-    if key.isdecimal():
-        return int(key) if int(key) < len(table) else None
-    return next((index for index, item in enumerate(table) if _kind(item) == key), None)
-
-
-def _kind(item: Any) -> str:
-    return str(item.get("kind", "")) if isinstance(item, Mapping) else ""
+            for upper in (False, True):
+                try:
+                    changed(specification, path, partial(draw.extreme, upper=upper))
+                except SpecError as error:
+                    raise SpecError(f"draw[{number}].values: {error}") from error

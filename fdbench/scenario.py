@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fdbench.catalogue import scenario_folder, scenario_ids
-from fdbench.draw import Draw, check_draws, drawn_table, moved_table
+from fdbench.draw import Draw, check_draws, drawn, moved
 from fdbench.effects import Effect
 from fdbench.errors import SimulationDiverged, SpecError, UnknownName, did_you_mean
 from fdbench.estimator import Context
@@ -168,7 +168,6 @@ class Scenario:
     draw: tuple[Draw, ...] = ()
     id: str = field(default="", init=False)
     digest: str = field(default="", init=False)
-    table: Mapping[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.estimation.model not in self.plant.models():
@@ -212,19 +211,17 @@ class Scenario:
         model, period_s = self.estimation.model, self.timing.sampling_time_s
 
         def parameters(draw: Draw, deviations: float) -> FloatArray:
-            plant = self._read(moved_table(self.table, draw, deviations)).plant
+            plant = moved(self, draw, deviations).plant
             return np.array(list(plant.true_parameters(model, period_s).values()))
 
-        moved = np.array([0.5 * (parameters(draw, 1.0) - parameters(draw, -1.0)) for draw in own])
-        return np.asarray(moved.T @ moved) if moved.any() else None
+        changes = np.array([0.5 * (parameters(draw, 1.0) - parameters(draw, -1.0)) for draw in own])
+        return np.asarray(changes.T @ changes) if changes.any() else None
 
     def drawn(self, seed: int) -> "Scenario":
         """Return the scenario with the machine of a seed on paper and in reality; itself where nothing is drawn."""
-        return self._read(drawn_table(self.table, self.draw, seed)) if self.draw else self
-
-    def _read(self, table: Mapping[str, Any]) -> "Scenario":
-        kept = {key: value for key, value in table.items() if key != "draw"}
-        return _named(read(Scenario, kept, f"{self.id}: drawn"), self.id, self.digest, kept)
+        if not self.draw:
+            return self
+        return _named(replace(drawn(self, self.draw, seed), draw=()), self.id, self.digest)
 
     @cached_property
     def setup(self) -> Setup:
@@ -300,7 +297,7 @@ class Scenario:
             raise SpecError(f"{self.id}: it has no [validation.motion].")
         effects = tuple(effect for effect in self.reality.effects if not (effect.disturbance or effect.random))
         other = replace(self, motion=self.validation.motion, reality=Reality(effects=effects), validation=None)
-        return _named(other, self.id, self.digest, self.table)
+        return _named(other, self.id, self.digest)
 
 
 def simulate(scenario: Scenario, seed: int) -> tuple[Record, Truth]:
@@ -344,20 +341,25 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
 
 
 def _load(path: Path) -> Scenario:
-    table, parts = _extended(path, ())
+    table, parts = extended(path)
     scenario = read(Scenario, table, f"{path.name}: scenario")
     digest = hashlib.sha256(parts[0] if len(parts) == 1 else b"".join(hashlib.sha256(part).digest() for part in parts))
-    _named(scenario, path.stem, digest.hexdigest(), table)
+    _named(scenario, path.stem, digest.hexdigest())
     try:
-        check_draws(table, scenario.draw)
-        scenario.drawn(0)
+        check_draws(scenario, scenario.draw)
     except SpecError as error:
         raise SpecError(f"{path.name}: {error}") from error
     return scenario
 
 
-def _extended(path: Path, below: tuple[str, ...]) -> tuple[dict[str, Any], list[bytes]]:
-    """Return the tables of a file over those of the one that it extends, and the content of both."""
+def extended(path: Path, below: tuple[str, ...] = ()) -> tuple[dict[str, Any], list[bytes]]:
+    """Return the tables of a file over those of the one that it extends, and the content of both.
+
+    Raises
+    ------
+    SpecError
+        If a file cannot be read, or it extends itself or what is not there.
+    """
     table = load_toml(path)
     content = path.read_bytes()
     if "extends" not in table:
@@ -371,7 +373,7 @@ def _extended(path: Path, below: tuple[str, ...]) -> tuple[dict[str, Any], list[
         )
     beside = path.parent / f"{base}.toml"
     file = beside if beside.is_file() else scenario_folder() / f"{base}.toml"
-    lower, parts = _extended(file, (*below, path.stem))
+    lower, parts = extended(file, (*below, path.stem))
     return _over(lower, table), [content, *parts]
 
 
@@ -389,9 +391,9 @@ def _over(lower: Mapping[str, Any], upper: Mapping[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def _named(scenario: Scenario, name: str, digest: str, table: Mapping[str, Any]) -> Scenario:
-    for key, value in (("id", name), ("digest", digest), ("table", table)):
-        object.__setattr__(scenario, key, value)
+def _named(scenario: Scenario, name: str, digest: str) -> Scenario:
+    object.__setattr__(scenario, "id", name)
+    object.__setattr__(scenario, "digest", digest)
     return scenario
 
 

@@ -4,13 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from fdbench.effects import Effect, effects
 from fdbench.errors import SpecError
 from fdbench.plants import Plant
 from fdbench.plants.feed_drive import FeedDrive, Following
-from fdbench.specification import bounded, check_bounds, load_toml, nonnegative, positive, read, snake_case
+from fdbench.scenario import extended
+from fdbench.specification import bounded, check_bounds, nonnegative, positive, read, snake_case
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +90,7 @@ def load_nominal(path: str | Path) -> Nominal:
     From a scenario only [plant] and the substeps of [timing] are read; what the machine really is stays unread.
     """
     file = Path(path)
-    table: dict[str, Any] = load_toml(file)
+    table, _ = extended(file)
     where = f"{file.name}: model"
     if "estimation" in table:
         timing = table.get("timing", {})
