@@ -54,7 +54,7 @@ clean:
 $(TEST): EXTRAS := [test]
 $(RUNTIME) $(TEST): pyproject.toml | $(BIN)/python
 	@echo "installing fdbench$(EXTRAS) and what it needs into .venv"
-	$(PYTHON) -m pip --python $(BIN)/python install --quiet --editable ".$(EXTRAS)"
+	$(PYTHON) -m pip --python $(BIN)/python install --quiet pip --editable ".$(EXTRAS)"
 	@touch $@
 
 $(BIN)/python:

@@ -3,7 +3,7 @@
 import os
 import sys
 from io import TextIOWrapper
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 from threadpoolctl import threadpool_limits
@@ -21,6 +21,7 @@ from fdbench.commands.run import run
 from fdbench.commands.trial import trial
 from fdbench.commands.verify import verify
 from fdbench.errors import FdbenchError
+from fdbench.version import __version__
 
 # For the processes of a run; in this one, numpy is imported before this line is reached.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -69,6 +70,24 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+
+def say_version(asked: bool) -> None:
+    """Print the version and exit."""
+    if asked:
+        typer.echo(f"fdbench {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=say_version, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Take what stands before a command."""
+
+
 app.command("list")(list_)
 for command in (run, leaderboard, verify, compare, report, record, check, reproduce, diagnose):
     app.command()(command)

@@ -47,6 +47,7 @@ class Registry(Generic[T]):
         self.kind = kind
         self.base = base
         self._files: dict[str, type[T]] = {}
+        self._imported: dict[str, type[T]] = {}
 
     def packages(self) -> list[str]:
         """Return the packages that entry points name for this kind, in order of name."""
@@ -72,6 +73,8 @@ class Registry(Generic[T]):
         """
         if name in self._files:
             return self._files[name]
+        if name in self._imported:
+            return self._imported[name]
         sources = self._sources()
         if name not in sources:
             file = f" A file is given as {name}.py." if Path(f"{name}.py").is_file() else ""
@@ -81,7 +84,8 @@ class Registry(Generic[T]):
         except (Exception, SystemExit) as error:
             place = f"{self.kind} '{name}' ({sources[name].module})"
             raise PluginError(f"{place} cannot be imported: {fault(error, sources[name].file)}") from error
-        return self._only_class(module, name)
+        self._imported[name] = self._only_class(module, name)
+        return self._imported[name]
 
     def summary(self, name: str) -> str:
         """Return the first line of the docstring of a plug-in's file, without importing it."""

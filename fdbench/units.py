@@ -10,6 +10,10 @@
 
 from fdbench.errors import SpecError, did_you_mean
 
+# Largest first: a time is written in the first one that it is not smaller than.
+TIMES: dict[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+DIGITS_OF_A_TIME = 3
+
 UNITS: dict[str, str] = {
     "s": "s",
     "m": "m",
@@ -101,6 +105,19 @@ FOREIGN: dict[str, tuple[str, float]] = {
 
 # A name such as velocity_mm_per_s must not pass for a quantity per second.
 _UNIT_WORDS = {word for unit in [*UNITS, *FOREIGN] for word in unit.replace("/", "_").split("_")} - {"per", "1"}
+
+
+def time_text(time: float, unit: str = "s") -> str:
+    """Return a time, given in ``unit``, with at most three digits in the unit that suits it.
+
+    >>> time_text(17.32), time_text(4.2e-3), time_text(85e-6), time_text(0.9999e-3), time_text(17300.0, "us")
+    ('17.3 s', '4.2 ms', '85 us', '1 ms', '17.3 ms')
+    """
+    rounded_s = float(f"{TIMES[unit] * time:.{DIGITS_OF_A_TIME}g}")
+    if rounded_s == 0.0:
+        return "0 s"
+    suited = next((name for name, size in TIMES.items() if abs(rounded_s) >= size), "ns")
+    return f"{float(f'{rounded_s / TIMES[suited]:.{DIGITS_OF_A_TIME}g}'):g} {suited}"
 
 
 def split_unit(name: str) -> tuple[str, str]:

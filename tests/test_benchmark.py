@@ -293,6 +293,30 @@ def test_an_interruption_loses_the_running_job_at_most(tmp_path: Path, scenario:
     assert {one.seed for one in seen} <= {2, 3}
 
 
+def test_a_skip_holds_until_something_changes(tmp_path: Path, scenario: str) -> None:
+    text = FIT + f"return {LIKE_NULL}\n\n    def skip(self, context):\n        return 'never'\n"
+    picky, out = estimator_file(tmp_path, "picky", text), tmp_path / "out"
+    run([scenario], [picky], 2, out)
+    assert run([scenario], [picky], 2, out).computed == 0
+    Store(out).run_file(key("oracle")).unlink()  # then nothing tells whether the record was there
+    assert run([scenario], [picky], 2, out).computed == 2
+    estimator_file(tmp_path, "picky", text.replace("return 'never'", "return None"))
+    assert run([scenario], [picky], 2, out).statuses["ok"] == 6
+
+
+def test_missing_data_are_looked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FDBENCH_DATA", str(tmp_path / "here"))
+    run(["EMPS-v0"], ["least_squares"], 1, tmp_path / "out")
+    assert run(["EMPS-v0"], ["least_squares"], 1, tmp_path / "out").computed == 0
+    monkeypatch.setenv("FDBENCH_DATA", str(tmp_path / "there"))
+    assert run(["EMPS-v0"], ["least_squares"], 1, tmp_path / "out").computed == 3
+    assert "there" in Store(tmp_path / "out").scores()["message"].iloc[0]
+    file = tmp_path / "there" / "emps" / "DATA_EMPS.mat"
+    file.parent.mkdir(parents=True)
+    file.write_bytes(b"")
+    assert run(["EMPS-v0"], ["least_squares"], 1, tmp_path / "out").computed == 3
+
+
 def test_a_damaged_run_is_repeated(tmp_path: Path, scenario: str) -> None:
     run([scenario], [], 1, tmp_path / "out")
     file = Store(tmp_path / "out").run_file(key("null"))

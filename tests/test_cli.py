@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,6 +20,7 @@ from typer.testing import CliRunner, Result
 
 from fdbench import cli
 from fdbench.catalogue import scenario_folder
+from fdbench.commands._written import write_changed
 from fdbench.commands.list import Kind
 from fdbench.effects import effects
 from fdbench.errors import RecordError
@@ -115,8 +117,7 @@ def write(name: str, text: str) -> Path:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ("list", r"fdbench list: Missing argument 'kind'\. Choose from: scenarios, estimators, effects, metrics"),
-        ("list scenario", r"'scenario' is not one of 'scenarios', 'estimators', 'effects', 'metrics'\. Try"),
+        ("list scenario", r"'scenario' is not one of 'scenarios', 'estimators', 'effects', 'metrics', .*\. Try"),
         ("list effects --jsn", r"No such option: --jsn .*--json"),
         ("lst", r"No such command 'lst'\. Did you mean 'list'\?"),
         ("run --seeds 0", r"fdbench run: .*'--seeds': .*greater than or equal to 1"),
@@ -438,7 +439,8 @@ def test_absent_data_give_a_row_that_says_where_to_get_and_to_put_them(
     measured = load_scenario("EMPS-v0").measured
     assert measured is not None
     result = run("run", "--scenario", "EMPS-v0", "--estimator", "least_squares", "--jobs", "1", "--out", "out")
-    assert (result.exit_code, result.stderr) == (0, "")
+    assert (result.exit_code, result.stderr) == (1, "")
+    assert result.stdout.endswith("No run went well, null and oracle apart: 1 skipped.\n")
     scores = pd.read_parquet("out/scores.parquet")
     assert set(scores["status"]) == {"skipped"}
     assert "No ranking: no scenario has a run that can be scored." in result.stdout
@@ -478,6 +480,24 @@ def test_lists_are_valid_json(kind: Kind) -> None:
     assert all(row["name"] and row["summary"] for row in rows)
     assert [row["name"] for row in rows] == sorted(row["name"] for row in rows)
     assert all(row["name"] in line for row, line in zip(rows, run("list", kind).stdout.splitlines(), strict=True))
+
+
+def test_list_alone_counts_what_can_be_listed() -> None:
+    result = run("list")
+    assert (result.exit_code, result.stderr) == (0, "")
+    found = {
+        name: (int(count), words) for name, count, words in (line.split(None, 2) for line in result.stdout.splitlines())
+    }
+    assert list(found) == list(Kind)
+    for kind, (count, words) in found.items():
+        assert count == len(run("list", kind).stdout.splitlines())
+        assert words
+    assert json.loads(run("list", "--json").stdout)[0]["count"] == found["scenarios"][0]
+
+
+def test_the_version_is_said() -> None:
+    result = run("--version")
+    assert (result.exit_code, result.stdout, result.stderr) == (0, f"fdbench {version('fdbench')}\n", "")
 
 
 def test_json_has_no_number_that_json_lacks(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -526,7 +546,70 @@ def test_results_are_read_by_every_command(results: Path) -> None:
     json.loads(compared.stdout)
     again = run(*RUN, "--estimator", "least_squares", "--out", results)
     assert "0 runs done, 3 kept from before (3 ok," in again.stdout
-    assert f"Written: {results}/scores.parquet" in again.stdout
+    assert f"Written: {results}/scores.parquet\n" in again.stdout
+
+
+def test_only_what_has_changed_is_written_anew(results: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def files_written(*options: str) -> set[str]:
+        done = run(*RUN, "--estimator", "least_squares", "--out", results, *options)
+        assert done.exit_code == 0, done.output
+        (line,) = re.findall("Written: (.*)", done.stdout)
+        return {Path(name).name for name in line.split(", ")} - {"scores.parquet"}
+
+    both = {"leaderboard.md", "report.html"}
+    files_written()
+    pages = {name: (results / name).read_bytes() for name in both}
+    assert files_written() == set()
+    (results / "report.html").unlink()
+    assert files_written("--no-report") == set()
+    assert files_written() == {"report.html"}
+    (results / "leaderboard.md").write_text("edited", "utf-8")
+    assert files_written() == {"leaderboard.md"}
+    (results / "made_of.json").write_text("{", "utf-8")
+    assert files_written() == both
+    monkeypatch.setattr("fdbench.commands._written._code", lambda: b"other code")
+    assert files_written() == both
+    shutil.rmtree(results / "runs" / "ShakerConstant-v0" / "least_squares")
+    assert files_written("--no-report") == {"leaderboard.md"}
+    assert files_written() == {"report.html"}
+    assert (results / "leaderboard.md").read_bytes() == pages["leaderboard.md"]
+    (estimate,) = (results / "estimates").rglob("least_squares/0.parquet")
+    os.utime(estimate, (0, 0))
+    assert files_written() == both
+
+
+def test_a_page_that_was_made_while_another_run_wrote_is_made_again(tmp_path: Path) -> None:
+    for name in ("scores.parquet", "parameters.parquet"):
+        write(name, "before")
+    maker = {"page": lambda file: (file.write_text("made", "utf-8"), write("scores.parquet", "after"))}
+    assert [write_changed(tmp_path, maker) for _ in range(3)] == [["page"], ["page"], []]
+
+
+def test_a_run_leaves_the_leaderboard_beside_it_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fdbench.catalogue.scenario_ids", lambda: ["ShakerConstant-v0"])
+    monkeypatch.setattr(estimators, "names", lambda: ["null"])
+    write("leaderboard.md", "tracked")
+    assert run("run", "--jobs", "1", "--no-report").exit_code == 0
+    assert Path("results/leaderboard.md").is_file()
+    assert not Path("results/report.html").exists()
+    assert Path("leaderboard.md").read_text("utf-8") == "tracked"
+
+
+def test_a_run_without_a_good_one_fails(tmp_path: Path) -> None:
+    bad = write("bad.py", ESTIMATOR.replace("        target = ", "        raise ValueError('no')\n        target = "))
+    failed = run(*RUN, "--estimator", bad, "--out", "out")
+    assert (failed.exit_code, failed.stderr) == (1, "")
+    assert failed.stdout.endswith("No run went well, null and oracle apart: 1 failed.\n")
+    assert run(*RUN, "--estimator", bad, "--estimator", "least_squares", "--out", "out").exit_code == 0
+    assert run(*RUN, "--estimator", "null", "--out", "out").exit_code == 0
+
+
+def test_skips_are_counted_once() -> None:
+    picky = write("picky.py", ESTIMATOR + "\n    def skip(self, context):\n        return 'never'\n")
+    for _ in range(2):
+        done = run(*RUN, "--estimator", picky, "--estimator", "least_squares", "--out", "out")
+        assert done.stdout.count("skipped") == 2
+        assert "1 skipped). Why runs were skipped: out/leaderboard.md.\n" in done.stdout
 
 
 def test_other_results_of_the_folder_are_kept_and_shown(results: Path) -> None:

@@ -431,15 +431,18 @@ def test_bad_usage_is_one_message(
 
 def test_the_comment_has_every_part_and_well_formed_tables() -> None:
     base = pd.concat([errors(1.0, 2.0, 3.0), rows("y", "parameter_error", [1.0]), rows("z", "prediction_error", [3.0])])
+    base = pd.concat([base, rows("d", "disturbance_delay", [2e-5], unit="s")])
     new = pd.concat(
         [
+            rows("d", "disturbance_delay", [0.25], unit="s"),
             errors(1.2, 2.2, 3.3),
             errors(1.0, metric="prediction_error"),
             rows("y", "parameter_error", ["failed"], message="a|b of /data/of/me/data.csv"),
         ]
     )
     text = markdown(compare(base, new, allow_missing=True))
-    assert "### fdbench: Losses: 2, gains: 0; 2 rows compared, 1 of them on the same records." in text
+    assert "### fdbench: Losses: 3, gains: 0; 3 rows compared, 2 of them on the same records." in text
+    assert "| disturbance_delay | 20 us → 250 ms |" in text
     assert "| loss | S-v0 | x | parameter_error | 2 → 2.23 % | +11.7% |" in text
     assert r"failed with seed 0: a\|b of data.csv" in text
     assert "| missing | S-v0 | z | prediction_error |" in text

@@ -111,7 +111,7 @@ FLAWS: Mapping[str, tuple[Callable[[Columns], Columns], str]] = {
         lambda c: no_command(c) | {"position_m": spoiled(c["position_m"], -0.06)},
         "position_m jumps by 0.* m after sample .* two recordings in one",
     ),
-    "three samples": (lambda c: {name: values[:3] for name, values in c.items()}, "3 samples, 0.003 s; needed: 256"),
+    "three samples": (lambda c: {name: values[:3] for name, values in c.items()}, "3 samples, 3 ms; needed: 256"),
     "a swapped force": (lambda c: c | {"motor_force_N": -c["motor_force_N"]}, "sign of the force is.* swapped"),
     "a swapped force, no command": (
         lambda c: no_command(c) | {"motor_force_N": -c["motor_force_N"]},

@@ -14,8 +14,9 @@ from joblib.externals.loky import get_reusable_executor
 from rich.console import Console
 from scipy.stats import trim_mean
 
-from fdbench.benchmark.console import ranking_table, trouble_table
+from fdbench.benchmark.console import nothing_good_text, ranking_table, trouble_table
 from fdbench.benchmark.leaderboard import (
+    _metric_table,
     _skips,
     check_mergeable,
     difference,
@@ -513,11 +514,24 @@ def test_a_console_without_scores_says_what_is_missing(tmp_path: Path, monkeypat
         assert words in skipped
 
 
-def test_estimators_that_do_not_apply_are_counted() -> None:
-    scores = errors(null=[100.0] * 2, oracle=[0.0] * 2, x=["skipped"] * 2)
+def test_an_estimator_that_does_not_apply_is_no_trouble() -> None:
+    assert trouble_table(errors(null=[100.0] * 2, oracle=[0.0] * 2, x=["skipped"] * 2)) is None
+
+
+def test_references_are_no_good_runs_unless_they_are_alone() -> None:
+    assert nothing_good_text(errors(null=[100.0] * 2, oracle=[0.0] * 2)) == ""
+    assert nothing_good_text(errors(null=[100.0], oracle=[0.0], x=["failed"], y=[1.0])) == ""
+    text = nothing_good_text(errors(null=[100.0] * 2, oracle=[0.0] * 2, x=["failed", "skipped"], y=["failed"] * 2))
+    assert text == "No run went well, null and oracle apart: 3 failed, 1 skipped."
+    assert nothing_good_text(errors(null=["diverged"], oracle=["diverged"])) == "No run went well: 2 diverged."
+
+
+def test_times_are_written_as_people_do() -> None:
+    means = seed_means(table("S-v0", "disturbance_delay", {"x": [2.54e-5], "null": [0.475], "oracle": [0.0]}))
+    assert "| disturbance_delay ↓ |  | 25.4 us | 475 ms | 0 |" in _metric_table(means.droplevel("scenario"))
     console = Console(width=200, file=io.StringIO(), record=True)
-    console.print(trouble_table(scores))
-    assert console.export_text() == "2 runs were skipped; see the leaderboard for the reasons.\n"
+    console.print(ranking_table(errors(x=[10.0]).assign(seconds=17.3, nonce="")))
+    assert console.export_text().count(" 17.3 s ") == 3
 
 
 def test_no_troubles_no_table(tmp_path: Path, results: Path) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from fdbench.benchmark.compare import EVEN, GAIN, LOSS, MISSING, NEW, NOT_JUDGED, VERDICTS, Comparison, Row
 from fdbench.benchmark.job import SPEED
-from fdbench.benchmark.leaderboard import number_text, public_text
+from fdbench.benchmark.leaderboard import public_text, shown_unit, value_text
 from fdbench.metrics import metrics
 
 if TYPE_CHECKING:
@@ -131,6 +131,7 @@ def _numbers(row: Row) -> tuple[str, str, str]:
         return public_text(row.reason), "", ""
     ratio = row.new / row.base if row.base else math.nan
     change = "" if math.isnan(ratio) else f"{ratio - 1.0:+.1%}" if 0.0 < ratio < LARGE else f"× {ratio:.3g}"
-    values = f"{number_text(row.base, 0.0)} → {number_text(row.new, 0.0)} {row.unit}".rstrip()
+    values = " → ".join(value_text(value, row.unit, 0.0) for value in (row.base, row.new))
+    values = f"{values} {shown_unit(row.unit)}".rstrip()
     p_value = "" if row.p_value is None else f"{row.p_value:.1g}"
     return values, change, p_value

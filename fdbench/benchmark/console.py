@@ -6,9 +6,11 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from fdbench.benchmark.leaderboard import MOST_NAMED, check_mergeable, interval_text
-from fdbench.benchmark.run import Progress
+from fdbench.benchmark.oracle import NAME as ORACLE
+from fdbench.benchmark.run import NULL, Progress
 from fdbench.benchmark.statistics import EVERY, LEVEL, rankings, run_statuses, standings, troubles
 from fdbench.benchmark.store import OK, SKIPPED, Key
+from fdbench.units import time_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -47,18 +49,19 @@ def ranking_table(scores: "pd.DataFrame") -> "Table | str":
     from rich.table import Table
 
     check_mergeable(scores)
-    if not rankings(scores):
+    ranked = rankings(scores)
+    if not ranked:
         return "No ranking: no scenario has a run that can be scored."
     runs = scores.drop_duplicates(["scenario", "estimator", "seed"])
-    milliseconds = 1e3 * runs.groupby(["plant", "estimator"])["seconds"].median()
+    times_s = runs.groupby(["plant", "estimator"])["seconds"].median()
     title = "Score: 1 knows the truth, 0 has learnt nothing (null)"
     table = Table(title=title, box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for column in ("estimator", "rank", "score", f"{LEVEL:.0%} interval", "covers", "failed", "time"):
         table.add_column(column, justify="left" if column == "estimator" else "right", overflow="fold")
-    for track, plant in rankings(scores):
+    for track, plant in ranked:
         table.add_row(f"[bold]{track}: {plant}[/]")
         for line in standings(scores, track, plant):
-            time_ms = milliseconds[plant, line.estimator]
+            time_s = times_s[plant, line.estimator]
             table.add_row(
                 line.estimator,
                 "" if line.rank is None else str(line.rank),
@@ -66,7 +69,7 @@ def ranking_table(scores: "pd.DataFrame") -> "Table | str":
                 interval_text(line.score),
                 f"{line.scenarios}/{line.of_scenarios}",
                 f"[red]{line.failures}[/]" if line.failures else "0",
-                "" if math.isnan(time_ms) else f"{time_ms:.3g} ms",
+                "" if math.isnan(time_s) else time_text(time_s),
             )
         table.add_section()
     return table
@@ -75,7 +78,7 @@ def ranking_table(scores: "pd.DataFrame") -> "Table | str":
 def trouble_table(scores: "pd.DataFrame") -> "Group | None":
     """Return the runs that failed or diverged and the scenarios that were skipped, with their reasons.
 
-    Estimators that do not apply to a scenario are only counted. None if all went well.
+    Estimators that do not apply to a scenario are left to the leaderboard. None if nothing else went wrong.
     """
     from rich.console import Group
     from rich.markup import escape
@@ -92,10 +95,18 @@ def trouble_table(scores: "pd.DataFrame") -> "Group | None":
     parts: list[Table | str] = [table] if table.row_count else []
     absent = {line.scenario: line.reason for line in found if line.status == SKIPPED and line.estimators == EVERY}
     parts += [f"{scenario} was skipped. {escape(reason)}" for scenario, reason in absent.items()]
-    skipped = int(((statuses["status"] == SKIPPED) & ~statuses["scenario"].isin(absent)).sum())
-    if skipped:
-        parts.append(f"{skipped} runs were skipped; see the leaderboard for the reasons.")
     return Group(*parts) if parts else None
+
+
+def nothing_good_text(scores: "pd.DataFrame") -> str:
+    """Return what is said where no run went well, or an empty text; null and oracle count only where they are alone."""
+    statuses = run_statuses(scores)
+    others = statuses[~statuses["estimator"].isin([NULL, ORACLE])]
+    counts = (statuses if others.empty else others)["status"].value_counts()
+    if OK in counts:
+        return ""
+    apart = "" if others.empty else ", null and oracle apart"
+    return f"No run went well{apart}: {', '.join(f'{count} {status}' for status, count in counts.items())}."
 
 
 def stale_text(stale: Sequence[Key]) -> str:

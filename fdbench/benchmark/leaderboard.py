@@ -29,7 +29,7 @@ from fdbench.benchmark.store import OK, SKIPPED, Store
 from fdbench.errors import FdbenchError
 from fdbench.metrics import metrics
 from fdbench.scenario import TRACKS
-from fdbench.units import unit_of
+from fdbench.units import TIMES, time_text, unit_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -199,7 +199,8 @@ def _metric_table(means: "pd.DataFrame") -> Iterator[str]:
                 values = [float(present.loc[name, estimator]) for estimator in estimators]
                 scale = float(present.loc[name, NULL]) if NULL in present else math.nan
                 title = f"{name} {'↑' if metric.bigger_is_better else '↓'}{' *' if metric.primary else ''}"
-                rows.append([title, metric.unit, *(number_text(value, scale) for value in values)])
+                cells = [value_text(value, metric.unit, scale) for value in values]
+                rows.append([title, shown_unit(metric.unit), *cells])
         if rows:
             yield ""
             yield from _table([track, "unit", *estimators], rows, "ll" + "r" * len(estimators))
@@ -308,6 +309,21 @@ def number_text(value: float, scale: float) -> str:
     if math.isnan(value):
         return "–"
     return "0" if abs(value) <= NEGLIGIBLE * abs(scale) else f"{float(f'{value:.{DIGITS}g}'):g}"
+
+
+def value_text(value: float, unit: str, scale: float) -> str:
+    """Return the value of a metric as `number_text`; a time has a unit of its own, and its column none.
+
+    >>> value_text(2.54e-5, "s", 1.0), value_text(2.54, "%", 1.0), value_text(0.0, "s", 1.0)
+    ('25.4 us', '2.54', '0')
+    """
+    text = number_text(value, scale)
+    return time_text(value, unit) if unit in TIMES and text not in ("–", "0") else text
+
+
+def shown_unit(unit: str) -> str:
+    """Return the unit that stands beside values of `value_text`."""
+    return "" if unit in TIMES else unit
 
 
 def public_text(message: str) -> str:

@@ -7,15 +7,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fdbench.benchmark import oracle
-from fdbench.benchmark.job import REGISTRIES, Choice, Job, do, not_made_for
+from fdbench.benchmark.job import REGISTRIES, Choice, Job, describe, do, not_made_for
 from fdbench.benchmark.provenance import digest, estimator_digest, plugin_files, provenance, source_files
 from fdbench.benchmark.seal import Seal
 from fdbench.benchmark.seal import sealed as seal
-from fdbench.benchmark.store import DIGESTS, STATUSES, Key, Run, Store
+from fdbench.benchmark.store import DIGESTS, OK, STATUSES, Key, Run, Store
 from fdbench.catalogue import scenario_ids
-from fdbench.errors import FdbenchError, PluginError
+from fdbench.errors import FdbenchError, MissingData, PluginError
 from fdbench.estimator import estimators as registry
 from fdbench.nonce import check_nonce
+from fdbench.reading import measured_file
 from fdbench.scenario import Scenario, load_scenario
 
 NULL = "null"
@@ -82,9 +83,10 @@ def run(
 ) -> Summary:
     """Run every estimator on every scenario for a number of seeds; see `fdbench.benchmark.store`.
 
-    Runs that ``out`` holds for the same scenario, estimator, code and seed are reused, unless they failed. A measured
-    scenario has one record and is run for seed 0 only. Record and estimates of the first seed are always kept. The
-    tables hold the selection and all else that ``out`` holds and that has not changed since.
+    Runs that ``out`` holds for the same scenario, estimator, code and seed are reused, unless they failed or the data
+    that they lacked have come since. A measured scenario has one record and is run for seed 0 only. Record and
+    estimates of the first seed are always kept. The tables hold the selection and all else that ``out`` holds and that
+    has not changed since.
 
     Parameters
     ----------
@@ -131,7 +133,7 @@ def run(
     for name, count in Counter(scenario.id for _, scenario in selected).items():
         if count > 1:
             raise FdbenchError(f"scenario '{name}' is given {count} times.")
-    sources = _sources(names)
+    sources, plugins = _sources(names), _plugins() if jobs > 1 else ()
     if sealed and nonce:
         raise FdbenchError("sealed draws a nonce, and one is given: leave out one of the two.")
     origin["nonce"] = check_nonce(nonce) if nonce else ""
@@ -148,13 +150,14 @@ def run(
         own_names = names if estimators is not None else _made_for(names, scenario)
         choices = tuple(_choice(name, scenario, sources) for name in own_names)
         own = _jobs(source, scenario, choices, range(1) if scenario.measured else drawn, keep_estimates, origin)
-        plan += [replace(job, folder=store.folder.resolve(), plugins=_plugins() if jobs > 1 else ()) for job in own]
+        plan += [replace(job, folder=store.folder.resolve(), plugins=plugins) for job in own]
     keys = {key for job in plan for key in job.runs}
     others, stale = _others(store, keys, [scenario for _, scenario in selected], origin)
     selection = {"scenarios": {scenario.id: scenario.digest for _, scenario in selected}, "estimators": list(names)}
     options = {"seeds": seeds, "first_seed": first_seed, "keep_estimates": keep_estimates}
     store.write_selection({**selection, **options, **origin})
-    waiting = [job for job in (_unfinished(job, store) for job in plan) if job.choices]
+    wanting = {scenario.id: _wanting(scenario) for _, scenario in selected}
+    waiting = [job for job in (_unfinished(job, store, wanting[job.scenario]) for job in plan) if job.choices]
     _work(waiting, jobs, progress)
     found = store.merge({*keys, *others})
     statuses = Counter(status for key, status in found.items() if key in keys)
@@ -260,14 +263,37 @@ def _jobs(
         )
 
 
-def _unfinished(job: Job, store: Store) -> Job:
+def _wanting(scenario: Scenario) -> str:
+    """Return why the data of a measured scenario cannot be had, or an empty text."""
+    try:
+        if scenario.measured is not None:
+            measured_file(scenario.measured.file, scenario.measured.obtain)
+    except MissingData as error:
+        return describe(error)[1]
+    return ""
+
+
+def _unfinished(job: Job, store: Store, wanting: str) -> Job:
     """Return the job without the estimators whose results are there already."""
+    skips_hold = _skips_hold(job, store, wanting)
     missing = tuple(
         choice
         for choice, key in zip(job.choices, job.runs, strict=True)
-        if not store.is_finished(key, {**job.provenance, "estimator_digest": choice.digest}, job.keep)
+        if not store.is_finished(key, {**job.provenance, "estimator_digest": choice.digest}, job.keep, skips_hold)
     )
     return replace(job, choices=missing)
+
+
+def _skips_hold(job: Job, store: Store, wanting: str) -> bool:
+    """Return whether runs were skipped for a reason that is still one, as their estimators do not apply.
+
+    The oracle applies to every record: where it is not good, the record was not there, and may be now.
+    """
+    try:
+        run = store.read_run(Key(job.scenario, oracle.NAME, job.seed))
+    except FdbenchError:
+        return False
+    return run is not None and (run.status == OK or run.message == wanting != "")
 
 
 def _lasting(scenario: str | Path) -> str:
@@ -287,6 +313,8 @@ def _work(waiting: Sequence[Job], jobs: int, progress: Callable[[Progress], None
 
     report = progress or (lambda _: None)
     report(Progress(done=0, total=len(waiting)))
+    if not waiting:
+        return
     try:
         results = Parallel(n_jobs=min(jobs, max(len(waiting), 2)), return_as="generator_unordered")(
             delayed(do)(job) for job in waiting

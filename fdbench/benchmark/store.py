@@ -192,14 +192,19 @@ class Store:
             Key(file.parent.parent.name, file.parent.name, int(file.stem)) for file in files if file.stem.isdecimal()
         ]
 
-    def is_finished(self, key: Key, digests: Mapping[str, str], keep: bool) -> bool:
-        """Return whether a run need not be repeated: it was good, nothing has changed, and what is to be kept is."""
+    def is_finished(self, key: Key, digests: Mapping[str, str], keep: bool, skips_hold: bool) -> bool:
+        """Return whether a run need not be repeated: nothing has changed, and it was good and what is to be kept is.
+
+        With ``skips_hold`` a skipped run need not be repeated either.
+        """
         try:
             run = self.read_run(key)
         except FdbenchError:
             return False
-        if run is None or run.status != OK or any(run.provenance.get(name) != digests[name] for name in DIGESTS):
+        if run is None or any(run.provenance.get(name) != digests[name] for name in DIGESTS):
             return False
+        if run.status != OK:
+            return run.status == SKIPPED and skips_hold
         return not keep or (self.estimate_file(key).is_file() and self.record_file(key.scenario, key.seed).is_file())
 
     # ---- the selection and its tables ----
@@ -265,7 +270,7 @@ class Store:
 
     def write_record(self, scenario: str, seed: int, record: Record) -> None:
         """Keep a record."""
-        with _replaced(self.record_file(scenario, seed)) as partial:
+        with replaced(self.record_file(scenario, seed)) as partial:
             record.to_parquet(partial)
 
     def read_record(self, scenario: str, seed: int = 0) -> Record:
@@ -287,7 +292,7 @@ class Store:
         }
         arrays = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
         table = pyarrow.table(arrays).replace_schema_metadata({"fdbench": json.dumps(metadata)})
-        with _replaced(self.estimate_file(key)) as partial:
+        with replaced(self.estimate_file(key)) as partial:
             parquet.write_table(table, partial)
 
     def read_estimate(self, key: Key) -> Kept | None:
@@ -324,13 +329,13 @@ def _score_rows(runs: Sequence[Run]) -> Iterator[dict[str, Any]]:
     for run in runs:
         provenance = {name: run.provenance.get(name, "") for name in PROVENANCE}
         for score in run.scores:
-            yield {**run.key._asdict(), "plant": run.plant, **asdict(score), "seconds": run.seconds, **provenance}
+            yield {**run.key._asdict(), "plant": run.plant, **vars(score), "seconds": run.seconds, **provenance}
 
 
 def _parameter_rows(runs: Sequence[Run]) -> Iterator[dict[str, Any]]:
     for run in runs:
         for value in run.parameters:
-            yield {**run.key._asdict(), **asdict(value)}
+            yield {**run.key._asdict(), **vars(value)}
 
 
 def _write_table(path: Path, rows: list[dict[str, Any]], columns: Mapping[str, str]) -> None:
@@ -338,17 +343,17 @@ def _write_table(path: Path, rows: list[dict[str, Any]], columns: Mapping[str, s
     from pyarrow import parquet
 
     schema = pyarrow.schema([(name, pyarrow.type_for_alias(kind)) for name, kind in columns.items()])
-    with _replaced(path) as partial:
+    with replaced(path) as partial:
         parquet.write_table(pyarrow.Table.from_pylist(rows, schema=schema), partial)
 
 
 def _write(path: Path, text: str) -> None:
-    with _replaced(path) as partial:
+    with replaced(path) as partial:
         partial.write_text(text, "utf-8", newline="\n")
 
 
 @contextmanager
-def _replaced(path: Path) -> Iterator[Path]:
+def replaced(path: Path) -> Iterator[Path]:
     """Yield a file beside ``path`` that takes its place when all has gone well."""
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:

@@ -16,17 +16,43 @@ class Kind(StrEnum):
     ESTIMATORS = "estimators"
     EFFECTS = "effects"
     METRICS = "metrics"
+    PLANTS = "plants"
+    MOTIONS = "motions"
+    DIAGNOSERS = "diagnosers"
 
 
-def list_(kind: Annotated[Kind, typer.Argument(help="What to list.")], json_: Json = False) -> None:
-    """List scenarios, estimators, effects or metrics, with one line on each."""
-    rows = _scenario_rows() if kind is Kind.SCENARIOS else _plugin_rows(kind)
+WORDS = {
+    Kind.SCENARIOS: "Machine, its reality, its command and what is to be found: the cases of the benchmark.",
+    Kind.ESTIMATORS: "What is ranked: it claims parameters, disturbance or output from a record.",
+    Kind.EFFECTS: "What a real axis has and its model may lack: frictions, compliances, errors of sensors and others.",
+    Kind.METRICS: "What a claim is scored with, against the truth.",
+    Kind.PLANTS: "Kinds of machine that a scenario may have.",
+    Kind.MOTIONS: "Commands that a scenario may give.",
+    Kind.DIAGNOSERS: "What answers a blind trial of the diagnosis.",
+}
+
+
+def list_(
+    kind: Annotated[Kind | None, typer.Argument(help="What to list; without it the kinds, with counts.")] = None,
+    json_: Json = False,
+) -> None:
+    """List scenarios, estimators, effects, metrics and so on, with one line on each; alone, what can be listed."""
+    rows = [_kind_row(each) for each in Kind] if kind is None else _rows(kind)
     if json_:
         echo_json(rows)
         return
-    width = max((len(row["name"]) for row in rows), default=0)
-    for row in rows:
-        typer.echo(f"{row['name']:{width}}  {row['summary']}")
+    cells = [[str(value) for value in row.values()] for row in rows]
+    widths = [max((len(cell) for cell in column), default=0) for column in zip(*cells, strict=True)]
+    for *first, last in cells:
+        typer.echo("  ".join([*(f"{cell:{width}}" for cell, width in zip(first, widths, strict=False)), last]))
+
+
+def _kind_row(kind: Kind) -> dict[str, str | int]:
+    return {"name": kind.value, "count": len(_rows(kind)), "summary": WORDS[kind]}
+
+
+def _rows(kind: Kind) -> list[dict[str, str]]:
+    return _scenario_rows() if kind is Kind.SCENARIOS else _plugin_rows(kind)
 
 
 def _scenario_rows() -> list[dict[str, str]]:

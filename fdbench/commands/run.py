@@ -80,14 +80,21 @@ def run(
     keep_estimates: Annotated[
         bool, typer.Option("--keep-estimates", help="Keep records and estimates of every seed, not of the first alone.")
     ] = False,
+    no_report: Annotated[
+        bool, typer.Option("--no-report", help="Leave out report.html; one of an earlier run stays as it is.")
+    ] = False,
 ) -> None:
-    """Run estimators on scenarios, score and rank them; what is finished and has not changed is not run again."""
+    """Run estimators on scenarios, score and rank them; what is finished and has not changed is not run again.
+
+    Exits with 1 if no run of the selection went well, null and oracle apart.
+    """
     from rich.console import Console
 
     from fdbench.benchmark import console, leaderboard
     from fdbench.benchmark.run import run as run_benchmark
     from fdbench.benchmark.run import select
-    from fdbench.benchmark.store import Store
+    from fdbench.benchmark.store import SKIPPED, Store
+    from fdbench.commands._written import write_changed
     from fdbench.gap.trial.board import board, published
     from fdbench.report import write_report
 
@@ -109,23 +116,33 @@ def run(
             progress=shown,
         )
     store = Store(out)
-    text = leaderboard.leaderboard(store) + board(published())
-    (out / "leaderboard.md").write_text(text, encoding="utf-8")
-    is_everything = not (scenario or estimator or effect or seeds or first_seed)
-    if is_everything and out == DEFAULT_OUT and suite is Suite.QUICK:
-        Path("leaderboard.md").write_text(text, encoding="utf-8")
-    write_report(out, out / "report.html")
+
+    def write_leaderboard(file: Path) -> None:
+        file.write_text(leaderboard.leaderboard(store) + board(published()), encoding="utf-8")
+
+    def write_page(file: Path) -> None:
+        write_report(out, file)
+
+    makers = {"leaderboard.md": write_leaderboard, **({} if no_report else {"report.html": write_page})}
+    written = write_changed(out, makers)
     scores = store.scores(summary.keys)
     screen.print(console.ranking_table(scores))
     trouble = console.trouble_table(scores)
     if trouble is not None:
         screen.print(trouble)
     counts = ", ".join(f"{count} {status}" for status, count in summary.statuses.items())
-    typer.echo(f"{summary.computed} runs done, {summary.reused} kept from before ({counts}).")
+    reasons = f" Why runs were skipped: {out}/leaderboard.md." if summary.statuses[SKIPPED] else ""
+    typer.echo(f"{summary.computed} runs done, {summary.reused} kept from before ({counts}).{reasons}")
     if summary.others:
         typer.echo(
             f"The files hold {summary.others} other {'run' if summary.others == 1 else 'runs'} of this folder too."
         )
     if summary.stale:
         typer.echo(console.stale_text(summary.stale))
-    typer.echo(f"Written: {out}/scores.parquet, {out}/leaderboard.md, {out}/report.html")
+    typer.echo(f"Written: {', '.join(f'{out}/{name}' for name in ('scores.parquet', *written))}")
+    unchanged = [f"{out}/{name}" for name in makers if name not in written]
+    if unchanged:
+        typer.echo(f"As before: {', '.join(unchanged)}")
+    if text := console.nothing_good_text(scores):
+        typer.echo(text)
+        raise typer.Exit(1)

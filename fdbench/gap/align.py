@@ -9,6 +9,7 @@ from fdbench.errors import RecordError
 from fdbench.gap.runs import COMMAND, Run
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray, Record
+from fdbench.units import time_text
 
 FORCE, POSITION = "motor_force_N", "position_m"
 LARGEST = 1e9  # that no column of a machine reaches in SI units
@@ -91,7 +92,7 @@ def check_record(run: Run, drive: FeedDrive) -> None:
     duration_s = run.n_samples * run.period_s
     if run.n_samples < FEWEST_SAMPLES or duration_s < SHORTEST_S:
         raise RecordError(
-            f"{run.name}: {run.n_samples} samples, {duration_s:.3g} s; needed: {FEWEST_SAMPLES} samples and "
+            f"{run.name}: {run.n_samples} samples, {time_text(duration_s)}; needed: {FEWEST_SAMPLES} samples and "
             f"{SHORTEST_S:g} s at least. Record several strokes at several speeds; or is time_s in another unit?"
         )
     position, velocity = run.channels[POSITION], run.reference[:, 1]
@@ -218,7 +219,7 @@ def _clock_warnings(run: Run, delays: Mapping[str, float]) -> list[str]:
         late = {f"{FORCE} and {POSITION} together": late[POSITION]}
     of_the_loop = " or a wrong gain of the controller" if run.motion is None else ""
     return [
-        f"{run.name}: {name}: {abs(delay):.1f} samples ({1e3 * abs(delay) * run.period_s:.3g} ms) "
+        f"{run.name}: {name}: {abs(delay):.1f} samples ({time_text(abs(delay) * run.period_s)}) "
         f"{'after' if delay > 0.0 else 'before'} the simulation throughout. Probably logged on another clock than the "
         f"{'command' if run.motion is None else 'position'}: shift the columns against each other. If the clocks are "
         f"one, it is a dead time{of_the_loop}, and may be named as a cause."

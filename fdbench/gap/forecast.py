@@ -23,6 +23,7 @@ from fdbench.gap.search import EFFECTIVE_SAMPLES, NOISE_ALONE, Rival, Stage
 from fdbench.gap.trajectory import Trajectory
 from fdbench.gap.verdict import alike, divided
 from fdbench.record import FloatArray
+from fdbench.units import time_text
 
 MOST_RIVALS = 6
 SMALLEST_PROBABILITY = 0.02
@@ -143,7 +144,7 @@ class Forecast:
         odds = {pair: float(np.mean([self.log_odds(*own) for own in pairs[pair]])) for pair in (first, *likely)}
         return {
             "to_separate": list(first),
-            "trajectory": f"{self.trajectory.words}; {self.trajectory.duration_s:.3g} s",
+            "trajectory": f"{self.trajectory.words}; {time_text(self.trajectory.duration_s)}",
             "expected_log_odds": odds[first],
             "separates": [
                 {"effects": list(pair), "expected_log_odds": gain}

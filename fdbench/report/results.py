@@ -15,7 +15,9 @@ from fdbench.benchmark.leaderboard import (
     number_text,
     public_text,
     seeds_of,
+    shown_unit,
     unranked_text,
+    value_text,
 )
 from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.run import NULL
@@ -38,7 +40,7 @@ from fdbench.report._page import Block, Grid, Html, Section, breakable, folded, 
 from fdbench.report._scenario import known_scenario, pictures
 from fdbench.report._series import points_of_a_series
 from fdbench.scenario import TRACKS
-from fdbench.units import unit_of
+from fdbench.units import time_text, unit_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -171,11 +173,11 @@ def _metric_tables(means: "pd.DataFrame") -> Iterator[Html]:
         scale = values.get(NULL, math.nan)
         cells = [
             tag("strong" if losses.get(name) == best and name not in (NULL, ORACLE) else "span", text)
-            for name, text in ((name, number_text(value, scale)) for name, value in values.items())
+            for name, text in ((name, _with_micro(value_text(v, metric.unit, scale))) for name, v in values.items())
         ]
         arrow = "↑" if metric.bigger_is_better else "↓"
         title = f"{metric_name} {arrow}{' *' if metric.primary else ''}"
-        rows.append([breakable(title), metric.track, unit_text(metric.unit), *cells])
+        rows.append([breakable(title), metric.track, unit_text(shown_unit(metric.unit)), *cells])
     if rows:
         rows.sort(key=lambda row: TRACKS.index(row[1]))
         yield table(["metric", "track", "unit", *names], rows, "lll" + "r" * len(names))
@@ -279,12 +281,16 @@ def _speed(scores: "pd.DataFrame", styles: Mapping[str, Style]) -> Iterator[Html
         return
     medians = good.pivot_table(index="scenario", columns="estimator", values="value", aggfunc="median")
     rows = [
-        [str(scenario), *("–" if math.isnan(value) else f"{value:.3g}" for value in values)]
+        [str(scenario), *("–" if math.isnan(value) else _with_micro(time_text(value, "us")) for value in values)]
         for scenario, values in zip(medians.index, medians.to_numpy(), strict=True)
     ]
     header = ["scenario", *(named(str(name), styles[str(name)]) for name in medians)]
-    yield paragraph("Time of a fit for each sample in µs, compilation apart: median over the seeds.")
+    yield paragraph("Time of a fit for each sample, compilation apart: median over the seeds.")
     yield table(header, rows, "l" + "r" * len(medians.columns))
+
+
+def _with_micro(time: str) -> str:
+    return time.replace(" us", f" {unit_text('us')}")
 
 
 def _provenance(scores: "pd.DataFrame") -> Iterator[Html]:

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 from fdbench.effects import Effect, Port
 from fdbench.errors import SpecError
+from fdbench.units import time_text
 
 PROBE_STEP_S, PROBE_VELOCITY_M_PER_S = 1e-7, 1e-6
 PROBE_SPACING_M, PROBE_COUNT = 1e-5, 400
@@ -53,7 +54,7 @@ def check_substep(effects: Sequence[Effect], mass_of: dict[Port, float], period_
         largest = math.sqrt(mass / total) if total > 0.0 else math.inf
         if h > largest:
             raise SpecError(
-                f"timing.substeps: {substeps} substeps of {h:.3g} s are too coarse for {total:.3g} N/m of effect "
-                f"stiffness against {mass:.3g} kg; the largest stable substep is {largest:.3g} s, so at least "
+                f"timing.substeps: {substeps} substeps of {time_text(h)} are too coarse for {total:.3g} N/m of effect "
+                f"stiffness against {mass:.3g} kg; the largest stable substep is {time_text(largest)}, so at least "
                 f"{math.ceil(period_s / largest)} substeps are needed."
             )

@@ -89,6 +89,16 @@ def test_slow_blocks_are_targets_of_make() -> None:
     assert {line.split()[1] for line in lines} <= set(targets)
 
 
+def test_the_environment_of_make_has_pip(tmp_path: Path) -> None:
+    for name in ("Makefile", "pyproject.toml"):
+        (tmp_path / name).symlink_to(REPOSITORY / name)
+    planned = subprocess.run(
+        ["make", "-n", ".venv/.installed"], cwd=tmp_path, capture_output=True, text=True, check=True
+    ).stdout
+    assert "-m venv --without-pip .venv" in planned
+    assert re.search(r"-m pip --python \.venv/bin/python install --quiet pip --editable", planned)
+
+
 def test_fragments_are_right(tmp_path: Path) -> None:
     effect, estimate = (block.text for block in blocks(README) if block.language == "py")
     (tmp_path / "end_stop_spring.py").write_text(effect, "utf-8")
