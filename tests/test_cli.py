@@ -41,7 +41,8 @@ class MeanForce(BatchEstimator):
 
     def fit(self, context, record):
         target = context.regression(record).target
-        return Estimate(output=np.full(len(target), target.mean()))
+        parameters = dict.fromkeys(context.nominal, 0.5)
+        return Estimate(parameters=parameters, output=np.full(len(target), target.mean()))
 '''
 
 EFFECT = """from dataclasses import dataclass
@@ -569,7 +570,7 @@ def test_only_what_has_changed_is_written_anew(results: Path, monkeypatch: pytes
     assert files_written() == both
     monkeypatch.setattr("fdbench.commands._written._code", lambda: b"other code")
     assert files_written() == both
-    shutil.rmtree(results / "runs" / "ShakerConstant-v0" / "least_squares")
+    shutil.rmtree(results / "runs" / "ShakerConstant-v1" / "least_squares")
     assert files_written("--no-report") == {"leaderboard.md"}
     assert files_written() == {"report.html"}
     assert (results / "leaderboard.md").read_bytes() == pages["leaderboard.md"]

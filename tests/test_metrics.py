@@ -161,7 +161,11 @@ def test_every_metric_states_unit_direction_limits_and_track(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_nothing_claimed_is_skipped_with_a_reason(name: str) -> None:
     outcome = replace(made(), estimate=Estimate())
-    if name == "microseconds_per_sample":
+    if name == "free_run_error":
+        assert why_skipped(name, outcome) == "the scenario has no validation motion"
+        known = replace(outcome, truth=replace(outcome.truth, response=np.zeros(3)))
+        assert why_skipped(name, known) == "the estimator predicts no response to a command"
+    elif name == "microseconds_per_sample":
         assert score(name, outcome) == pytest.approx(1000.0)
     elif name == "physical_parameter_error":
         assert why_skipped(name, replace(shaker("null"), estimate=Estimate())) == "the estimate claims no parameters"

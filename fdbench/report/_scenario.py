@@ -106,10 +106,12 @@ class _Case:
             return {}
         record = self.store.read_record(self.name, self.seed)
         regression = self.scenario.plant.regression(record, self.scenario.estimation.model)
+        # A sealed run starts from another seed than the one of its row; the record has it.
+        machine = self.scenario.drawn(int(record.provenance.get("seed", self.seed)))
         nothing = Truth(parameters={}, disturbance_N=None)
         return {
             name: Outcome(
-                scenario=self.scenario,
+                scenario=machine,
                 record=record,
                 regression=regression,
                 truth=nothing,

@@ -55,7 +55,7 @@ def _figure(scenario: Scenario, outcomes: Mapping[str, Outcome], unit: str, styl
     captions = [f"Welch's method: Hann's window, segments of {length} rows, {_span(scenario)}."]
     reason = no_white_floor(first)
     if reason is None:
-        floor = _decibels(np.full(2, 2.0 * scenario.reality.noise.equation_velocity_m_per_s**2 / rate_Hz))
+        floor = _decibels(np.full(2, 2.0 * first.scenario.reality.noise.equation_velocity_m_per_s**2 / rate_Hz))
         traces.append(line("noise floor", frequency_Hz[[1, -1]], floor, Style(colour=INK, dash="dash")))
         captions.append("Dashed: density of the noise alone; what is below has fitted the noise as well.")
     else:

@@ -23,7 +23,10 @@ PAGES = [README, REPOSITORY / "CONTRIBUTING.md", *sorted((REPOSITORY / "docs").r
 PAGES += sorted((REPOSITORY / "examples").rglob("*.md"))
 BLOCK = re.compile(r"(?P<before>[^\n]*)\n+```(?P<language>\w*)\n(?P<text>.*?)^```$", re.M | re.S)
 SLOW = "<!-- slow -->"
-COMMANDS = ("list", "run", "reproduce", "leaderboard", "compare", "report", "record", "diagnose", "trial", "check")
+COMMANDS = (
+    *("list", "run", "verify", "reproduce", "leaderboard", "compare", "report", "record"),
+    *("diagnose", "trial", "check"),
+)
 
 
 class Block(NamedTuple):
