@@ -1,7 +1,7 @@
 """Whether stored results come out again: a sample of the runs is made anew, from the digests and the nonce alone."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,6 +13,7 @@ from fdbench.benchmark.run import NULL, run
 from fdbench.benchmark.store import OK, Key, Store
 from fdbench.errors import FdbenchError
 from fdbench.metrics import metrics
+from fdbench.scenario import load_scenario
 
 # Largest relative difference that the printed digits do not show.
 SAME = 5e-4
@@ -56,8 +57,24 @@ class Verification:
         return not self.differences and not self.changed
 
 
-def verify(folder: str | Path, n_runs: int = 20, progress: Callable[[int, int], None] | None = None) -> Verification:
+def verify(
+    folder: str | Path,
+    n_runs: int = 20,
+    *,
+    scenarios: Sequence[str | Path] = (),
+    progress: Callable[[int, int], None] | None = None,
+) -> Verification:
     """Repeat a sample of the runs of a folder, which is drawn anew at each call.
+
+    Parameters
+    ----------
+    folder : path
+        Results.
+    n_runs : int
+    scenarios : sequence of path
+        Files of scenarios that are not of fdbench.
+    progress : callable, optional
+        Told how many runs are done, and of how many.
 
     Raises
     ------
@@ -69,6 +86,7 @@ def verify(folder: str | Path, n_runs: int = 20, progress: Callable[[int, int], 
     pairs = good[["scenario", "estimator", "seed"]].drop_duplicates()
     pairs = pairs[~pairs["estimator"].isin([NULL, "oracle"])] if len(pairs) > n_runs else pairs
     chosen = pairs.sample(min(n_runs, len(pairs)), random_state=np.random.default_rng())
+    sources = {load_scenario(source).id: source for source in scenarios}
     nonce = str(scores["nonce"].iloc[0])
     changed = {"the code"} if code_digest() not in set(scores["code_digest"]) else set()
     differences, largest, compared = list[Difference](), 0.0, 0
@@ -77,7 +95,7 @@ def verify(folder: str | Path, n_runs: int = 20, progress: Callable[[int, int], 
             if progress is not None:
                 progress(done, len(chosen))
             key = Key(str(row.scenario), str(row.estimator), int(str(row.seed)))
-            run([key.scenario], [key.estimator], 1, place, nonce=nonce, first_seed=key.seed)
+            run([sources.get(key.scenario, key.scenario)], [key.estimator], 1, place, nonce=nonce, first_seed=key.seed)
             again = Store(place).read_run(key)
             if again is None:
                 raise FdbenchError(f"{key.scenario}, {key.estimator}, seed {key.seed}: no such run could be made.")

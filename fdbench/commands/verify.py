@@ -15,6 +15,9 @@ def verify(
     estimator: Annotated[
         list[str] | None, typer.Option(metavar="FILE", help="Python file of an estimator that is not installed.")
     ] = None,
+    scenario: Annotated[
+        list[str] | None, typer.Option(metavar="FILE", help="TOML file of a scenario that is not of fdbench.")
+    ] = None,
     effect: Effects = None,
 ) -> None:
     """Make a sample of the stored runs again and say whether the scores are the same; exit with 1 if they are not."""
@@ -28,7 +31,12 @@ def verify(
         estimators.resolve(file)
     screen = Console(stderr=True)
     with screen.status("repeating runs") as status:
-        found = repeat(existing(folder, "scores.parquet"), runs, lambda done, all_: status.update(f"{done} of {all_}"))
+        found = repeat(
+            existing(folder, "scores.parquet"),
+            runs,
+            scenarios=scenario or (),
+            progress=lambda done, total: status.update(f"repeating runs, {done} of {total}"),
+        )
     for line in found.differences:
         where = f"{line.key.scenario}, {line.key.estimator}, seed {line.key.seed}"
         typer.echo(f"{where}: {line.metric} was {line.stored:.6g}, is {'missing' if line.now is None else line.now}")
