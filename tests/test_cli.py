@@ -512,6 +512,50 @@ def test_reproduced_figures_decide_the_exit_code(monkeypatch: pytest.MonkeyPatch
         assert run("reproduce").exit_code == code
 
 
+def test_a_figure_that_raises_is_a_failed_row_among_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The figures before it in its part, those of the other parts and those of the other papers stay."""
+    from numpy.linalg import LinAlgError
+
+    from fdbench.reproduce import Row, mcpherson, turkay
+
+    def row(item: str) -> Row:
+        return Row(paper="A", item=item, paper_value=None, value=1.0, target=1.0, tolerance=0.0, kind="ranking")
+
+    def breaks() -> Iterator[Row]:
+        yield row("before")
+        raise LinAlgError("Singular [red] matrix")
+
+    monkeypatch.setattr("fdbench.reproduce.papers", lambda: ["mcpherson", "turkay"])
+    monkeypatch.setattr(mcpherson, "parts", lambda: {"broken": breaks, "whole": lambda: [row("after")]})
+    monkeypatch.setattr(turkay, "parts", lambda: {"last": lambda: [row("other paper")]})
+    result = run("reproduce", "--json")
+    found = {item["item"]: item for item in json.loads(result.stdout)}
+    failed = "broken: this and its further figures failed"
+    assert (result.exit_code, result.stderr, list(found)) == (1, "", ["before", failed, "after", "other paper"])
+    assert [item["ok"] for item in found.values()] == [True, False, True, True]
+    contract = {"paper", "item", "paper_value", "value", "target", "tolerance", "kind", "ok"}
+    assert all(contract <= set(item) for item in found.values())
+    assert found[failed]["reason"] == "LinAlgError: Singular [red] matrix"
+    assert (found[failed]["paper"], found[failed]["value"], found[failed]["kind"]) == (mcpherson.PAPER, None, "must")
+    shown = run("reproduce")
+    assert shown.exit_code == 1
+    assert "4 figures, 1 outside" in shown.stdout
+    assert "[red]" in shown.stdout
+
+
+def test_an_interrupt_ends_the_reproduction(monkeypatch: pytest.MonkeyPatch) -> None:
+    from fdbench.reproduce import run as run_reproduction
+    from fdbench.reproduce import turkay
+
+    def interrupted() -> Iterator[Any]:
+        raise KeyboardInterrupt
+        yield
+
+    monkeypatch.setattr(turkay, "parts", lambda: {"first": interrupted})
+    with pytest.raises(KeyboardInterrupt):
+        run_reproduction("turkay")
+
+
 def test_results_are_read_by_every_command(results: Path) -> None:
     assert {path.name for path in results.iterdir()} >= {"scores.parquet", "leaderboard.md", "report.html"}
     assert not Path("leaderboard.md").exists()

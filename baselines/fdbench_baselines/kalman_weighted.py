@@ -61,7 +61,8 @@ def alternate(net: Network, sweeps: int, ridge: float) -> Design:
                 weights = (S[block[i]] @ V.T * (s / (s**2 + ridge))) @ U.T
                 W[block[i]] = eye[block[i]] - weights @ difference
         S = W @ S
-        before = np.linalg.qr(np.hstack((A @ S, noise)).T, mode="r").T
+        _, triangle = np.linalg.qr(np.hstack((A @ S, noise)).T)
+        before = triangle.T
     return Design(W @ rest @ A, W @ K, S @ S.T)
 
 
