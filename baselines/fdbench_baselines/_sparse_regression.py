@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fdbench.compilation import kept
 from fdbench.errors import SpecError
 
 FloatArray = NDArray[np.float64]
@@ -148,7 +149,8 @@ def _triangularise(A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray
     return np.ascontiguousarray(joint[:p, :p]), np.ascontiguousarray(joint[:p, p:])
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def remove_subdiagonal(S: FloatArray, last: NDArray[np.intp]) -> None:
     """Make the first ``len(last)`` columns of S upper triangular, in place; column j is zero below row ``last[j]``."""
     n = S.shape[1]

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fdbench.compilation import kept
 from fdbench.effects import Effect, Port
 from fdbench.errors import SpecError
 from fdbench.simulate.random import stream
@@ -110,7 +111,8 @@ class Process:
         return np.column_stack((flow[:, :2], *weights))
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def advance(state, count, diverged, action, nodes, added, noise, flow, law, out):  # type: ignore[no-untyped-def]
     """Advance every lane by ``len(out)`` samples; lane by lane, so that each has the bits of a single one.
 

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fdbench.compilation import kept
 from fdbench.effects import Effect, Port
 from fdbench.errors import SpecError, did_you_mean
 from fdbench.simulate.random import stream
@@ -127,7 +128,8 @@ def adder(kernel: Any) -> Callable[..., None]:
     return add_force
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def advance(state, flow, outputs, limits, feedrate, feedrate_limit, force, diverged, out):  # type: ignore[no-untyped-def]
     """Advance every lane; lanes are innermost, so that each has the bits of a single one.
 
