@@ -24,6 +24,8 @@ from fdbench.plants import NetworkPlant, StateSpace, StateSpacePlant
 from fdbench.record import FloatArray, Record
 from fdbench.scenario import Scenario, load_scenario
 
+pytestmark = pytest.mark.linear_algebra
+
 FORMS = ("varying", "steady", "continuous")
 NODE_FILTERS = (KalmanDistributed, KalmanConsensus, KalmanWeighted)
 

@@ -24,6 +24,8 @@ from fdbench.record import Record
 from fdbench.scenario import Scenario, load_scenario
 from fdbench.simulate.system import Noise, System
 
+pytestmark = pytest.mark.linear_algebra
+
 QUIET = "SlotMilling-v0"
 RUNOUT = [f"SlotMillingRunout{rpm}Rpm{force}N-v0" for rpm in (575, 200) for force in (50, 25)]
 NAMES = ("a_1", "a_2", "b_0", "b_1")

@@ -382,6 +382,7 @@ def test_elastic_drive_is_offered_to_observers_too() -> None:
 PARTS = salehi.parts()
 
 
+@pytest.mark.linear_algebra
 @pytest.mark.parametrize("part", PARTS.values(), ids=PARTS)
 def test_figures_of_salehi(part: Callable[[], Iterable[Row]]) -> None:
     rows = list(part())

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fdbench.compilation import kept
 from fdbench.effects import Effect, Port
 from fdbench.errors import SpecError, did_you_mean
+from fdbench.simulate.exponential import exponential
 from fdbench.simulate.random import stream
 from fdbench.simulate.system import FloatArray, Setup, System
 from fdbench.specification import bounded, check_bounds, positive
@@ -99,11 +100,9 @@ def joined(pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def flows(pairs: FloatArray, h: float) -> FloatArray:
     """Return the exact flow of each pair over h under a constant force, (n, 2, 3)."""
-    from scipy.linalg import expm
-
     generators = np.zeros((len(pairs), 3, 3))
     generators[:, :2] = pairs
-    return np.stack([expm(generator * h)[:2] for generator in generators])
+    return np.stack([exponential(generator * h)[:2] for generator in generators])
 
 
 @lru_cache(maxsize=64)
