@@ -4,7 +4,7 @@ BIN := .venv/bin
 RUNTIME := .venv/.installed
 TEST := .venv/.installed-test
 
-.PHONY: run test check format report leaderboard trial benchmark clean
+.PHONY: run test test-processors check format report leaderboard trial benchmark clean
 
 run: $(RUNTIME)
 	$(BIN)/fdbench run
@@ -36,12 +36,20 @@ benchmark: $(RUNTIME)
 test: $(TEST)
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
+# As on other processors: kernels of linear algebra without vectors and with wide ones, machine code for any.
+WIDE := $(shell grep -qw avx512dq /proc/cpuinfo 2>/dev/null && echo OPENBLAS_CORETYPE=SkylakeX || echo OPENBLAS_CORETYPE=Haswell)
+test-processors: $(TEST)
+	@for processor in "OPENBLAS_CORETYPE=Prescott NUMBA_CPU_NAME=generic" "$(WIDE)"; do \
+	  echo "as on $$processor"; env $$processor $(BIN)/python -m pytest -n 2 --dist loadfile -q -m linear_algebra tests || exit; \
+	done
+
 check: $(TEST)
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(MAKE) --no-print-directory test
+	$(MAKE) --no-print-directory test-processors
 
 format: $(TEST)
 	$(BIN)/ruff format

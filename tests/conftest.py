@@ -1,6 +1,7 @@
-"""Shared fixtures: where the reference data lie, and a numba cache of the tests' own."""
+"""Shared fixtures: where the reference data lie, and registries that no module leaves a file in."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -23,3 +24,14 @@ def measured_data() -> None:
     folder = Path(os.environ.get("FDBENCH_SHARED", REPOSITORY.parent / "shared")) / "data"
     if folder.is_dir():
         os.environ.setdefault("FDBENCH_DATA", str(folder))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def registries_of_the_module() -> Iterator[None]:
+    """Let no plug-in file of one module be known to the next, which may differ with the load of the machine."""
+    from fdbench.benchmark.job import REGISTRIES
+
+    with pytest.MonkeyPatch.context() as patch:
+        for registry in REGISTRIES:
+            patch.setattr(registry, "_files", {})
+        yield

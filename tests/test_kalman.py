@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -23,6 +23,8 @@ from fdbench.estimator import Context, Estimate, Sample, samples
 from fdbench.plants import NetworkPlant, StateSpace, StateSpacePlant
 from fdbench.record import FloatArray, Record
 from fdbench.scenario import Scenario, load_scenario
+
+pytestmark = pytest.mark.linear_algebra
 
 FORMS = ("varying", "steady", "continuous")
 NODE_FILTERS = (KalmanDistributed, KalmanConsensus, KalmanWeighted)
@@ -549,6 +551,17 @@ def test_weighted_averaging_is_a_steady_joint_filter(nodes: tuple[Context, Conte
     np.testing.assert_allclose(forces, 1.0, rtol=1e-5)
     deviations = net.scale[-1] * np.sqrt(np.diag(design.P)[n - 1 :: n])
     np.testing.assert_allclose(deviations, [3.47, 3.47, 4.70], atol=5e-3)
+
+
+@pytest.mark.parametrize("linked", ["every node", "a line"])
+def test_weighted_averaging_forgets_where_it_started(
+    nodes: tuple[Context, Context, Record], linked: Literal["every node", "a line"]
+) -> None:
+    """Nodes that know the same at first differ by few readings; the ridge must not drown in what nobody knows yet."""
+    net = net_of(nodes[0 if linked == "every node" else 1])
+    design, vague = (alternate(net._replace(P=factor * net.P), 600, 1e-7) for factor in (1.0, 1e4))
+    deviations, expected = (np.sqrt(np.diag(item.P)[len(net.A) - 1 :: len(net.A)]) for item in (vague, design))
+    np.testing.assert_allclose(deviations, expected, rtol=1e-6)
 
 
 def test_weighted_averaging_helps_the_blind_node(nodes: tuple[Context, Context, Record]) -> None:

@@ -16,6 +16,8 @@ from fdbench.estimator import Context, Estimate, Regression, samples
 from fdbench.plants._plant import Plant
 from fdbench.record import Record
 
+pytestmark = pytest.mark.linear_algebra
+
 TS = 1.0 / 333.0
 PSI = 1.0 / 55.0
 

@@ -12,6 +12,8 @@ from fdbench.estimator import Context, Estimate, Estimator, FloatArray, Regressi
 from fdbench.plants._plant import Plant
 from fdbench.record import Record
 
+pytestmark = pytest.mark.linear_algebra
+
 BETA = np.array([0.8, 0.2, -3.0])
 NAMES = ("beta_1", "beta_2", "beta_3")
 

@@ -1,10 +1,11 @@
 """McPherson (2024): every figure that must hold, with the scenarios and estimators as shipped."""
 
+from fdbench import reproduce
 from fdbench.reproduce import mcpherson
 
 
 def test_every_figure_holds() -> None:
-    rows = mcpherson.rows()
+    rows = reproduce.run("mcpherson")
     assert len(rows) >= 30
     assert [f"{row.item}: {row.value:.5g}, not {row.target:.5g}" for row in rows if not row.ok] == []
 

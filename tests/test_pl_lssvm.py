@@ -27,6 +27,8 @@ from fdbench.estimator import Context, Estimate, Estimator, FloatArray, Regressi
 from fdbench.plants._plant import Plant
 from fdbench.record import Record
 
+pytestmark = pytest.mark.linear_algebra
+
 SAMPLING_TIME_S = 1.0 / 333.0
 PERIOD_S = 1.0 / 55.0
 SIGMA_1_S, SIGMA_2, GAMMA = 0.59, 0.42, 50.3

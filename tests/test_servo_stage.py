@@ -11,6 +11,7 @@ from fdbench_baselines._recursive_least_squares import predict, rls, solve, untr
 from fdbench_baselines.hybrid_rls import HybridRLS
 from fdbench_baselines.physics_model import PhysicsModel
 
+from fdbench import reproduce
 from fdbench.effects import Effect, effects
 from fdbench.errors import PluginError, SpecError
 from fdbench.estimator import FloatArray, samples
@@ -394,7 +395,7 @@ def test_hybrid_on_the_spiral() -> None:
 
 
 def test_every_published_figure_holds() -> None:
-    found = chou.rows()
+    found = reproduce.run("chou")
     assert len(found) > 60
     assert [(row.item, row.value, row.target) for row in found if not row.ok] == []
 

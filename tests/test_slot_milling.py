@@ -12,6 +12,7 @@ from fdbench_baselines.frequency_least_squares import FrequencyLeastSquares, jac
 from fdbench_baselines.least_squares import LeastSquares
 from numpy.typing import NDArray
 
+from fdbench import reproduce
 from fdbench.effects import Effect, effects
 from fdbench.errors import RecordError, SimulationDiverged, SpecError
 from fdbench.estimator import Estimate
@@ -20,9 +21,10 @@ from fdbench.plants import _slot_milling as milling
 from fdbench.plants._plant import TransferFunctionPlant
 from fdbench.plants.slot_milling import SlotMilling
 from fdbench.record import Record
-from fdbench.reproduce import turkay
 from fdbench.scenario import Scenario, load_scenario
 from fdbench.simulate.system import Noise, System
+
+pytestmark = pytest.mark.linear_algebra
 
 QUIET = "SlotMilling-v0"
 RUNOUT = [f"SlotMillingRunout{rpm}Rpm{force}N-v0" for rpm in (575, 200) for force in (50, 25)]
@@ -145,7 +147,7 @@ def test_table_3_of_this_signal(name: str) -> None:
 
 
 def test_reproduction_rows_hold() -> None:
-    rows = turkay.rows()
+    rows = reproduce.run("turkay")
     assert [row.item for row in rows if not row.ok] == []
     items = [row.item for row in rows]
     assert len(items) == len(set(items))

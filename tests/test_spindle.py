@@ -1,6 +1,6 @@
 """Spindle, sensor network and current-driven feed drive: closed forms, naive twins, lanes, published figures."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -379,19 +379,12 @@ def test_elastic_drive_is_offered_to_observers_too() -> None:
 
 # ---- the published figures ----
 
-PARTS = (
-    salehi.spindle_plant,
-    salehi.continuous_filter,
-    salehi.spindle_steps,
-    salehi.milling,
-    salehi.drive_current,
-    salehi.networks,
-    salehi.not_reproducible,
-)
+PARTS = salehi.parts()
 
 
-@pytest.mark.parametrize("part", PARTS, ids=lambda part: part.__name__)
-def test_figures_of_salehi(part: Callable[[], Iterator[Row]]) -> None:
+@pytest.mark.linear_algebra
+@pytest.mark.parametrize("part", PARTS.values(), ids=PARTS)
+def test_figures_of_salehi(part: Callable[[], Iterable[Row]]) -> None:
     rows = list(part())
     assert rows
     assert [f"{row.item}: {row.value:.6g}, not {row.target:g} +- {row.tolerance:g}" for row in rows if not row.ok] == []

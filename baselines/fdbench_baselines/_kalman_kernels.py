@@ -1,10 +1,12 @@
-"""Compiled recursions of the Kalman filters, in one file: a cached function does not see another file change.
+"""Compiled recursions of the Kalman filters.
 
 ``size`` is a tuple of n zeros: its length is known to the compiler, which unrolls the loops over the n states.
 """
 
 import numpy as np
 from numba import njit
+
+from fdbench.compilation import kept
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -60,7 +62,8 @@ def take_in(size, c, r, x, P, y, T, c_P, K):  # type: ignore[no-untyped-def]
     return error, S
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def run(size, model, x, P, u, y, out):  # type: ignore[no-untyped-def]
     """Run the filter of `fdbench_baselines._kalman_filter.filter_readings`; return its log-likelihood."""
     n = len(size)
@@ -81,7 +84,8 @@ def run(size, model, x, P, u, y, out):  # type: ignore[no-untyped-def]
     return log_likelihood
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def run_constant(F, G, L, c_A, c_B, x, u, y, out):  # type: ignore[no-untyped-def]
     r"""Run a filter of constant gain, :math:`x \leftarrow F x + G u_k + L y_k`, and write ``out`` as `run` does.
 
@@ -125,7 +129,8 @@ def add_scaled(a, M, x, total, vector):  # type: ignore[no-untyped-def]
             vector[i] += a * M[i, j] * x[j]
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def run_nodes(size, A, C, Q, R, P, heard, information, gamma, exchanges, y):  # type: ignore[no-untyped-def]
     r"""Run a filter in each node on the readings that it hears, with a consensus after each of them.
 
@@ -178,7 +183,8 @@ def run_nodes(size, A, C, Q, R, P, heard, information, gamma, exchanges, y):  # 
     return force, variance
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def run_parallel(size, A, C, Q, R, P, sizes, exact, weighted, y):  # type: ignore[no-untyped-def]
     """Run a filter in each node on its own reading; return the last state as combined and its variance, (n_rows, 1).
 
@@ -218,7 +224,8 @@ def run_parallel(size, A, C, Q, R, P, sizes, exact, weighted, y):  # type: ignor
     return force, variance
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def run_joint(F, L, n, y):  # type: ignore[no-untyped-def]
     r"""Run :math:`x \leftarrow F x + L y_k` on nodes of n states side by side; return the last state of each."""
     nodes = len(F) // n

@@ -22,6 +22,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fdbench.compilation import kept
+
 FloatArray = NDArray[np.float64]
 
 
@@ -72,7 +74,8 @@ def empty_tracker(dimension: int, budget: int) -> Tracker:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def locally_periodic_inputs(t: FloatArray, sigma_1: float, sigma_2: float, psi: float) -> FloatArray:
     r"""Map times to inputs whose Gaussian kernel is the locally periodic kernel.
 
@@ -107,7 +110,8 @@ def locally_periodic_inputs(t: FloatArray, sigma_1: float, sigma_2: float, psi: 
     return x
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def kernel_column(dictionary: FloatArray, x: FloatArray, k: FloatArray) -> None:
     """Write exp(-|x_i - x|^2 / 2) for every slot i into ``k``."""
     k[:] = 0.0
@@ -119,7 +123,8 @@ def kernel_column(dictionary: FloatArray, x: FloatArray, k: FloatArray) -> None:
         k[i] = np.exp(-0.5 * k[i])
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def symmetric_products(QR: FloatArray, k: FloatArray, qr: FloatArray) -> None:
     """Write Q k and R k side by side into ``qr``, eight rows at a time: vector code without a reordered sum."""
     qr[:] = 0.0
@@ -136,7 +141,8 @@ def symmetric_products(QR: FloatArray, k: FloatArray, qr: FloatArray) -> None:
             qr[i] += ka * a[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def inject_uncertainty(QR: FloatArray, members: NDArray[np.int64], lam: float) -> None:
     """Sigma <- Sigma / lam, which is R <- R / lam - (1 / lam - 1) Q."""
     M = members.size
@@ -147,7 +153,8 @@ def inject_uncertainty(QR: FloatArray, members: NDArray[np.int64], lam: float) -
                 R[i] = R[i] / lam - (1.0 / lam - 1.0) * Q[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def update_reduction(QR: FloatArray, lam: float, s: FloatArray, u: FloatArray, b: FloatArray) -> None:
     """R <- lam R + s s' - (u b' + b u')."""
     M = s.size
@@ -157,7 +164,8 @@ def update_reduction(QR: FloatArray, lam: float, s: FloatArray, u: FloatArray, b
             R[i] = lam * R[i] + sj * s[i] - (uj * b[i] + bj * u[i])
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def update_inverse(QR: FloatArray, t: FloatArray, p: FloatArray) -> None:
     """Q <- Q + t t' - p p'."""
     M = t.size
@@ -167,7 +175,8 @@ def update_inverse(QR: FloatArray, t: FloatArray, p: FloatArray) -> None:
             Q[i] += tj * t[i] - pj * p[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def track(
     tracker: Tracker, x: FloatArray, y: FloatArray, s2: float, lam: float, jitter: float, injection: bool
 ) -> tuple[FloatArray, NDArray[np.int64]]:

@@ -23,10 +23,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fdbench.compilation import kept
+
 FloatArray = NDArray[np.float64]
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def rls(theta: FloatArray, P: FloatArray, X: FloatArray, y: FloatArray, lam: float) -> FloatArray:
     r"""Take in rows and return the errors of their predictions before each.
 
@@ -119,7 +122,8 @@ def untrained(q: int, p: int, lam: float) -> Hybrid:
     return Hybrid(lam * np.eye(n), np.zeros(n), np.zeros(n), measured, predicted, np.zeros(1, dtype=np.int64))
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def solve(A: FloatArray, b: FloatArray, w: FloatArray) -> None:
     """Write the solution of A w = b, A positive definite and given by its lower triangle, by Cholesky's method."""
     n = b.size
@@ -145,7 +149,8 @@ def solve(A: FloatArray, b: FloatArray, w: FloatArray) -> None:
         w[j] /= L[j, j]
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def predict(state: Hybrid, response: FloatArray, error: FloatArray, q: int, batch: int) -> FloatArray:
     r"""Predict samples batch by batch, then take them in.
 

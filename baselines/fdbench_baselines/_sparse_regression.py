@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fdbench.compilation import kept
 from fdbench.errors import SpecError
 
 FloatArray = NDArray[np.float64]
@@ -48,8 +49,10 @@ class Triangle(NamedTuple):
 
 
 def factorise(regressors: FloatArray, targets: FloatArray) -> Triangle:
-    """Return the triangle of all outputs, after columns are scaled to unit length.
+    r"""Return the triangle of all outputs, after columns are scaled to unit length.
 
+    Where the first column is constant, the factors are those of the others' differences to a multiple of it,
+    :math:`g_j - m_j g_0 = Q r_j`, so that :math:`g_j = Q (r_j + m_j r_0)`: no digit is lost in what they share.
     A column that depends linearly on those before it, to rounding, is left out: its coefficients are zero.
 
     Raises
@@ -62,10 +65,18 @@ def factorise(regressors: FloatArray, targets: FloatArray) -> Triangle:
         raise SpecError(f"regression: {n} training rows for {p} columns; more rows than columns are needed.")
     scale = np.linalg.norm(regressors, axis=0)
     scale[scale == 0.0] = 1.0
-    R, C = _triangularise(regressors / scale, targets)
+    # A function of small values, as their cosine, may differ from a constant in its last digits, all that it tells.
+    multiple = np.median(regressors, axis=0) / regressors[0, 0] if _is_constant(regressors[:, 0]) else np.zeros(p)
+    multiple[0] = 0.0
+    R, C = _triangularise((regressors - multiple * regressors[:, :1]) / scale, targets)
+    R[0] += multiple * scale[0] / scale * R[0, 0]
     whole = Triangle(R, C, scale, np.arange(p), np.arange(targets.shape[1]))
     independent = np.abs(np.diag(R)) > n * np.finfo(np.float64).eps
     return whole if independent.all() else _part(whole, np.flatnonzero(independent), whole.outputs)
+
+
+def _is_constant(column: FloatArray) -> bool:
+    return bool(column[0] != 0.0 and (column == column[0]).all())
 
 
 def least_squares(regressors: FloatArray, targets: FloatArray) -> FloatArray:
@@ -148,7 +159,8 @@ def _triangularise(A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray
     return np.ascontiguousarray(joint[:p, :p]), np.ascontiguousarray(joint[:p, p:])
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def remove_subdiagonal(S: FloatArray, last: NDArray[np.intp]) -> None:
     """Make the first ``len(last)`` columns of S upper triangular, in place; column j is zero below row ``last[j]``."""
     n = S.shape[1]

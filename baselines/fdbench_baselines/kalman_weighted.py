@@ -17,6 +17,12 @@ class Design(NamedTuple):
     P: FloatArray
 
 
+def root(covariance: FloatArray) -> FloatArray:
+    """Return S with S S^T a covariance, which may be singular; eigenvalues that rounding took below zero are zero."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
+
+
 def alternate(net: Network, sweeps: int, ridge: float) -> Design:
     r"""Return gains and weights by turns: each the best for the other's covariance of the last sweep.
 
@@ -28,32 +34,36 @@ def alternate(net: Network, sweeps: int, ridge: float) -> Design:
     P is that of the errors of all nodes side by side; all of them feel the same process noise. K_i is the Kalman gain
     for the block of node i; the weights of node i, which add up to I, are the best unbiased ones for the neighbours'
     differences to it, with a ridge, as nodes may know the same.
+
+    Nodes that hear each other differ by their readings alone, so the covariance of their differences has few ranks, and
+    a ridge is lost beside what the nodes do not know yet. Hence covariances are kept as square roots S S^T: the
+    differences D S = U s V^T of node i have the weights :math:`S_i V \, \mathrm{diag}(s / (s^2 + ridge)) \, U^T`.
     """
     nodes, n = net.C.shape
-    A, Q = np.kron(np.eye(nodes), net.A), np.kron(np.ones((nodes, nodes)), net.Q)
-    before = np.kron(np.ones((nodes, nodes)), net.P)
     eye = np.eye(nodes * n)
     block = [slice(i * n, (i + 1) * n) for i in range(nodes)]
+    others = [[j for j in range(nodes) if j != i and net.heard[i, j]] for i in range(nodes)]
+    A, noise = np.kron(np.eye(nodes), net.A), np.tile(root(net.Q), (nodes, 1))
+    before = np.tile(root(net.P), (nodes, 1))
     H, K, W = np.zeros((nodes, nodes * n)), np.zeros((nodes * n, nodes)), eye.copy()
     for i in range(nodes):
         H[i, block[i]] = net.C[i]
     for _ in range(sweeps):
         for i, c in enumerate(net.C):
-            c_P = before[block[i], block[i]] @ c
-            K[block[i], i] = c_P / (c @ c_P + net.R[i])
+            seen = c @ before[block[i]]
+            K[block[i], i] = before[block[i]] @ seen / (seen @ seen + net.R[i])
         rest = eye - K @ H
-        P = rest @ before @ rest.T + K * net.R @ K.T
+        S = np.hstack((rest @ before, K * np.sqrt(net.R)))
         for i in range(nodes):
-            others = [block[j] for j in range(nodes) if j != i and net.heard[i, j]]
-            if others:
-                difference = np.vstack([eye[other] - eye[block[i]] for other in others])
-                own = P[block[i]] @ difference.T
-                joint = difference @ P @ difference.T + ridge * np.eye(len(difference))
-                W[block[i]] = eye[block[i]] - np.linalg.solve(joint, own.T).T @ difference
-        P = W @ P @ W.T
-        before = A @ P @ A.T + Q
-        before = 0.5 * (before + before.T)
-    return Design(W @ rest @ A, W @ K, P)
+            if others[i]:
+                difference = np.vstack([eye[block[j]] - eye[block[i]] for j in others[i]])
+                U, s, V = np.linalg.svd(difference @ S, full_matrices=False)
+                weights = (S[block[i]] @ V.T * (s / (s**2 + ridge))) @ U.T
+                W[block[i]] = eye[block[i]] - weights @ difference
+        S = W @ S
+        _, triangle = np.linalg.qr(np.hstack((A @ S, noise)).T)
+        before = triangle.T
+    return Design(W @ rest @ A, W @ K, S @ S.T)
 
 
 @final

@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fdbench.compilation import kept
 from fdbench.errors import FdbenchError, SpecError
 from fdbench.estimator import BatchEstimator, Context, Estimate, Regression
 from fdbench.record import Record
@@ -143,7 +144,8 @@ def locally_periodic(lag_s: FloatArray, sigma_1_s: float, sigma_2: float, period
     return np.asarray(np.exp(-0.5 * (lag_s / sigma_1_s) ** 2 - 0.5 * (sine / sigma_2) ** 2), dtype=np.float64)
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def _fill_lower(
     matrix: FloatArray,
     time: FloatArray,

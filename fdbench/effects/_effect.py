@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Literal, Self
 
 from numba import njit
 
+from fdbench.compilation import followed
 from fdbench.errors import PluginError
 from fdbench.registry import Registry
 from fdbench.specification import check_bounds, reads_plugins_of
@@ -68,9 +69,9 @@ def kernel(function: Callable[..., Any]) -> Any:
     position (m) and velocity (m/s) of the port's side there (COMMAND: at the start of the substep), what passes the
     port (see `Port`), a standard uniform number if the effect is random, the parameters by symbol, the hidden states
     at the start of the substep. It returns the port's value and the hidden states at the end of the substep, in that
-    order.
+    order. A global that it uses is part of it: what that may be says `fdbench.compilation`.
     """
-    return njit(error_model="numpy", forceinline=True)(function)
+    return followed(njit(error_model="numpy", forceinline=True)(function))
 
 
 @dataclass(frozen=True)

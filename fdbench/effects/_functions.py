@@ -7,6 +7,8 @@ exp is within 1 unit in the last place, tanh within 10, sin and cos within 2.3e-
 import numpy as np
 from numba import njit
 
+from fdbench.compilation import kept
+
 LOG2_E = 1.4426950408889634
 LN2_HIGH = 6.93147180369123816490e-01
 LN2_LOW = 1.90821492927058770002e-10
@@ -16,7 +18,8 @@ HALF_PI_MIDDLE = 6.07710050630396597660e-11
 HALF_PI_LOW = 2.02226624879595063154e-21
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kept
+@njit(error_model="numpy", forceinline=True)
 def exp(x):
     x = min(max(x, -708.0), 709.0)
     k = np.floor(x * LOG2_E + 0.5)
@@ -38,7 +41,8 @@ def exp(x):
     return p * np.int64((np.int64(k) + 1023) << 52).view(np.float64)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kept
+@njit(error_model="numpy", forceinline=True)
 def tanh(x):
     e = exp(-2.0 * abs(x))
     large = (1.0 - e) / (1.0 + e)
@@ -48,7 +52,8 @@ def tanh(x):
     return np.copysign(value, x)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kept
+@njit(error_model="numpy", forceinline=True)
 def _sin_reduced(r):
     q = r * r
     p = -1.0 / 1307674368000.0
@@ -61,7 +66,8 @@ def _sin_reduced(r):
     return r + r * (q * p)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kept
+@njit(error_model="numpy", forceinline=True)
 def _cos_reduced(r):
     q = r * r
     p = 1.0 / 20922789888000.0
@@ -74,7 +80,8 @@ def _cos_reduced(r):
     return 1.0 + q * (p * q - 0.5)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kept
+@njit(error_model="numpy", forceinline=True)
 def _quarter_wave(x, shift):
     k = np.floor(x * TWO_OVER_PI + 0.5)
     r = ((x - k * HALF_PI_HIGH) - k * HALF_PI_MIDDLE) - k * HALF_PI_LOW
@@ -83,11 +90,13 @@ def _quarter_wave(x, shift):
     return -value if quadrant & 2 else value
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kept
+@njit(error_model="numpy", forceinline=True)
 def sin(x):
     return _quarter_wave(x, 0)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kept
+@njit(error_model="numpy", forceinline=True)
 def cos(x):
     return _quarter_wave(x, 1)

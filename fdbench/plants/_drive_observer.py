@@ -8,6 +8,7 @@ import numpy as np
 from fdbench.plants._plant import StateSpace
 from fdbench.record import FloatArray
 from fdbench.simulate.axis import Mechanics
+from fdbench.simulate.exponential import exponential
 from fdbench.specification import check_bounds, nonnegative, positive
 
 
@@ -57,10 +58,8 @@ def state_space(
 
 def change_per_newton(space: StateSpace, sampling_time_s: float) -> float:
     """Return by how much a force of one newton over a sampling time changes the first output."""
-    from scipy.linalg import expm
-
     n = len(space.A)
     generator = np.zeros((n + 1, n + 1))
     generator[:n, :n], generator[:n, n] = space.A, space.E
-    flow: FloatArray = expm(generator * sampling_time_s)
+    flow: FloatArray = exponential(generator * sampling_time_s)
     return float(space.C[0] @ flow[:n, n])

@@ -16,6 +16,7 @@ from fdbench.plants._servo_stage_stepper import compose
 from fdbench.record import Record
 from fdbench.regression import Regression
 from fdbench.simulate.axis import compiled
+from fdbench.simulate.exponential import exponential
 from fdbench.simulate.random import stream
 from fdbench.simulate.system import FloatArray, Setup, System
 from fdbench.specification import positive
@@ -56,15 +57,13 @@ class Response:
 
     def flow(self, h: float) -> FloatArray:
         """Return (n, n + 7): the state after h, from q, from u and three derivatives, from f and two derivatives."""
-        from scipy.linalg import expm
-
         n = len(self.B)
         generator = np.zeros((n + 7, n + 7))
         generator[:n, :n] = self.A
         generator[:n, n], generator[:n, n + 4] = self.B, self.F
         for place in (n, n + 1, n + 2, n + 4, n + 5):
             generator[place, place + 1] = 1.0
-        after: FloatArray = expm(generator * h)[:n]
+        after: FloatArray = exponential(generator * h)[:n]
         return after
 
 

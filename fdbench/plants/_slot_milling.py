@@ -11,8 +11,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fdbench.compilation import kept
 from fdbench.effects import Effect, Port
 from fdbench.errors import SpecError
+from fdbench.simulate.exponential import exponential
 from fdbench.simulate.random import stream
 from fdbench.simulate.system import FloatArray, Setup, System
 
@@ -98,19 +100,18 @@ class Process:
 
         The weights are :math:`\int_0^h e^{A (h - \tau)} B\, l_j(\tau)\, d\tau` with the Lagrange parabolas l_j.
         """
-        from scipy.linalg import expm
-
         generator = np.zeros((5, 5))
         generator[0] = [-self.c_1, 1.0, self.force * self.c_1, 0.0, 0.0]
         generator[1] = [-self.c_2, 0.0, self.force * self.c_2, 0.0, 0.0]
         generator[2, 3] = generator[3, 4] = 1.0
-        flow: FloatArray = expm(generator * h)[:2]
+        flow: FloatArray = exponential(generator * h)[:2]
         slope, bend = flow[:, 3] / h, 4.0 * flow[:, 4] / h**2
         weights = flow[:, 2] - 3.0 * slope + bend, 4.0 * slope - 2.0 * bend, bend - slope
         return np.column_stack((flow[:, :2], *weights))
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def advance(state, count, diverged, action, nodes, added, noise, flow, law, out):  # type: ignore[no-untyped-def]
     """Advance every lane by ``len(out)`` samples; lane by lane, so that each has the bits of a single one.
 

@@ -9,8 +9,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fdbench.compilation import kept
 from fdbench.effects import Effect, Port
 from fdbench.errors import SpecError, did_you_mean
+from fdbench.simulate.exponential import exponential
 from fdbench.simulate.random import stream
 from fdbench.simulate.system import FloatArray, Setup, System
 from fdbench.specification import bounded, check_bounds, positive
@@ -98,11 +100,9 @@ def joined(pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def flows(pairs: FloatArray, h: float) -> FloatArray:
     """Return the exact flow of each pair over h under a constant force, (n, 2, 3)."""
-    from scipy.linalg import expm
-
     generators = np.zeros((len(pairs), 3, 3))
     generators[:, :2] = pairs
-    return np.stack([expm(generator * h)[:2] for generator in generators])
+    return np.stack([exponential(generator * h)[:2] for generator in generators])
 
 
 @lru_cache(maxsize=64)
@@ -127,7 +127,8 @@ def adder(kernel: Any) -> Callable[..., None]:
     return add_force
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def advance(state, flow, outputs, limits, feedrate, feedrate_limit, force, diverged, out):  # type: ignore[no-untyped-def]
     """Advance every lane; lanes are innermost, so that each has the bits of a single one.
 

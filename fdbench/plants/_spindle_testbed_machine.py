@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fdbench.compilation import kept
 from fdbench.specification import bounded, check_bounds, nonnegative, positive
 
 FloatArray = NDArray[np.float64]
@@ -149,7 +150,8 @@ def harmonic_sums(coefficients: NDArray[np.complex128], step: float, n: int) -> 
     return np.ascontiguousarray(sums.reshape(len(coefficients), -1)[:, :n])
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def add_products(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, out: FloatArray) -> None:
     """Add a c - b d to ``out``, (n_rows, n, n), for a and b (n_rows, n, M), c and d (M, n)."""
     for row in range(out.shape[0]):

@@ -4,7 +4,7 @@ import importlib
 import pkgutil
 
 from fdbench.errors import UnknownName, did_you_mean
-from fdbench.reproduce._row import Row
+from fdbench.reproduce._row import Row, rows_of
 
 
 def papers() -> list[str]:
@@ -13,7 +13,7 @@ def papers() -> list[str]:
 
 
 def run(paper: str | None = None) -> list[Row]:
-    """Return the rows of one paper, or of all.
+    """Return the rows of one paper, or of all; what raises is a failed row and ends its part of the paper alone.
 
     Raises
     ------
@@ -24,5 +24,6 @@ def run(paper: str | None = None) -> list[Row]:
         raise UnknownName(f"unknown paper '{paper}'.{did_you_mean(paper, papers())}")
     found: list[Row] = []
     for name in [paper] if paper else papers():
-        found += importlib.import_module(f"{__name__}.{name}").rows()
+        module = importlib.import_module(f"{__name__}.{name}")
+        found += rows_of(module.PAPER, module.parts())
     return found

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -47,3 +48,28 @@ class Row:
         paper = None if self.paper_value is None else float(self.paper_value)
         numbers = {"value": float(self.value), "target": float(self.target), "tolerance": float(self.tolerance)}
         return {**dataclasses.asdict(self), "paper_value": paper, **numbers, "ok": self.ok}
+
+
+Parts = Mapping[str, Callable[[], Iterable[Row]]]
+
+
+def rows_of(paper: str, parts: Parts) -> list[Row]:
+    """Return the rows of all parts; what raises is a failed row with its message, and the next part goes on."""
+    rows: list[Row] = []
+    for title, figures in parts.items():
+        try:
+            rows.extend(figures())
+        except Exception as error:  # noqa: BLE001 - one figure that fails must not lose the others
+            rows.append(
+                Row(
+                    paper=paper,
+                    item=f"{title}: this and its further figures failed",
+                    paper_value=None,
+                    value=math.nan,
+                    target=math.nan,
+                    tolerance=0.0,
+                    kind="must",
+                    reason=f"{type(error).__name__}: {error}",
+                )
+            )
+    return rows

@@ -12,7 +12,7 @@ from fdbench.estimator import estimators
 from fdbench.motions.circular_spiral import CircularSpiral
 from fdbench.motions.jerk_limited_moves import JerkLimitedMoves, move_time
 from fdbench.plants._servo_stage import Response, Stage
-from fdbench.reproduce._row import Row
+from fdbench.reproduce._row import Parts, Row
 from fdbench.scenario import Scenario, load_scenario
 from fdbench.simulate.system import Noise
 
@@ -271,15 +271,20 @@ def spiral_rows(scenario: Scenario) -> list[Row]:
     return rows
 
 
-def rows() -> list[Row]:
-    """Return every figure of the paper beside ours."""
-    staircase, spiral = load_scenario("ServoStaircase-v0"), load_scenario("ServoSpiral-v0")
-    if not isinstance(spiral.plant, Stage):
-        raise TypeError(f"{spiral.id}: no servo stage.")
-    return [
-        *staircase_rows(staircase),
-        *hybrid_rows(staircase),
-        *start_up_rows(staircase),
-        *stage_rows(spiral.plant),
-        *spiral_rows(spiral),
-    ]
+def stage_of(scenario: Scenario) -> Stage:
+    """Return the plant of a scenario, which has to be a servo stage."""
+    if not isinstance(scenario.plant, Stage):
+        raise TypeError(f"{scenario.id}: no servo stage.")
+    return scenario.plant
+
+
+def parts() -> Parts:
+    """Return the parts of the paper whose figures stand beside ours."""
+    staircase, spiral = "ServoStaircase-v0", "ServoSpiral-v0"
+    return {
+        "staircase": lambda: staircase_rows(load_scenario(staircase)),
+        "staircase, hybrid": lambda: hybrid_rows(load_scenario(staircase)),
+        "staircase, start": lambda: start_up_rows(load_scenario(staircase)),
+        "stage": lambda: stage_rows(stage_of(load_scenario(spiral))),
+        "spiral": lambda: spiral_rows(load_scenario(spiral)),
+    }

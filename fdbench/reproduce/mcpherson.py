@@ -10,7 +10,7 @@ from fdbench.estimator import Estimate, estimators
 from fdbench.metrics import Outcome, metrics
 from fdbench.plants._friction_curve import FrictionLine
 from fdbench.plants._velocity_loop import VelocityLoopModel
-from fdbench.reproduce._row import Row
+from fdbench.reproduce._row import Parts, Row
 from fdbench.scenario import Scenario, load_scenario
 
 PAPER = "McPherson 2024"
@@ -166,6 +166,11 @@ def milling() -> Iterator[Row]:
     )  # fmt: skip
 
 
-def rows() -> list[Row]:
-    """Return every figure of the thesis beside ours."""
-    return [*conversions(), *shaker(), *prediction(), *milling()]
+def parts() -> Parts:
+    """Return the parts of the thesis whose figures stand beside ours."""
+    return {
+        "conversions": conversions,
+        "shaker, coefficients": shaker,
+        "shaker, prediction": prediction,
+        "milling": milling,
+    }

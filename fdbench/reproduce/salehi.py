@@ -5,6 +5,7 @@ The thesis plots its results without figures; the targets are those of a faithfu
 
 import dataclasses
 from collections.abc import Iterator, Sequence
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from fdbench.errors import SpecError
 from fdbench.estimator import Estimate, estimators
 from fdbench.plants import StateSpace, StateSpacePlant
 from fdbench.record import FloatArray, Record
-from fdbench.reproduce._row import Row
+from fdbench.reproduce._row import Parts, Row
 from fdbench.scenario import Reality, Scenario, load_scenario
 from fdbench.simulate.system import Noise
 
@@ -406,7 +407,29 @@ def observable_states(space: StateSpace, outputs: Sequence[int]) -> int:
 # ---- the network ----
 
 
-def network_error(scenario: Scenario, records: list[tuple[Record, FloatArray]], name: str, **arguments: Any) -> float:
+NODES = (1, 2, 3)
+Readings = list[tuple[Record, FloatArray]]
+
+
+@cache
+def network(kind: str = "") -> Scenario:
+    """Return a network of sensors whose force is held over each sample of 0.1 ms: all linked, or as a line."""
+    return scenario_of(f"SensorNetwork{kind}-v0", substeps=1)
+
+
+@cache
+def readings() -> Readings:
+    """Return records of the network and their forces."""
+    records: Readings = []
+    for seed in range(3):
+        record, truth = network().observe(seed)
+        if truth.disturbance_N is None:
+            raise SpecError("the network has no disturbance.")
+        records.append((record, truth.disturbance_N))
+    return records
+
+
+def network_error(scenario: Scenario, records: Readings, name: str, **arguments: Any) -> float:
     """Return the error of a claim from 0.2 s on, as mean over the records, N."""
     errors = []
     for record, force in records:
@@ -415,52 +438,52 @@ def network_error(scenario: Scenario, records: list[tuple[Record, FloatArray]], 
     return float(np.mean(errors))
 
 
-def networks() -> Iterator[Row]:
-    """Yield the errors of the five filters; the force is held over each sample of 0.1 ms."""
-    full, line = (scenario_of(f"SensorNetwork{kind}-v0", substeps=1) for kind in ("", "Line"))
-    alone = with_plant(full, links=())
-    records: list[tuple[Record, FloatArray]] = []
-    for seed in range(3):
-        record, truth = full.observe(seed)
-        if truth.disturbance_N is None:
-            raise SpecError("the network has no disturbance.")
-        records.append((record, truth.disturbance_N))
+def error_of(kind: str, name: str, **arguments: Any) -> float:
+    """Return the error of a claim in a kind of network, N."""
+    return network_error(network(kind), readings(), name, **arguments)
 
-    def error(scenario: Scenario, name: str, **arguments: Any) -> float:
-        return network_error(scenario, records, name, **arguments)
 
-    central = error(full, "kalman_central")
-    yield must("network: CKF, N", central, 12.016, 0.05)
-    for node, target, tolerance in ((1, 12.02, 0.05), (2, 35.57, 0.7), (3, 41.52, 0.8)):
-        value = error(alone, "kalman_distributed", node=node)
-        yield must(f"network: node {node} alone, N", value, target, tolerance, "scatter of the noise")
-    equal: tuple[tuple[str, str, dict[str, Any]], ...] = (
-        ("DIF, gain form", "kalman_distributed", {}),
-        ("DIF, information form", "kalman_distributed", {"form": "information"}),
-        ("PIF, exact", "kalman_parallel", {}),
-        ("DKFCF", "kalman_consensus", {}),
-        ("DKFWA", "kalman_weighted", {}),
+def against_central(name: str, **arguments: Any) -> float:
+    """Return the largest difference of a claim to that of the central filter from 0.2 s on, N."""
+    record = readings()[0][0]
+    found, central = (
+        force_of(estimate(network(), record, kind, q_N2_per_s=1e5, **settings))
+        for kind, settings in ((name, arguments), ("kalman_central", {}))
     )
-    claims = [force_of(estimate(full, records[0][0], "kalman_central", q_N2_per_s=1e5))]
-    for label, name, arguments in equal:
-        claims.append(force_of(estimate(full, records[0][0], name, q_N2_per_s=1e5, **arguments)))
-        difference = float(np.abs(claims[-1] - claims[0])[1999:].max())
-        yield must(f"network, full: {label} against CKF, largest difference, N", difference, 0.0, 1e-3)
-    yield must("network, full: PIF as printed, N", error(full, "kalman_parallel", form="printed"), 12.021, 0.05)
-    printed = force_of(estimate(full, records[0][0], "kalman_parallel", q_N2_per_s=1e5, form="printed"))
-    difference = float(np.abs(printed - claims[0])[1999:].max())
-    yield must("network, full: PIF as printed against CKF, largest difference, N", difference, 0.25, 0.05)
-    yield must("network, full: PIF by a plain sum, N", error(full, "kalman_parallel", form="sum"), 13.71, 0.05)
+    return float(np.abs(found - central)[1999:].max())
 
-    nodes = (1, 2, 3)
-    distributed = [error(line, "kalman_distributed", node=node) for node in nodes]
-    weighted = [error(line, "kalman_weighted", node=node) for node in nodes]
-    for label, values, targets in (
-        ("DIF", distributed, (12.016, 12.016, 35.13)),
-        ("DKFWA", weighted, (12.016, 12.016, 15.42)),
-    ):
-        for node, value, target in zip(nodes, values, targets, strict=True):
-            yield must(f"network, line: {label}, node {node}, N", value, target, max(0.05, 0.02 * target * (node == 3)))
+
+def alone() -> Iterator[Row]:
+    """Yield the errors of all readings together and of each on its own."""
+    yield must("network: CKF, N", error_of("", "kalman_central"), 12.016, 0.05)
+    for node, target, tolerance in ((1, 12.02, 0.05), (2, 35.57, 0.7), (3, 41.52, 0.8)):
+        value = network_error(with_plant(network(), links=()), readings(), "kalman_distributed", node=node)
+        yield must(f"network: node {node} alone, N", value, target, tolerance, "scatter of the noise")
+
+
+def linked(label: str, name: str, **arguments: Any) -> Iterator[Row]:
+    """Yield how far a filter is from the central one where all nodes hear each other."""
+    difference = against_central(name, **arguments)
+    yield must(f"network, full: {label} against CKF, largest difference, N", difference, 0.0, 1e-3)
+
+
+def printed_parallel() -> Iterator[Row]:
+    """Yield the parallel filter as printed, and without its weights."""
+    yield must("network, full: PIF as printed, N", error_of("", "kalman_parallel", form="printed"), 12.021, 0.05)
+    difference = against_central("kalman_parallel", form="printed")
+    yield must("network, full: PIF as printed against CKF, largest difference, N", difference, 0.25, 0.05)
+    yield must("network, full: PIF by a plain sum, N", error_of("", "kalman_parallel", form="sum"), 13.71, 0.05)
+
+
+def in_line(label: str, name: str, targets: Sequence[float]) -> Iterator[Row]:
+    """Yield the errors of a filter where the node in the middle hears both others."""
+    for node, target in zip(NODES, targets, strict=True):
+        value = error_of("Line", name, node=node)
+        yield must(f"network, line: {label}, node {node}, N", value, target, max(0.05, 0.02 * target * (node == 3)))
+
+
+def consensus() -> Iterator[Row]:
+    """Yield the errors of the filter with a consensus over its exchanges."""
     spreads = {}
     for gamma, exchanges, targets in (
         (0.1, 1, (12.07, 12.67, 21.94)),
@@ -471,20 +494,29 @@ def networks() -> Iterator[Row]:
         (0.3, 20, (13.35, 13.35, 13.35)),
     ):
         arguments = {"gamma": gamma, "exchanges": exchanges}
-        values = [error(line, "kalman_consensus", node=node, **arguments) for node in nodes]
+        values = [error_of("Line", "kalman_consensus", node=node, **arguments) for node in NODES]
         spreads[gamma, exchanges] = max(values) - min(values)
-        for node, value, target in zip(nodes, values, targets, strict=True):
+        for node, value, target in zip(NODES, values, targets, strict=True):
             yield must(
                 f"network, line: DKFCF gamma {gamma}, S {exchanges}, node {node}, N", value, target, 0.01 * target
             )
-        both = error(full, "kalman_consensus", **arguments)
+        both = error_of("", "kalman_consensus", **arguments)
         yield must(f"network, full: DKFCF gamma {gamma}, S {exchanges}, N", both, 12.016, 0.05)
-    yield ranking("network, line: DKFWA node 3 between CKF and DIF", central < weighted[2] < distributed[2])
     for gamma in (0.1, 0.3):
         falls = spreads[gamma, 1] > spreads[gamma, 5] > spreads[gamma, 20]
         yield ranking(f"network, line: the spread of DKFCF falls with S, gamma {gamma}", falls)
-    for node, target in zip(nodes, (3.47, 3.47, 4.70), strict=True):
-        claim = estimate(line, records[0][0], "kalman_weighted", q_N2_per_s=1e5, node=node)
+
+
+def weighted() -> Iterator[Row]:
+    """Yield what weighted averaging gains, and the deviations that it claims."""
+    errors = (
+        error_of("", "kalman_central"),
+        error_of("Line", "kalman_weighted", node=3),
+        error_of("Line", "kalman_distributed", node=3),
+    )
+    yield ranking("network, line: DKFWA node 3 between CKF and DIF", errors[0] < errors[1] < errors[2])
+    for node, target in zip(NODES, (3.47, 3.47, 4.70), strict=True):
+        claim = estimate(network("Line"), readings()[0][0], "kalman_weighted", q_N2_per_s=1e5, node=node)
         yield must(
             f"network, line: DKFWA node {node}, claimed standard deviation, N", deviation_of(claim), target, 0.01
         )
@@ -509,7 +541,26 @@ def not_reproducible() -> Iterator[Row]:
         )
 
 
-def rows() -> list[Row]:
-    """Return every figure of the thesis' recomputation beside ours."""
-    parts = (spindle_plant, continuous_filter, spindle_steps, milling, drive_current, networks, not_reproducible)
-    return [row for part in parts for row in part()]
+def parts() -> Parts:
+    """Return the parts of the thesis' recomputation whose figures stand beside ours."""
+    return {
+        "spindle, plant": spindle_plant,
+        "spindle, continuous filter": continuous_filter,
+        "spindle, steps": spindle_steps,
+        "milling": milling,
+        "drive, current": drive_current,
+        "network, central and alone": alone,
+        "network, full: DIF, gain form": partial(linked, "DIF, gain form", "kalman_distributed"),
+        "network, full: DIF, information form": partial(
+            linked, "DIF, information form", "kalman_distributed", form="information"
+        ),
+        "network, full: PIF, exact": partial(linked, "PIF, exact", "kalman_parallel"),
+        "network, full: DKFCF": partial(linked, "DKFCF", "kalman_consensus"),
+        "network, full: DKFWA": partial(linked, "DKFWA", "kalman_weighted"),
+        "network, full: PIF as printed": printed_parallel,
+        "network, line: DIF": partial(in_line, "DIF", "kalman_distributed", (12.016, 12.016, 35.13)),
+        "network, line: DKFWA": partial(in_line, "DKFWA", "kalman_weighted", (12.016, 12.016, 15.42)),
+        "network, line: DKFCF": consensus,
+        "network, line: DKFWA beside the others": weighted,
+        "not reproducible": not_reproducible,
+    }

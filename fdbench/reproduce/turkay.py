@@ -6,6 +6,7 @@ Rows are in the paper's units: b in N s/mm, c_3 in N/(mm s), c_4 in N/mm.
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from fdbench.estimator import Estimate, estimators
 from fdbench.motions.schroeder_multisine import SchroederMultisine
 from fdbench.plants.slot_milling import SlotMilling
 from fdbench.record import Record
-from fdbench.reproduce._row import Row
+from fdbench.reproduce._row import Parts, Row
 from fdbench.scenario import Scenario, load_scenario
 
 FloatArray = NDArray[np.float64]
@@ -314,19 +315,28 @@ def intervals(scenario: Scenario) -> Iterator[Row]:
             yield _shown(f"{label}, d = 0: half width of {name}", value, target, 0.03 * target, paper, INTERVALS)
 
 
-def rows() -> list[Row]:
-    """Return every figure of the paper that ours can be held against."""
-    scenarios = {column.scenario: load_scenario(column.scenario) for column in COLUMNS}
-    quiet = scenarios[COLUMNS[0].scenario]
-    truth = quiet.plant.true_parameters(quiet.estimation.model, quiet.setup.timing.sampling_time_s)
-    exact = np.array([truth[name] for name in NAMES]) * PER_MM
-    time = {name: discrete(estimate(scenario, TIME)) for name, scenario in scenarios.items()}
-    frequency = {name: discrete(estimate(scenario, FREQUENCY)) for name, scenario in scenarios.items()}
-    return [
-        *constants(quiet),
-        *table_2(time),
-        *table_3(frequency, exact),
-        *contrast(time, frequency, exact),
-        *controls(quiet, exact),
-        *intervals(quiet),
-    ]
+def parts() -> Parts:
+    """Return the parts of the paper whose figures stand beside ours."""
+
+    @cache
+    def scenario_of(name: str) -> Scenario:
+        return load_scenario(name)
+
+    @cache
+    def found(method: str) -> dict[str, FloatArray]:
+        return {column.scenario: discrete(estimate(scenario_of(column.scenario), method)) for column in COLUMNS}
+
+    @cache
+    def exact() -> FloatArray:
+        quiet = scenario_of(COLUMNS[0].scenario)
+        truth = quiet.plant.true_parameters(quiet.estimation.model, quiet.setup.timing.sampling_time_s)
+        return np.asarray(np.array([truth[name] for name in NAMES]) * PER_MM)
+
+    return {
+        "constants": lambda: constants(scenario_of(COLUMNS[0].scenario)),
+        "table 2": lambda: table_2(found(TIME)),
+        "table 3": lambda: table_3(found(FREQUENCY), exact()),
+        "error of b_0": lambda: contrast(found(TIME), found(FREQUENCY), exact()),
+        "controls": lambda: controls(scenario_of(COLUMNS[0].scenario), exact()),
+        "intervals": lambda: intervals(scenario_of(COLUMNS[0].scenario)),
+    }

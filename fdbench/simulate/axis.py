@@ -12,6 +12,7 @@ from fdbench.effects import Effect
 from fdbench.errors import SpecError
 from fdbench.simulate import layout
 from fdbench.simulate.compose import Slot, block_rows, compose, slots
+from fdbench.simulate.exponential import exponential
 from fdbench.simulate.random import stream
 from fdbench.simulate.system import FloatArray, Setup, System
 
@@ -49,12 +50,10 @@ class Mechanics:
 
     def propagators(self, h: float) -> FloatArray:
         """Return the 24 entries of (A | B), row by row, that advance the state exactly by h under constant forces."""
-        from scipy.linalg import expm
-
         generator = np.zeros((6, 6))
         generator[:4, :4] = self.A
         generator[:4, 4:] = self.B
-        flow: FloatArray = expm(generator * h)[:4]
+        flow: FloatArray = exponential(generator * h)[:4]
         return flow.ravel()
 
     def rows(self, h: float) -> FloatArray:

@@ -1,7 +1,7 @@
 """Compose a stepper: the integrator's source with the kernels of one list of effects, as a generated module.
 
-The module lies in the user's cache folder under a name that is the digest of its own text and of every kernel source
-in it. Editing a kernel gives a new file, so a stale machine-code cache cannot answer for it.
+The module lies in the user's cache folder under a name that is the digest of its own text and of everything that its
+kernels reach. Editing any of that gives a new file, so stale machine code cannot answer for it.
 """
 
 import hashlib
@@ -10,16 +10,15 @@ import inspect
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
-from numba.core.dispatcher import Dispatcher
 
+from fdbench.compilation import closure_digest
 from fdbench.effects import Effect, Port
 from fdbench.simulate import integrator, layout
 
@@ -55,19 +54,6 @@ def cache_folder() -> Path:
             return folder
     except OSError:
         return Path(tempfile.mkdtemp(prefix="fdbench-"))
-
-
-def kernel_sources(dispatcher: Any) -> Iterator[str]:
-    """Yield the source of a kernel and of every compiled function that it calls."""
-    yield inspect.getsource(dispatcher.py_func)
-    names = dispatcher.py_func.__code__.co_names
-    module = dispatcher.py_func.__globals__
-    for name in names:
-        value = module.get(name)
-        if isinstance(value, Dispatcher):
-            yield from kernel_sources(value)
-        elif isinstance(value, int | float):
-            yield f"{name} = {value!r}"
 
 
 @dataclass(frozen=True)
@@ -158,8 +144,7 @@ def load(text: str, effects: Sequence[type[Effect]]) -> ModuleType:
     """Return the generated module of this text, in which ``KERNELS`` are the kernels of ``effects``."""
     digest = hashlib.sha256(text.encode())
     for effect in effects:
-        for part in kernel_sources(effect.kernel):
-            digest.update(part.encode())
+        digest.update(closure_digest(effect.kernel).encode())
     name = f"stepper_{digest.hexdigest()[:24]}"
     path = cache_folder() / f"{name}.py"
     if not path.exists():

@@ -1,0 +1,222 @@
+"""Machine code on disk that is never stale: it is kept under a digest of everything that a compiled function reaches.
+
+numba keeps machine code by the file of the function alone, but a compiled function also freezes what it uses from
+elsewhere: constants, arrays, other compiled functions. All of that is gathered here, by value, or refused.
+"""
+
+import builtins
+import dis
+import enum
+import hashlib
+import inspect
+from collections.abc import Iterator, Mapping
+from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
+from typing import Any, cast
+
+import numba
+import numpy as np
+from numba.core import types
+from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
+from numba.core.dispatcher import Dispatcher
+
+from fdbench.errors import PluginError
+
+FIXED = {"_operator", "builtins", "cmath", "math", "numba", "numpy", "operator"}
+"""Packages whose content changes with their version alone."""
+
+ALLOWED = (
+    "A compiled function may use numbers, strings, tuples of them, enumerations, NumPy arrays, functions compiled by "
+    "numba.njit, and modules with such content"
+)
+PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis))
+NAMED = (type, FunctionType, BuiltinFunctionType, np.ufunc, type(np.sum))
+
+
+def closure_digest(dispatcher: Any) -> str:
+    """Return a digest of a compiled function and of all that it reaches: code, options, and constants by value.
+
+    Functions that it reaches and that numba keeps on disk are from now on kept as by `kept`.
+
+    Raises
+    ------
+    PluginError
+        If it uses an object whose content cannot be told, such as a list, or a function from numba's stale cache.
+    """
+    digest = hashlib.sha256()
+    for part in _Walk().dispatcher(dispatcher):
+        digest.update(part.encode())
+        digest.update(b"\0")
+    return digest.hexdigest()
+
+
+def kept(dispatcher: Any) -> Any:
+    """Keep the machine code of a function, compiled by ``njit`` without ``cache``, under its `closure_digest`."""
+    if isinstance(dispatcher, Dispatcher):
+        cast(Any, dispatcher)._cache = _ClosureCache(dispatcher)
+    return dispatcher
+
+
+def followed(dispatcher: Any) -> Any:
+    """Refuse a function when it is compiled as `closure_digest` does; its own machine code is not kept on disk."""
+    if isinstance(dispatcher, Dispatcher):
+        cast(Any, dispatcher)._cache = _NoCache(dispatcher)
+    return dispatcher
+
+
+class _NoCache(NullCache):
+    """No machine code on disk, but a walk over what the function reaches before it is compiled."""
+
+    def __init__(self, dispatcher: Any) -> None:
+        self._dispatcher = dispatcher
+
+    def load_overload(self, sig: Any, target_context: Any) -> None:
+        closure_digest(self._dispatcher)
+
+
+class _ClosureCache(FunctionCache):
+    """numba's cache with the digest, as it is when something is compiled, in the names of its files."""
+
+    def __init__(self, dispatcher: Any) -> None:
+        super().__init__(dispatcher.py_func)
+        self._dispatcher = dispatcher
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        self._follow()
+        return super().load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        self._follow()
+        super().save_overload(sig, data)
+
+    def _follow(self) -> None:
+        digest = closure_digest(self._dispatcher)
+        self._cache_file: Any = IndexDataCacheFile(
+            self._cache_path, f"{self._impl.filename_base}-{digest[:16]}", digest
+        )
+
+
+class _Walk:
+    """One walk over all that a compiled function reaches, each function once."""
+
+    def __init__(self) -> None:
+        self.seen: list[int] = []
+        self.where = ""
+
+    def dispatcher(self, dispatcher: Any) -> Iterator[str]:
+        """Yield a text of each part of a compiled function."""
+        if id(dispatcher) in self.seen:
+            yield f"function {self.seen.index(id(dispatcher))}"
+            return
+        self.seen.append(id(dispatcher))
+        function, before = dispatcher.py_func, self.where
+        self.where = f"{inspect.getfile(function)}, line {function.__code__.co_firstlineno}: {function.__qualname__}"
+        if type(dispatcher._cache) is FunctionCache:
+            if any(dispatcher.stats.cache_hits.values()):
+                raise PluginError(
+                    f"{self.where} was read from numba's cache, which does not see what it uses from other files. "
+                    "Compile it without cache=True, or without a signature."
+                )
+            kept(dispatcher)
+        yield repr(sorted((name, str(value)) for name, value in dispatcher.targetoptions.items()))
+        yield from self._function(function)
+        self.where = before
+
+    def _function(self, function: FunctionType) -> Iterator[str]:
+        code = function.__code__
+        mentioned = _names(code)
+        yield from _code(code)
+        yield from self._value("its defaults", function.__defaults__)
+        yield from self._value("its defaults", tuple(sorted((function.__kwdefaults__ or {}).items())))
+        for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
+            yield from self._value(name, cell.cell_contents, mentioned)
+        for name in sorted(_globals(code)):
+            if name in function.__globals__:
+                yield from self._value(name, function.__globals__[name], mentioned)
+            elif hasattr(builtins, name):
+                yield f"builtin {name}"
+
+    def _value(self, name: str, value: Any, mentioned: frozenset[str] = frozenset()) -> Iterator[str]:
+        """Yield the content of what a function calls ``name``; ``mentioned`` are all names in that function."""
+        yield name
+        if isinstance(value, Dispatcher):
+            yield from self.dispatcher(value)
+        elif isinstance(value, PLAIN) and type(value) in PLAIN:
+            yield f"{type(value).__name__} {value!r}"
+        elif isinstance(value, np.ndarray | np.generic) and not value.dtype.hasobject:
+            yield f"{type(value).__name__} {value.dtype.descr} {value.shape} {np.asarray(value).tobytes().hex()}"
+        elif isinstance(value, tuple):
+            yield f"{_origin(value)} {getattr(value, '_fields', '')} {len(value)}"
+            for number, item in enumerate(value):
+                yield from self._value(f"{name}[{number}]", item)
+        elif isinstance(value, enum.Enum):
+            yield from self._value(f"{name}.value", value.value)
+        elif isinstance(value, enum.EnumMeta):
+            yield _origin(value)
+            members: Mapping[str, enum.Enum] = value.__members__
+            for item, member in members.items():
+                yield from self._value(f"{name}.{item}", member.value)
+        elif isinstance(value, ModuleType):
+            yield f"module {value.__name__}"
+            if value.__name__.split(".")[0] not in FIXED:
+                for item in sorted(mentioned & set(vars(value))):
+                    yield from self._value(f"{name}.{item}", vars(value)[item], mentioned)
+        elif _is_fixed(value):
+            yield f"{_origin(value)} {getattr(value, '__name__', value)}"
+        else:
+            raise PluginError(
+                f"{self.where} uses {name}, which is {_kind(value)}; machine code would not follow a change of it. "
+                f"{ALLOWED}."
+            )
+
+
+def _code(code: CodeType) -> Iterator[str]:
+    """Yield the instructions of a function and of those within it, without their lines and their file."""
+    yield f"{code.co_code.hex()} {code.co_names} {code.co_varnames} {code.co_freevars} {code.co_cellvars}"
+    yield f"{code.co_argcount} {code.co_posonlyargcount} {code.co_kwonlyargcount} {code.co_flags}"
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _code(constant)
+        elif isinstance(constant, frozenset):
+            yield f"frozenset {sorted(map(repr, constant))}"
+        else:
+            yield f"{type(constant).__name__} {constant!r}"
+
+
+def _within(code: CodeType) -> Iterator[CodeType]:
+    """Yield the code of a function and of those within it."""
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _within(constant)
+
+
+def _names(code: CodeType) -> frozenset[str]:
+    """Return the names of globals and of attributes in a function."""
+    return frozenset(name for part in _within(code) for name in part.co_names)
+
+
+def _globals(code: CodeType) -> frozenset[str]:
+    """Return the names of globals in a function."""
+    instructions = (instruction for part in _within(code) for instruction in dis.get_instructions(part))
+    return frozenset(found.argval for found in instructions if found.opname in ("LOAD_GLOBAL", "LOAD_NAME"))
+
+
+def _is_fixed(value: Any) -> bool:
+    """Return whether an object is a function or a type of a package that changes with its version alone."""
+    module = "numpy" if isinstance(value, np.ufunc) else str(getattr(value, "__module__", None))
+    return isinstance(value, types.Type) or (isinstance(value, NAMED) and module.split(".")[0] in FIXED)
+
+
+def _origin(value: Any) -> str:
+    """Return the place of a type or function, or of an object's type, with the versions of what may hold it."""
+    owner = value if isinstance(value, type | FunctionType | BuiltinFunctionType) else type(value)
+    return f"{owner.__module__}.{owner.__qualname__} {numba.__version__} {np.__version__}"
+
+
+def _kind(value: Any) -> str:
+    """Return what an object is, in words."""
+    if isinstance(value, FunctionType):
+        return f"the plain Python function {value.__qualname__}"
+    if isinstance(value, type):
+        return f"the class {value.__qualname__}"
+    return f"of type {type(value).__name__}"
