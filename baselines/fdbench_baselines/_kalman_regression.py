@@ -1,0 +1,141 @@
+"""The Kalman observer of a linear model: noises by maximum likelihood, then filter and smoother."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fdbench.errors import SpecError
+from fdbench.estimator import Context, Estimate, FloatArray, Regression, Sample
+from fdbench_baselines._data_sheet import Sheet, sheet
+from fdbench_baselines._kalman_oscillators import Filtered, Noise, run_filter, run_smoother
+from fdbench_baselines._slip import below_half, slipped_period
+
+EVALUATIONS = 120
+TOLERANCE = 1e-2  # of a logarithm or of the log likelihood
+SHORTEST_MEMORY_S, LONGEST_MEMORY_S = 0.05, 300.0
+DEVIATIONS_PER_MEDIAN, OUTLIER, ROBUST_PASSES = 1.4826, 4.0, 3
+START = {"reading": 0.3, "walk": 1e-3, "wave": 1.0, "memory_s": 2.0}
+
+
+class Rows(NamedTuple):
+    """Whitened regressors (n, p), target (n,), and how many times the variance of a reading each row has (n,)."""
+
+    Z: FloatArray
+    y: FloatArray
+    loud: FloatArray
+
+
+def filtered(rows: Rows, noise: Noise, harmonics: int, keep: bool = True) -> Filtered:
+    """Return what the filter makes of the rows; see `_kalman_oscillators`."""
+    return Filtered(*run_filter(*rows, noise, harmonics, keep))
+
+
+def loudness(residual: FloatArray) -> FloatArray:
+    r"""Return :math:`\max(1, (r_k / 4 s)^2)` with s the median deviation: what outliers must count less by.
+
+    >>> loudness(np.array([1.0, -1.0, 1.0, 11.8608, -1.0]))
+    array([1., 1., 1., 4., 1.])
+    """
+    deviation = DEVIATIONS_PER_MEDIAN * float(np.median(np.abs(residual)))
+    if deviation == 0.0:
+        return np.ones(len(residual))
+    return np.asarray(np.maximum(1.0, (residual / (OUTLIER * deviation)) ** 2))
+
+
+def likeliest(rows: Rows, harmonics: int, angle: float, step_s: float) -> Noise:
+    r"""Return the noises of greatest likelihood, by the simplex of Nelder and Mead from a fixed start.
+
+    .. math:: \log p(y) = -\tfrac12 \sum_k \big( \log 2 \pi S_k + \nu_k^2 / S_k \big)
+
+    with the filter's innovations :math:`\nu_k` of variance :math:`S_k`. The search is over logarithms of the variances
+    and of the oscillators' memory, and over their frequency within what a memory of the start can tell.
+    """
+    from scipy.optimize import minimize
+
+    def noise(logarithms: FloatArray) -> Noise:
+        reading, walk, wave, memory_s, slip = np.append(logarithms, np.zeros(5 - len(logarithms))).tolist()
+        seconds = np.clip(START["memory_s"] * np.exp(memory_s), SHORTEST_MEMORY_S, LONGEST_MEMORY_S)
+        return Noise(
+            START["reading"] ** 2 * np.exp(2.0 * np.clip(reading, -20.0, 5.0)),
+            START["walk"] ** 2 * np.exp(2.0 * np.clip(walk, -20.0, 5.0)),
+            START["wave"] ** 2 * np.exp(2.0 * np.clip(wave, -20.0, 5.0)),
+            float(np.exp(-step_s / seconds)),
+            angle + slip * step_s,
+        )
+
+    def loss(logarithms: FloatArray) -> float:
+        value = -filtered(rows, noise(logarithms), harmonics, keep=False).log_likelihood
+        return float(value) if np.isfinite(value) else 1e300
+
+    free = 2 if harmonics == 0 else 5
+    first = np.zeros(free)
+    corners = np.vstack((first, np.diag([-1.0, 1.5, -1.0, 1.0, 0.3][:free])))
+    options: Any = {"initial_simplex": corners, "maxfev": EVALUATIONS, "xatol": TOLERANCE, "fatol": TOLERANCE}
+    return noise(minimize(loss, first, method="Nelder-Mead", options=options).x)
+
+
+class Stream:
+    """Rows of a linear model as they come in; the estimate is that of all rows so far."""
+
+    def __init__(self, context: Context, harmonics: int) -> None:
+        self.context, self.harmonics = context, harmonics
+        self._samples: list[Sample] = []
+
+    def take(self, sample: Sample) -> None:
+        """Keep a row."""
+        self._samples.append(sample)
+
+    def estimate(self) -> Estimate:
+        """Return what `observe` makes of the rows."""
+        names, kept = tuple(self.context.nominal), self._samples
+        if len(kept) <= len(names):
+            raise SpecError(f"kalman: {len(kept)} rows for {len(names)} parameters; more rows are needed.")
+        regression = Regression(
+            regressors=np.array([sample.regressors for sample in kept]),
+            target=np.array([sample.target for sample in kept]),
+            names=names,
+            target_name="",
+            time_s=np.array([sample.time_s for sample in kept]),
+            rows=np.arange(len(kept)),
+            disturbance_gain=kept[0].disturbance_gain,
+        )
+        return observe(self.context, regression, self.harmonics)
+
+
+def robust_residual(Z: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what least squares leaves once outliers, such as held samples, count less, and the rows' loudness."""
+    loud = np.ones(len(y))
+    for _ in range(ROBUST_PASSES):
+        weight = 1.0 / np.sqrt(loud)
+        residual = y - Z @ np.linalg.lstsq(Z * weight[:, None], y * weight, rcond=None)[0]
+        loud = loudness(residual)
+    return residual, loud
+
+
+def observe(context: Context, regression: Regression, harmonics: int) -> Estimate:
+    """Return parameters with covariance, the smoothed force with variance, and the output a sample ahead."""
+    Z, y, gain = regression.regressors, regression.target, regression.disturbance_gain
+    paper: Sheet = sheet(context, regression)
+    residual, loud = robust_residual(Z, y)
+    unit = float(np.sqrt(np.mean(residual**2 / loud))) or 1.0
+    rows = Rows(np.ascontiguousarray(Z @ paper.root / unit), (y - Z @ paper.nominal) / unit, loud)
+    step_s, period_s, angle = regression.sampling_time_s, context.disturbance_period_s, 0.0
+    harmonics = 0 if period_s is None else below_half(regression.time_s, period_s, harmonics)
+    if period_s is not None and harmonics > 0:
+        angle = 2.0 * np.pi * step_s / slipped_period(regression.time_s, residual / np.sqrt(loud), period_s, harmonics)
+    noise = likeliest(rows, harmonics, angle, step_s)
+    run = filtered(rows, noise, harmonics)
+    mean, variance = run_smoother(
+        rows.Z, noise, harmonics, run.errors, run.variances, run.states[:-1], run.covariances[:-1]
+    )
+    p = Z.shape[1]
+    beta = paper.nominal + paper.root @ run.states[-1, :p]
+    covariance = paper.root @ run.covariances[-1, :p, :p] @ paper.root.T
+    return Estimate(
+        parameters=dict(zip(regression.names, beta.tolist(), strict=True)),
+        covariance=0.5 * (covariance + covariance.T),
+        disturbance_N=mean * unit / gain,
+        disturbance_variance_N2=variance * (unit / gain) ** 2,
+        output=y - unit * run.errors,
+        output_variance=unit**2 * run.variances,
+    )
