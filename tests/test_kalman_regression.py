@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from fdbench_baselines._data_sheet import sheet
 from fdbench_baselines._kalman_oscillators import Noise, run_smoother
-from fdbench_baselines._kalman_regression import Rows, filtered, loudness, robust_residual
+from fdbench_baselines._kalman_regression import Rows, filtered
+from fdbench_baselines._robust import loudness, robust_residual
 from fdbench_baselines._slip import slipped_period
 from fdbench_baselines.kalman import Kalman
 

@@ -8,12 +8,12 @@ from fdbench.errors import SpecError
 from fdbench.estimator import Context, Estimate, FloatArray, Regression, Sample
 from fdbench_baselines._data_sheet import Sheet, sheet
 from fdbench_baselines._kalman_oscillators import Filtered, Noise, run_filter, run_smoother
+from fdbench_baselines._robust import robust_residual
 from fdbench_baselines._slip import below_half, slipped_period
 
 EVALUATIONS = 120
 TOLERANCE = 1e-2  # of a logarithm or of the log likelihood
 SHORTEST_MEMORY_S, LONGEST_MEMORY_S = 0.05, 300.0
-DEVIATIONS_PER_MEDIAN, OUTLIER, ROBUST_PASSES = 1.4826, 4.0, 3
 START = {"reading": 0.3, "walk": 1e-3, "wave": 1.0, "memory_s": 2.0}
 
 
@@ -28,18 +28,6 @@ class Rows(NamedTuple):
 def filtered(rows: Rows, noise: Noise, harmonics: int, keep: bool = True) -> Filtered:
     """Return what the filter makes of the rows; see `_kalman_oscillators`."""
     return Filtered(*run_filter(*rows, noise, harmonics, keep))
-
-
-def loudness(residual: FloatArray) -> FloatArray:
-    r"""Return :math:`\max(1, (r_k / 4 s)^2)` with s the median deviation: what outliers must count less by.
-
-    >>> loudness(np.array([1.0, -1.0, 1.0, 11.8608, -1.0]))
-    array([1., 1., 1., 4., 1.])
-    """
-    deviation = DEVIATIONS_PER_MEDIAN * float(np.median(np.abs(residual)))
-    if deviation == 0.0:
-        return np.ones(len(residual))
-    return np.asarray(np.maximum(1.0, (residual / (OUTLIER * deviation)) ** 2))
 
 
 def likeliest(rows: Rows, harmonics: int, angle: float, step_s: float) -> Noise:
@@ -100,16 +88,6 @@ class Stream:
             disturbance_gain=kept[0].disturbance_gain,
         )
         return observe(self.context, regression, self.harmonics)
-
-
-def robust_residual(Z: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what least squares leaves once outliers, such as held samples, count less, and the rows' loudness."""
-    loud = np.ones(len(y))
-    for _ in range(ROBUST_PASSES):
-        weight = 1.0 / np.sqrt(loud)
-        residual = y - Z @ np.linalg.lstsq(Z * weight[:, None], y * weight, rcond=None)[0]
-        loud = loudness(residual)
-    return residual, loud
 
 
 def observe(context: Context, regression: Regression, harmonics: int) -> Estimate:
