@@ -16,14 +16,15 @@ from fdbench.errors import SpecError
 from fdbench.estimator import FloatArray, samples
 from fdbench.scenario import load_scenario
 
-NOISE = Noise(reading=0.3, walk=0.02, wave=0.7, memory=0.97, angle=0.9)
+NOISE = Noise(reading=0.3, walk=0.02, wave=0.7, memory=0.97, angle=0.9, slope=0.6)
 
 
-def prior(n: int, harmonics: int) -> FloatArray:
-    """Return the covariance (n, n) of walk and oscillators: 1 + q min(i, j), and s rho^|i - j| cos(h w (i - j))."""
+def prior(feed: FloatArray, harmonics: int) -> FloatArray:
+    """Return the covariance (n, n) of slope, walk and oscillators: 1 + q min(i, j), s rho^|i - j| cos(h w (i - j))."""
+    n = len(feed)
     i = np.arange(n)
     lag = np.abs(i[:, None] - i)
-    K = 1.0 + NOISE.walk * np.minimum(i[:, None], i)
+    K = NOISE.slope * np.outer(feed, feed) + 1.0 + NOISE.walk * np.minimum(i[:, None], i)
     for h in range(1, harmonics + 1):
         K = K + NOISE.wave * NOISE.memory**lag * np.cos(h * NOISE.angle * lag)
     return K
@@ -34,14 +35,24 @@ def test_filter_and_smoother_equal_a_dense_gaussian_process(p: int, harmonics: i
     random = np.random.default_rng(p)
     n = 40
     Z, y, loud = random.standard_normal((n, p)), random.standard_normal(n), np.where(np.arange(n) % 7 == 0, 5.0, 1.0)
-    K = prior(n, harmonics)
+    feed = random.standard_normal(n)
+    K = prior(feed, harmonics)
     S = Z @ Z.T + K + NOISE.reading * np.diag(loud)
-    run = filtered(Rows(Z, y, loud), NOISE, harmonics)
+    run = filtered(Rows(np.column_stack((Z, feed)), y, loud, p), NOISE, harmonics)
     expected = -0.5 * (y @ np.linalg.solve(S, y) + np.linalg.slogdet(S)[1] + n * np.log(2.0 * np.pi))
     assert run.log_likelihood == pytest.approx(expected, rel=1e-10)
     np.testing.assert_allclose(run.states[-1, :p], Z.T @ np.linalg.solve(S, y), atol=1e-10)
     np.testing.assert_allclose(run.covariances[-1, :p, :p], np.eye(p) - Z.T @ np.linalg.solve(S, Z), atol=1e-10)
-    mean, variance = run_smoother(Z, NOISE, harmonics, run.errors, run.variances, run.states[:-1], run.covariances[:-1])
+    mean, variance = run_smoother(
+        np.column_stack((Z, feed)),
+        p,
+        NOISE,
+        harmonics,
+        run.errors,
+        run.variances,
+        run.states[:-1],
+        run.covariances[:-1],
+    )
     np.testing.assert_allclose(mean, K @ np.linalg.solve(S, y), atol=1e-10)
     np.testing.assert_allclose(variance, np.diag(K - K @ np.linalg.solve(S, K)), atol=1e-10)
 
@@ -49,9 +60,9 @@ def test_filter_and_smoother_equal_a_dense_gaussian_process(p: int, harmonics: i
 def test_two_readings_of_a_constant_by_hand() -> None:
     """A unit prior, readings 3 and 3 of variance 1/2 each: 6 / (2 + 1/2), and 1 / (1 + 2 + 2) of the variance."""
     quiet = Noise(reading=0.5, walk=0.0, wave=0.0, memory=0.5, angle=0.0)
-    rows = Rows(np.empty((2, 0)), np.array([3.0, 3.0]), np.ones(2))
+    rows = Rows(np.empty((2, 0)), np.array([3.0, 3.0]), np.ones(2), 0)
     run = filtered(rows, quiet, 0)
-    mean, variance = run_smoother(rows.Z, quiet, 0, run.errors, run.variances, run.states[:-1], run.covariances[:-1])
+    mean, variance = run_smoother(rows.Z, 0, quiet, 0, run.errors, run.variances, run.states[:-1], run.covariances[:-1])
     np.testing.assert_allclose(mean, 2.4)
     np.testing.assert_allclose(variance, 0.2)
 

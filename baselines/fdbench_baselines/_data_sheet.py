@@ -43,6 +43,22 @@ def sheet(context: Context, regression: Regression) -> Sheet:
     if context.covariance is None:
         return Sheet(nominal, np.diag(np.sqrt(np.mean(y**2)) / size))
     place = [on_paper.index(name) for name in names]
-    # In units of the regressors' sizes, a matrix with kilograms and newtons has eigenvalues that can be compared.
-    values, vectors = np.linalg.eigh(context.covariance[np.ix_(place, place)] * np.outer(size, size))
-    return Sheet(nominal, vectors * np.sqrt(np.maximum(values, 0.0)) / size[:, None])
+    return Sheet(nominal, _root(context.covariance[np.ix_(place, place)], size))
+
+
+def sheet_beforehand(context: Context) -> Sheet:
+    """Return the same before there is a record, in the order of ``context.nominal``.
+
+    Where the data sheet states no covariance a parameter may be off by as much as it is on paper; one of 0 stays so.
+    """
+    nominal = np.array(list(context.nominal.values()), dtype=np.float64)
+    if context.covariance is None:
+        return Sheet(nominal, np.diag(np.abs(nominal)))
+    deviation = np.sqrt(np.diag(context.covariance))
+    return Sheet(nominal, _root(context.covariance, 1.0 / np.where(deviation > 0.0, deviation, 1.0)))
+
+
+def _root(covariance: FloatArray, size: FloatArray) -> FloatArray:
+    # In units of the parameters' sizes, a matrix with kilograms and newtons has eigenvalues that can be compared.
+    values, vectors = np.linalg.eigh(covariance * np.outer(size, size))
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) / size[:, None])

@@ -1,12 +1,12 @@
 r"""Kalman filter and smoother of a linear model whose disturbance is a random walk and oscillators at harmonics.
 
 .. math::
-    y_k = z_k^T b + w_k + \sum_h c_{h,k} + e_k, \quad b^+ = b, \quad w^+ = w + \eta, \quad
+    y_k = z_k^T b + m v_k + w_k + \sum_h c_{h,k} + e_k, \quad b^+ = b, \quad m^+ = m, \quad w^+ = w + \eta, \quad
     \begin{pmatrix} c_h \\ s_h \end{pmatrix}^+ = \rho
     \begin{pmatrix} \cos h\omega & \sin h\omega \\ -\sin h\omega & \cos h\omega \end{pmatrix}
     \begin{pmatrix} c_h \\ s_h \end{pmatrix} + \zeta_h
 
-Here b, standard normal at the start, are the parameters about those on paper, in units of what the data sheet leaves
+The force has a part that grows with the feed, as that of a cut does; a walk; and waves. Here b, standard normal at the start, are the parameters about those on paper, in units of what the data sheet leaves
 open, so that all states have about the size of y. The smoother is that of de Jong, which inverts no covariance.
 
 References
@@ -38,6 +38,8 @@ class Noise(NamedTuple):
         rho, what is left of an oscillator after a sample; between 0 and 1.
     angle : float
         omega, rad a sample.
+    slope : float
+        Variance of m, the process force for a feed of the size of the whole record's.
     """
 
     reading: float
@@ -45,6 +47,7 @@ class Noise(NamedTuple):
     wave: float
     memory: float
     angle: float
+    slope: float = 0.0
 
 
 class Filtered(NamedTuple):
@@ -82,14 +85,15 @@ def turn_back(x: FloatArray, first: int, cosines: FloatArray, sines: FloatArray)
 
 
 @njit(cache=True, error_model="numpy")
-def run_filter(Z, y, loud, noise, harmonics, keep):  # type: ignore[no-untyped-def]
+def run_filter(Z, y, loud, own, noise, harmonics, keep):  # type: ignore[no-untyped-def]
     """Return the fields of `Filtered` for whitened regressors Z (n, p) and rows ``loud`` times as noisy as others.
 
+    The first ``own`` columns belong to parameters, those that follow to the process force.
     Without ``keep`` the states and covariances are the last ones alone.
     """
     n, p = Z.shape
     m = p + 1 + 2 * harmonics
-    reading, walk, wave, memory, angle = noise
+    reading, walk, wave, memory, angle, slope = noise
     orders = angle * np.arange(1, harmonics + 1)
     cosines, sines = memory * np.cos(orders), memory * np.sin(orders)
     fresh = wave * (1.0 - memory**2)
@@ -97,6 +101,8 @@ def run_filter(Z, y, loud, noise, harmonics, keep):  # type: ignore[no-untyped-d
     for i in range(p, m):
         P[i, i] = wave
         h[i] = 1.0 if i == p or (i - p) % 2 == 1 else 0.0
+    for i in range(own, p):
+        P[i, i] = slope
     P[p, p] = 1.0
     stored = n + 1 if keep else 1
     states, covariances = np.empty((stored, m)), np.empty((stored, m, m))
@@ -144,8 +150,8 @@ def run_filter(Z, y, loud, noise, harmonics, keep):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True, error_model="numpy")
-def run_smoother(Z, noise, harmonics, errors, variances, states, covariances):  # type: ignore[no-untyped-def]
-    """Return the sum of walk and waves at each sample given all of them, and its variance, both (n,)."""
+def run_smoother(Z, own, noise, harmonics, errors, variances, states, covariances):  # type: ignore[no-untyped-def]
+    """Return the whole force at each sample given all of them, and its variance, both (n,)."""
     n, p = Z.shape
     m = states.shape[1]
     memory, angle = noise[3], noise[4]
@@ -161,6 +167,7 @@ def run_smoother(Z, noise, harmonics, errors, variances, states, covariances):  
         h[:] = force
         for i in range(p):
             h[i] = Z[k, i]
+            force[i] = h[i] if i >= own else 0.0
         turn_back(r, p + 1, cosines, sines)
         for i in range(m):
             turn_back(N[i], p + 1, cosines, sines)

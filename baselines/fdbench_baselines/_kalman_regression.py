@@ -11,18 +11,22 @@ from fdbench_baselines._kalman_oscillators import Filtered, Noise, run_filter, r
 from fdbench_baselines._robust import robust_residual
 from fdbench_baselines._slip import below_half, slipped_period
 
-EVALUATIONS = 120
+EVALUATIONS = 150
 TOLERANCE = 1e-2  # of a logarithm or of the log likelihood
 SHORTEST_MEMORY_S, LONGEST_MEMORY_S = 0.05, 300.0
-START = {"reading": 0.3, "walk": 1e-3, "wave": 1.0, "memory_s": 2.0}
+START = {"reading": 0.3, "walk": 1e-3, "wave": 1.0, "memory_s": 2.0, "slope": 0.03}
 
 
 class Rows(NamedTuple):
-    """Whitened regressors (n, p), target (n,), and how many times the variance of a reading each row has (n,)."""
+    """Whitened regressors (n, p), target (n,), how many times the variance of a reading each row has (n,).
+
+    The first ``own`` columns are of parameters; one that may follow is the feed, of which a process force is a part.
+    """
 
     Z: FloatArray
     y: FloatArray
     loud: FloatArray
+    own: int
 
 
 def filtered(rows: Rows, noise: Noise, harmonics: int, keep: bool = True) -> Filtered:
@@ -41,7 +45,7 @@ def likeliest(rows: Rows, harmonics: int, angle: float, step_s: float) -> Noise:
     from scipy.optimize import minimize
 
     def noise(logarithms: FloatArray) -> Noise:
-        reading, walk, wave, memory_s, slip = np.append(logarithms, np.zeros(5 - len(logarithms))).tolist()
+        reading, walk, wave, memory_s, slip, slope = np.append(logarithms, np.zeros(6 - len(logarithms))).tolist()
         seconds = np.clip(START["memory_s"] * np.exp(memory_s), SHORTEST_MEMORY_S, LONGEST_MEMORY_S)
         return Noise(
             START["reading"] ** 2 * np.exp(2.0 * np.clip(reading, -20.0, 5.0)),
@@ -49,15 +53,16 @@ def likeliest(rows: Rows, harmonics: int, angle: float, step_s: float) -> Noise:
             START["wave"] ** 2 * np.exp(2.0 * np.clip(wave, -20.0, 5.0)),
             float(np.exp(-step_s / seconds)),
             angle + slip * step_s,
+            START["slope"] ** 2 * np.exp(2.0 * np.clip(slope, -20.0, 10.0)),
         )
 
     def loss(logarithms: FloatArray) -> float:
         value = -filtered(rows, noise(logarithms), harmonics, keep=False).log_likelihood
         return float(value) if np.isfinite(value) else 1e300
 
-    free = 2 if harmonics == 0 else 5
+    free = 2 if harmonics == 0 else 5 if rows.own == rows.Z.shape[1] else 6
     first = np.zeros(free)
-    corners = np.vstack((first, np.diag([-1.0, 1.5, -1.0, 1.0, 0.3][:free])))
+    corners = np.vstack((first, np.diag([-1.0, 1.5, -1.0, 1.0, 0.3, 3.0][:free])))
     options: Any = {"initial_simplex": corners, "maxfev": EVALUATIONS, "xatol": TOLERANCE, "fatol": TOLERANCE}
     return noise(minimize(loss, first, method="Nelder-Mead", options=options).x)
 
@@ -96,17 +101,24 @@ def observe(context: Context, regression: Regression, harmonics: int) -> Estimat
     paper: Sheet = sheet(context, regression)
     residual, loud = robust_residual(Z, y)
     unit = float(np.sqrt(np.mean(residual**2 / loud))) or 1.0
-    rows = Rows(np.ascontiguousarray(Z @ paper.root / unit), (y - Z @ paper.nominal) / unit, loud)
     step_s, period_s, angle = regression.sampling_time_s, context.disturbance_period_s, 0.0
-    harmonics = 0 if period_s is None else below_half(regression.time_s, period_s, harmonics)
+    if period_s is None:
+        harmonics = 0
+    elif context.model != "velocity_loop":  # whose rows are not filtered and hold the faster harmonics as well
+        harmonics = below_half(regression.time_s, period_s, harmonics)
     if period_s is not None and harmonics > 0:
         angle = 2.0 * np.pi * step_s / slipped_period(regression.time_s, residual / np.sqrt(loud), period_s, harmonics)
+    columns, p = [Z @ paper.root / unit], Z.shape[1]
+    # On an axis whose friction is no straight line its curve would be taken for a process force.
+    if harmonics > 0 and context.covariance is not None and context.model == "velocity_loop":
+        velocity = Z[:, 1]
+        columns.append(velocity[:, None] / (float(np.sqrt(np.mean(velocity**2))) or 1.0))
+    rows = Rows(np.ascontiguousarray(np.hstack(columns)), (y - Z @ paper.nominal) / unit, loud, p)
     noise = likeliest(rows, harmonics, angle, step_s)
     run = filtered(rows, noise, harmonics)
     mean, variance = run_smoother(
-        rows.Z, noise, harmonics, run.errors, run.variances, run.states[:-1], run.covariances[:-1]
+        rows.Z, p, noise, harmonics, run.errors, run.variances, run.states[:-1], run.covariances[:-1]
     )
-    p = Z.shape[1]
     beta = paper.nominal + paper.root @ run.states[-1, :p]
     covariance = paper.root @ run.covariances[-1, :p, :p] @ paper.root.T
     return Estimate(

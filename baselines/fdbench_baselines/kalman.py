@@ -49,9 +49,10 @@ class Kalman(OnlineEstimator):
     For a linear model, of a velocity loop or of inverse dynamics, parameters with Coulomb friction among them are
     constant states, as likely beforehand as the data sheet says, and the force is a random walk and damped oscillators:
 
-    .. math:: y_k = z_k^T \beta + g \, \Big( w_k + \sum_{h=1}^H c_{h,k} \Big) + e_k
+    .. math:: y_k = z_k^T \beta + g \, \Big( m v_k + w_k + \sum_{h=1}^H c_{h,k} \Big) + e_k
 
-    at the harmonics of the nominal period, which may slip by 1.5 %. Noises and memory are those of greatest likelihood
+    at the harmonics of the nominal period, which may slip by 1.5 %; m is the process force that grows with the feed of
+    a velocity loop whose data sheet states how exact it is. Noises and memory are those of greatest likelihood
     (`_kalman_regression`); rows that stand out beyond four deviations count less. ``disturbance_N`` is smoothed over
     the record, ``parameters`` have their covariance, ``output`` is the target as predicted before it. A stream's
     estimate is that of the record so far; ``harmonics`` is the one parameter that counts here.
@@ -69,7 +70,7 @@ class Kalman(OnlineEstimator):
     initial_force_N : float
         Standard deviation of the force at the start, N; for the varying form.
     harmonics : int
-        H, at least 0; fewer where half of the sampling frequency ends the series, none where no period is known.
+        H, at least 0; none where no period is known, in inverse dynamics those below half of the sampling frequency.
 
     Raises
     ------
