@@ -59,7 +59,7 @@ def follow_errors(state: Recursion, Z: FloatArray, y: FloatArray) -> FloatArray:
         e = y - \hat y, \quad S = \psi^T P \psi + r, \quad \theta \leftarrow \theta + P \psi\, e / S, \quad
         P \leftarrow P - P \psi\, \psi^T P / S
 
-    with r the mean of :math:`e^2 r / S` over the rows so far, that of the first row its own square.
+    with r the mean of :math:`e^2 r / S` over the rows so far, that of the first row with an error its square.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def follow_errors(state: Recursion, Z: FloatArray, y: FloatArray) -> FloatArray:
         r = noise[0] / noise[1] if known else e * e
         S = doubt + r
         out[k, 0], out[k, 1], out[k, 2] = linear + foretold, foretold, S
-        if S > 0.0:
+        if known or e != 0.0:  # an exact row tells no noise, and with none would settle what it has to do with
             noise[0] += e * e * r / S
             noise[1] += 1.0
             for i in range(m):

@@ -20,7 +20,7 @@ class DriveHybrid:
     r"""Rows of a linear model with its data sheet as physics, or of a single step of a model in state space.
 
     .. math::
-        \hat y_k = z_k^T \beta_0 + z_k^T \Delta\beta + \sum_{i=1}^p w_i n_{k-i}, \qquad n = y - z^T (\beta_0 + \Delta\beta)
+        \hat y_k = z_k^T (\beta_0 + \Delta\beta) + \sum_{i=1}^p w_i n_{k-i}, \qquad n = y - z^T (\beta_0 + \Delta\beta)
 
     :math:`\Delta\beta` begins within the data sheet's covariance, each weight on an error within 0.03; see
     `_generalised_least_squares`. The force is what the errors before a row foretell of it, so that neither the row's
