@@ -86,10 +86,11 @@ def turn_back(x: FloatArray, first: int, cosines: FloatArray, sines: FloatArray)
 
 
 @njit(cache=True, error_model="numpy")
-def run_filter(Z, y, loud, own, noise, harmonics, keep):  # type: ignore[no-untyped-def]
+def run_filter(Z, y, loud, sudden, own, noise, harmonics, keep):  # type: ignore[no-untyped-def]
     """Return the fields of `Filtered` for whitened regressors Z (n, p) and rows ``loud`` times as noisy as others.
 
-    The first ``own`` columns belong to parameters, those that follow to the process force.
+    The first ``own`` columns belong to parameters, those that follow to the process force. Before a ``sudden`` row walk
+    and waves may become anything within 1, as where a tool enters.
     Without ``keep`` the states and covariances are the last ones alone.
     """
     n, p = Z.shape
@@ -110,6 +111,9 @@ def run_filter(Z, y, loud, own, noise, harmonics, keep):  # type: ignore[no-unty
     errors, variances = np.empty(n), np.empty(n)
     log_likelihood = -0.5 * n * np.log(2.0 * np.pi)
     for k in range(n):
+        if sudden[k]:
+            for i in range(p, m):
+                P[i, i] += 1.0
         if keep:
             states[k] = x
             covariances[k] = P

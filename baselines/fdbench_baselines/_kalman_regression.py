@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdbench.errors import SpecError
 from fdbench.estimator import Context, Estimate, FloatArray, Regression, Sample
@@ -11,7 +12,8 @@ from fdbench_baselines._kalman_oscillators import Filtered, Noise, run_filter, r
 from fdbench_baselines._robust import robust_residual
 from fdbench_baselines._slip import below_half, slipped_period
 
-EVALUATIONS = 150
+EVALUATIONS = 110
+SURPRISE, BURST_S = 6.0, 0.2
 TOLERANCE = 1e-2  # of a logarithm or of the log likelihood
 SHORTEST_MEMORY_S, LONGEST_MEMORY_S = 0.05, 300.0
 START = {"reading": 0.3, "walk": 1e-3, "wave": 1.0, "memory_s": 2.0, "slope": 0.03}
@@ -20,18 +22,31 @@ START = {"reading": 0.3, "walk": 1e-3, "wave": 1.0, "memory_s": 2.0, "slope": 0.
 class Rows(NamedTuple):
     """Whitened regressors (n, p), target (n,), how many times the variance of a reading each row has (n,).
 
+    Before a row that is ``sudden`` (n,) the force may change to any other, as where a tool enters or leaves.
     The first ``own`` columns are of parameters; one that may follow is the feed, of which a process force is a part.
     """
 
     Z: FloatArray
     y: FloatArray
     loud: FloatArray
+    sudden: NDArray[np.bool_]
     own: int
 
 
 def filtered(rows: Rows, noise: Noise, harmonics: int, keep: bool = True) -> Filtered:
     """Return what the filter makes of the rows; see `_kalman_oscillators`."""
     return Filtered(*run_filter(*rows, noise, harmonics, keep))
+
+
+def sudden_rows(run: Filtered, step_s: float) -> NDArray[np.bool_]:
+    """Return the rows (n,) whose innovation is beyond `SURPRISE` deviations, the first within each `BURST_S`."""
+    found = np.zeros(len(run.errors), dtype=np.bool_)
+    after = 0
+    for k in np.flatnonzero(np.abs(run.errors) > SURPRISE * np.sqrt(run.variances)).tolist():
+        if k >= after:
+            found[k] = True
+            after = k + int(BURST_S / step_s)
+    return found
 
 
 def likeliest(rows: Rows, harmonics: int, angle: float, step_s: float) -> Noise:
@@ -113,9 +128,16 @@ def observe(context: Context, regression: Regression, harmonics: int) -> Estimat
     if harmonics > 0 and context.covariance is not None and context.model == "velocity_loop":
         velocity = Z[:, 1]
         columns.append(velocity[:, None] / (float(np.sqrt(np.mean(velocity**2))) or 1.0))
-    rows = Rows(np.ascontiguousarray(np.hstack(columns)), (y - Z @ paper.nominal) / unit, loud, p)
+    rows = Rows(
+        np.ascontiguousarray(np.hstack(columns)), (y - Z @ paper.nominal) / unit, loud, np.zeros(len(y), np.bool_), p
+    )
     noise = likeliest(rows, harmonics, angle, step_s)
     run = filtered(rows, noise, harmonics)
+    sudden = sudden_rows(run, step_s)
+    if sudden.any():
+        rows = rows._replace(sudden=sudden)
+        noise = likeliest(rows, harmonics, noise.angle, step_s)
+        run = filtered(rows, noise, harmonics)
     mean, variance = run_smoother(
         rows.Z, p, noise, harmonics, run.errors, run.variances, run.states[:-1], run.covariances[:-1]
     )
