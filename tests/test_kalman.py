@@ -372,10 +372,10 @@ def test_bad_arguments_are_refused(arguments: Mapping[str, Any], message: str) -
 
 def test_other_plants_and_rows_without_readings_are_refused(drive: tuple[Context, Record]) -> None:
     context, _ = drive
-    shaker = load_scenario("ShakerConstant-v0").context()
+    shaker = load_scenario("ServoStaircase-v0").context()
     assert Kalman().skip(context) is None
-    assert Kalman().skip(shaker) == "the scenario's model is not one in state space"
-    with pytest.raises(SpecError, match="not one in state space"):
+    assert Kalman().skip(shaker) == "the scenario's model is neither one in state space nor one of a drive's motion"
+    with pytest.raises(SpecError, match="neither one in state space"):
         Kalman().start(shaker)
     estimator = Kalman()
     with pytest.raises(PluginError, match="start"):

@@ -2,12 +2,19 @@
 
 import tracemalloc
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 import pytest
 from conftest import shared_file
-from fdbench_baselines._krls_t_recursion import FloatArray, empty_tracker, locally_periodic_inputs, track
+from fdbench_baselines._krls_t_recursion import (
+    FloatArray,
+    empty_tracker,
+    locally_periodic_inputs,
+    track,
+    track_beside,
+)
 from fdbench_baselines.krls_t import KRLST
 from fdbench_baselines.pl_lssvm import PLLSSVM
 
@@ -15,6 +22,7 @@ from fdbench.errors import PluginError, SpecError
 from fdbench.estimator import Context, Estimate, Regression, samples
 from fdbench.plants._plant import Plant
 from fdbench.record import Record
+from fdbench.scenario import load_scenario
 
 pytestmark = pytest.mark.linear_algebra
 
@@ -206,6 +214,12 @@ def context(period_s: float | None = PSI) -> Context:
     return Context(sampling_time_s=TS, plant=plant, model="toy", disturbance_period_s=period_s)
 
 
+class Paper(Toy):
+    """The toy as its data sheet has it."""
+
+    truth: ClassVar[Mapping[str, float]] = {"a": 0.3, "b": 0.5}
+
+
 def toy_record(n: int = 400) -> Record:
     rng = np.random.default_rng(5)
     t = times_s(n)
@@ -260,17 +274,42 @@ def test_stream_equals_whole_record_bit_for_bit(mode: Literal["B2P", "UI"]) -> N
     assert_same(stream(estimator, record), whole)  # start has forgotten everything
 
 
-def test_stream_without_parameters_takes_the_nominal_plant() -> None:
+def test_without_given_parameters_stream_and_record_agree_too() -> None:
     record = toy_record()
-    assert_same(stream(KRLST(), record), KRLST(linear_parameters=Toy.truth).fit(context(), record))
-
-
-def test_whole_record_without_parameters_takes_pl_lssvm() -> None:
-    record = toy_record()
-    linear = PLLSSVM().fit(context(), record).parameters
-    assert linear != Toy.truth
-    assert_same(KRLST().fit(context(), record), KRLST(linear_parameters=linear).fit(context(), record))
+    assert_same(stream(KRLST(), record), KRLST().fit(context(), record))
     assert_same(KRLST(period_s=PSI).fit(context(period_s=None), record), KRLST().fit(context(), record))
+
+
+def test_parameters_are_found_on_the_way_and_are_no_batch_solution() -> None:
+    record = toy_record(2000)
+    wrong = replace(context(), plant=cast(Plant, Paper()))
+    found = KRLST().fit(wrong, record).parameters
+    batch = PLLSSVM().fit(wrong, record).parameters
+    for name, truth in Toy.truth.items():
+        assert abs(found[name] - truth) < 0.02 * abs(Paper.truth[name] - truth)
+        assert found[name] != pytest.approx(batch[name], rel=1e-9)
+
+
+def test_one_sample_by_hand() -> None:
+    """The first sample: s0^2 = (1 - 0.5)^2 / (s2 + 1), S = 0.25 + s0^2 (s2 + 1) = 0.5, beta = 0.5 + 0.25 / S * 0.5."""
+    tracker, beta, P = empty_tracker(1, 5), np.array([0.5]), np.array([[0.25]])
+    one = np.ones((1, 1))
+    out = track_beside(tracker, one, one, np.ones(1), beta, P, 1.0, 1.0, 0.0, False)
+    np.testing.assert_allclose(out, [[0.5, 0.0, 1.0, 0.125]])
+    np.testing.assert_allclose(beta, 0.75)
+    np.testing.assert_allclose(P, 0.125)
+
+
+def test_held_parameters_make_it_the_tracker() -> None:
+    random = np.random.default_rng(0)
+    x, Z, y = random.standard_normal((60, 2)), random.standard_normal((60, 2)), random.standard_normal(60)
+    beta = np.array([0.3, -2.0])
+    expected, _ = track(empty_tracker(2, 20), x, y - Z @ beta, 0.1, 0.99, 1e-6, False)
+    held, P = beta.copy(), np.zeros((2, 2))
+    out = track_beside(empty_tracker(2, 20), x, Z, y, held, P, 0.1, 0.99, 1e-6, False)
+    np.testing.assert_allclose(out[:, 1:3], expected[:, :2], rtol=1e-9)
+    np.testing.assert_allclose(out[1:, 3], expected[:-1, 2], rtol=1e-9)
+    np.testing.assert_array_equal(held, beta)
 
 
 def test_rows_depend_on_earlier_samples_only() -> None:
@@ -331,6 +370,7 @@ def test_a_stream_keeps_forty_bytes_a_sample() -> None:
         ({"sigma_1_s": 0.0}, "sigma_1_s = 0.0 must be above 0"),
         ({"sigma_2": -1.0}, "sigma_2"),
         ({"gamma": float("inf")}, "gamma"),
+        ({"smooth_s": 0.0}, "smooth_s"),
         ({"period_s": float("nan")}, "period_s"),
         ({"forgetting": 0.0}, "forgetting"),
         ({"forgetting": 1.01}, "at most 1"),
@@ -354,15 +394,30 @@ def test_names_of_linear_parameters_are_checked() -> None:
             run(KRLST(linear_parameters={}), toy_record(10))
 
 
-def test_unknown_period_is_refused() -> None:
-    unknown = context(period_s=None)
-    assert KRLST().skip(unknown) is not None
-    assert KRLST(period_s=PSI).skip(unknown) is None
-    assert KRLST().skip(context()) is None
-    with pytest.raises(SpecError, match="period_s"):
-        KRLST().fit(unknown, toy_record(10))
-    with pytest.raises(SpecError, match="period_s"):
-        KRLST().start(unknown)
+def test_without_a_period_the_force_is_smooth() -> None:
+    n = 3000
+    random = np.random.default_rng(8)
+    t = times_s(n)
+    u, d = random.standard_normal(n), 20.0 * np.sin(2.0 * np.pi * 0.7 * t)
+    v = np.zeros(n)
+    for k in range(n - 1):
+        v[k + 1] = 0.2 * v[k] + 0.7 * u[k] + Toy.gain * d[k] + 1e-2 * random.standard_normal()
+    estimate = KRLST().fit(context(period_s=None), Record({"time_s": t, "velocity_m_per_s": v, "command_m_per_s": u}))
+    assert KRLST().skip(context(period_s=None)) is None
+    assert estimate.disturbance_N is not None
+    assert (estimate.disturbance_N - d[:-1])[500:].std() < 0.2 * d.std()
+
+
+def test_the_force_on_a_drive_with_current_input_is_that_of_its_equation() -> None:
+    scenario = load_scenario("DriveCurrentClosed-v0")
+    drive, (record, truth) = scenario.context(), scenario.observe(0)
+    estimate = KRLST().fit(drive, record)
+    assert dict(estimate.parameters) == {}
+    assert estimate.disturbance_N is not None
+    assert truth.disturbance_N is not None
+    settled = slice(800, 1999)
+    np.testing.assert_allclose(estimate.disturbance_N[settled].mean(), 100.0, atol=5.0)  # it shrinks by what it forgets
+    assert (estimate.disturbance_N - truth.disturbance_N[:-1])[settled].std() < 15.0
 
 
 def test_divergence_is_an_error() -> None:

@@ -124,7 +124,7 @@ def test_too_few_rows_are_refused() -> None:
         estimate(LeastSquares(), regressors(3), np.ones(3))
 
 
-def test_null_repeats_the_previous_target_and_the_data_sheet() -> None:
+def test_null_repeats_the_data_sheet_and_the_previous_target() -> None:
     result = estimate(Null(), regressors(4), np.array([3.0, 1.0, 4.0, 1.0]))
     assert dict(result.parameters) == dict.fromkeys(NAMES, 1.0)
     np.testing.assert_array_equal(given(result.output), [3.0, 3.0, 1.0, 4.0])

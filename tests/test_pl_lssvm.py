@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from conftest import shared_file
 from fdbench_baselines import _toeplitz
+from fdbench_baselines._envelope import likeliest_envelope
 from fdbench_baselines._toeplitz import Cholesky, Toeplitz, conjugate_gradients
 from fdbench_baselines.least_squares import LeastSquares
 from fdbench_baselines.pl_lssvm import (
@@ -26,6 +27,7 @@ from fdbench.errors import FdbenchError, SpecError
 from fdbench.estimator import Context, Estimate, Estimator, FloatArray, Regression
 from fdbench.plants._plant import Plant
 from fdbench.record import Record
+from fdbench.scenario import load_scenario
 
 pytestmark = pytest.mark.linear_algebra
 
@@ -331,15 +333,50 @@ def test_too_few_rows_are_refused() -> None:
             estimate(PLLSSVM(), clock(n), z[:n], z[:n, 0])
 
 
-def test_period_is_needed() -> None:
+def test_a_period_may_be_given() -> None:
     z, y = drive_like(100)
-    context = context_of(clock(100), z, y, -0.003, None)
-    assert PLLSSVM().skip(context) == "no disturbance period is known"
-    assert PLLSSVM(period_s=0.02).skip(context) is None
-    with pytest.raises(SpecError, match="period_s is needed"):
-        estimate(PLLSSVM(), clock(100), z, y, period_s=None)
     given = estimate(PLLSSVM(period_s=PERIOD_S), clock(100), z, y, period_s=None)
     assert given.parameters == estimate(PLLSSVM(), clock(100), z, y).parameters
+
+
+def test_without_a_period_the_force_is_smooth() -> None:
+    n = 1500
+    random, time_s = np.random.default_rng(4), clock(n)
+    z = random.standard_normal((n, 2))
+    d = 5.0 * np.exp(-0.5 * ((time_s - 2.0) / 0.3) ** 2)
+    y = z @ [0.8, -0.1] - 0.003 * d + 0.005 * random.standard_normal(n)
+    assert PLLSSVM().skip(context_of(time_s, z, y, -0.003, None)) is None
+    found = estimate(PLLSSVM(), time_s, z, y, gain=-0.003, period_s=None)
+    error = np.asarray(found.disturbance_N) - d
+    assert error.std() < 0.1 * d.std()
+    inside = np.abs(error) < 1.96 * np.sqrt(np.asarray(found.disturbance_variance_N2))
+    assert inside.mean() > 0.9
+
+
+def test_envelope_of_a_gaussian_process_is_found() -> None:
+    """Draws of length 20 samples and ratio 4, from their covariance; the grid's steps are factors of 1.3 and 2."""
+    n = 1200
+    lag = np.subtract.outer(np.arange(n), np.arange(n))
+    root = np.linalg.cholesky(4.0 * np.exp(-0.5 * (lag / 20.0) ** 2) + np.eye(n))
+    draws = (root @ np.random.default_rng(seed).standard_normal(n) for seed in range(5))
+    length_s, gamma = np.median([likeliest_envelope(draw, 0.01) for draw in draws], axis=0)
+    assert 0.15 < length_s < 0.26
+    assert 2.0 < gamma < 8.0
+
+
+@pytest.mark.parametrize("name", ["DriveCurrentClosed-v0", "DriveCurrentOpen-v0"])
+@pytest.mark.parametrize("estimator", [PLLSSVM, LeastSquares])
+def test_the_force_on_a_drive_with_current_input_is_what_its_equation_leaves(
+    name: str, estimator: type[Estimator]
+) -> None:
+    scenario = load_scenario(name)
+    record, truth = scenario.observe(0)
+    found = estimator().fit(scenario.context(), record)
+    assert dict(found.parameters) == {}
+    force = np.asarray(found.disturbance_N)
+    assert truth.disturbance_N is not None
+    assert force[700:].mean() == pytest.approx(100.0, abs=2.0)
+    assert (force - truth.disturbance_N[:-1])[100:].std() < 0.3 * truth.disturbance_N.std()
 
 
 @pytest.mark.parametrize("name", ["sigma_1_s", "sigma_2", "gamma", "period_s"])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import shared_file
-from fdbench_baselines._recursive_least_squares import predict, rls, solve, untrained
+from fdbench_baselines._recursive_least_squares import free_run, predict, rls, solve, untrained
 from fdbench_baselines.hybrid_rls import HybridRLS
 from fdbench_baselines.physics_model import PhysicsModel
 
@@ -19,6 +19,7 @@ from fdbench.motions.circular_spiral import CircularSpiral
 from fdbench.motions.jerk_limited_moves import JerkLimitedMoves, move_time
 from fdbench.plants.servo_stage import ServoStage
 from fdbench.plants.xy_stage import XYStage
+from fdbench.record import Record
 from fdbench.reproduce import chou
 from fdbench.scenario import Scenario, load_scenario
 from fdbench.simulate.system import Noise, Setup
@@ -400,13 +401,38 @@ def test_every_published_figure_holds() -> None:
     assert [(row.item, row.value, row.target) for row in found if not row.ok] == []
 
 
-def test_physics_and_hybrid_skip_plants_without_a_response() -> None:
-    context = load_scenario("ShakerConstant-v0").context()
+def test_physics_and_hybrid_skip_plants_that_are_neither_a_stage_nor_an_equation() -> None:
+    context = load_scenario("SpindleStep-v0").context()
     for estimator in (HybridRLS(), PhysicsModel()):
-        assert "from the command alone" in (estimator.skip(context) or "")
+        assert "do not give every state" in (estimator.skip(context) or "")
         assert estimator.skip(STAIRCASE.context()) is None
-    with pytest.raises(SpecError, match=r"physics_model: the plant on paper predicts no output"):
-        PhysicsModel().fit(context, STAIRCASE.record())
+    with pytest.raises(SpecError, match="hybrid_rls: the readings of a sample"):
+        HybridRLS().start(context)
+
+
+def commands(record: Record) -> Record:
+    """Return what is known of a record beforehand."""
+    return Record({name: column for name, column in record.items() if name == "time_s" or "reference" in name})
+
+
+@pytest.mark.parametrize("name", ["ServoStaircase-v0", "ServoSpiral-v0"])
+def test_a_free_run_with_what_was_learnt_beats_the_physics(name: str) -> None:
+    scenario = load_scenario(name)
+    context, record = scenario.context(), scenario.record(0)
+    measured, errors = context.regression(record).target, []
+    for estimator in (HybridRLS(), PhysicsModel()):
+        run = estimator.predict(context, estimator.fit(context, record), commands(record))
+        assert run is not None
+        errors.append(np.sqrt(np.mean((run - measured) ** 2)))
+    assert errors[0] < 0.8 * errors[1]
+
+
+def test_a_free_run_by_hand() -> None:
+    """A = I: weights b = (1, 2, 0.5) on 1, response and error before; 1 + 2 * 3 = 7, then 7 + 0.5 * 7 = 10.5."""
+    state = untrained(0, 1, 1.0)
+    state.b[:] = 1.0, 2.0, 0.5
+    np.testing.assert_allclose(free_run(state, np.array([3.0, 3.0]), 0), [7.0, 10.5])
+    np.testing.assert_array_equal(state.w, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -285,3 +285,61 @@ def track(
         update_reduction(QR, keep, s, u, b)
         tracker.seen[0] += 1
     return predictions, removed
+
+
+@njit(cache=True, error_model="numpy")
+def track_beside(
+    tracker: Tracker,
+    x: FloatArray,
+    Z: FloatArray,
+    y: FloatArray,
+    beta: FloatArray,
+    P: FloatArray,
+    s2: float,
+    lam: float,
+    jitter: float,
+    injection: bool,
+) -> FloatArray:
+    r"""Predict and take in samples of :math:`y = z^T \beta + f(x) + \varepsilon`, beta by a recursion of its own.
+
+    .. math::
+        e = y - z^T \beta - \hat f, \quad S = z^T P z + s_0^2 (s_2 + s_f^2), \quad
+        \beta \leftarrow \beta + P z\, e / S, \quad P \leftarrow P - P z\, z^T P / S
+
+    while f is told :math:`y - z^T \beta` as a reading with the further variance :math:`z^T P z`: each of the two takes
+    the other's doubt for noise, and how their errors go together is left out. P = 0 holds beta where it is.
+
+    Parameters
+    ----------
+    beta, P : (p,), (p, p) arrays, changed in place
+
+    Returns
+    -------
+    (n, 4) array
+        :math:`z^T \beta` before the sample, then as `track`, save that the last column gives s0^2 before the sample; a
+        first sample's is its own.
+    """
+    out, Pz = np.empty((y.size, 4)), np.empty(beta.size)
+    for n in range(y.size):
+        linear = doubt = 0.0
+        for i in range(beta.size):
+            linear += Z[n, i] * beta[i]
+            Pz[i] = 0.0
+            for j in range(beta.size):
+                Pz[i] += P[i, j] * Z[n, j]
+            doubt += Z[n, i] * Pz[i]
+        power = tracker.power[0] / tracker.power[1] if tracker.seen[0] > 0 else 0.0
+        ratio = s2 + doubt / power if power > 0.0 else s2
+        predictions, _ = track(tracker, x[n : n + 1], y[n : n + 1] - linear, ratio, lam, jitter, injection)
+        mean, variance = predictions[0, 0], predictions[0, 1]
+        if tracker.seen[0] == 1:
+            power = predictions[0, 2]
+        out[n, 0], out[n, 1], out[n, 2], out[n, 3] = linear, mean, variance, power
+        S = doubt + power * (s2 + variance)
+        if doubt > 0.0 and S > 0.0:
+            e = y[n] - linear - mean
+            for i in range(beta.size):
+                beta[i] += Pz[i] * e / S
+                for j in range(beta.size):
+                    P[i, j] -= Pz[i] * Pz[j] / S
+    return out

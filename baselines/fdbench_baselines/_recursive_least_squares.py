@@ -201,3 +201,30 @@ def predict(state: Hybrid, response: FloatArray, error: FloatArray, q: int, batc
         if n > first:
             measured[first], predicted[first] = error[k], estimate
     return estimates
+
+
+@njit(cache=True, error_model="numpy")
+def free_run(state: Hybrid, response: FloatArray, q: int) -> FloatArray:
+    r"""Return the errors (n,) of a motion of which nothing is measured, with the weights of all samples so far.
+
+    .. math:: \hat e_k = w^T (1, x_{pb,k} \ldots x_{pb,k-q}, \hat e_{k-1} \ldots \hat e_{k-p}), \quad A w = b
+
+    Before the first sample all signals are zero. The state is left as it is.
+    """
+    n, first = state.w.size, 2 + q
+    w, features, errors = np.empty(n), np.zeros(n), np.empty(response.size)
+    solve(state.A, state.b, w)
+    features[0] = 1.0
+    for k in range(response.size):
+        for i in range(1 + q, 1, -1):
+            features[i] = features[i - 1]
+        features[1] = response[k]
+        error = 0.0
+        for i in range(n):
+            error += w[i] * features[i]
+        errors[k] = error
+        for i in range(n - 1, first, -1):
+            features[i] = features[i - 1]
+        if n > first:
+            features[first] = error
+    return errors

@@ -4,7 +4,7 @@ Every node knows the whole plant, with the force as last state, and reads one ou
 """
 
 from abc import abstractmethod
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,8 @@ class FusionFilter(BatchEstimator):
     node : int, optional
         Node, from 1, that the claim is of.
     """
+
+    made_for: ClassVar[tuple[str, ...] | None] = ("state_space",)
 
     def __init__(self, q_N2_per_s: float = 1e5, initial_force_N: float = 100.0, node: int | None = None) -> None:
         self.require(0.0 < q_N2_per_s < np.inf, f"q_N2_per_s = {q_N2_per_s!r} must be above 0 and finite")

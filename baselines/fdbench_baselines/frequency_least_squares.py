@@ -1,7 +1,7 @@
 """Least squares in the frequency domain."""
 
 from collections.abc import Callable, Sequence
-from typing import final
+from typing import ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,8 @@ class FrequencyLeastSquares(BatchEstimator):
     ----------
     Turkay and Ulsoy (1988), eqs. (16) to (25), with the sign in (18) and the errors in (23) and (25) put right.
     """
+
+    made_for: ClassVar[tuple[str, ...] | None] = ("arx",)
 
     def __init__(
         self,

@@ -2,15 +2,16 @@
 
 from array import array
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import ClassVar, Literal, final
+from typing import Literal, final
 
 import numpy as np
 
 from fdbench.errors import PluginError, SpecError, did_you_mean
 from fdbench.estimator import Context, Estimate, FloatArray, OnlineEstimator, Sample
+from fdbench.plants import StateSpacePlant
 from fdbench.record import Record
-from fdbench_baselines._krls_t_recursion import Tracker, empty_tracker, locally_periodic_inputs, track
+from fdbench_baselines._krls_t_recursion import Tracker, empty_tracker, locally_periodic_inputs, track_beside
+from fdbench_baselines._one_step import OneStep, declined
 
 SMALLEST_JITTER = 1e-6
 
@@ -23,13 +24,16 @@ class KRLST(OnlineEstimator):
               \hat f_n = E[f(t_n) \mid v_1 \ldots v_{n-1}]
 
     f has the locally periodic kernel :math:`e^{-\tau^2 / 2 \sigma_1^2} e^{-\sin^2(\pi \tau / \psi) / 2 \sigma_2^2}`;
-    at most ``budget`` samples are kept. :math:`\beta` is fixed: ``linear_parameters``, or else what PL-LSSVM identifies
-    on the record (`fit`), or else the nominal plant's values (`start`, as a stream has no record).
+    at most ``budget`` samples are kept. Where no period is known the kernel is :math:`e^{-\tau^2 / 2 \sigma_0^2}`: a
+    force that is smooth. :math:`\beta` is ``linear_parameters`` or else found on the way, from the data sheet's values
+    and their covariance, each parameter by itself within 100 % where it states none; see `track_beside`. A model in
+    state space has no :math:`\beta`; y is there what its equation leaves of a reading, if the readings give all states.
 
     ``output`` is :math:`z^T \beta + \hat f` with variance :math:`s_0^2 (s_2 + s_f^2)`, that of an observation;
     ``disturbance_N`` is :math:`\hat f / g` with variance :math:`s_0^2 s_f^2 / g^2`, that of the disturbance without
-    noise, where g is the disturbance gain. Given :math:`\beta`, a row depends on earlier samples only, save that the
-    first row's variance is scaled by its own sample, as no signal power :math:`s_0^2` is known before it.
+    noise, where g is the disturbance gain. A row depends on earlier samples only, save that the first row's
+    variance is scaled by its own sample, as no signal power :math:`s_0^2` is known before it. ``parameters`` are those
+    after the last sample; they have no covariance, as the recursion leaves out how they go with f.
 
     Parameters
     ----------
@@ -51,12 +55,14 @@ class KRLST(OnlineEstimator):
         Forget back to the prior, or by uncertainty injection. The latter divides the variance of every member by lambda
         at every sample, also of those that time has left behind: over time it serves for short records only.
     linear_parameters : mapping of str to float, optional
-        :math:`\beta`, a value for each parameter of the regression.
+        :math:`\beta`, a value for each parameter of the regression, to be held.
+    smooth_s : float
+        :math:`\sigma_0`, s; above 0.
 
     Raises
     ------
     SpecError
-        If an argument is out of bounds, no period is known, the names in ``linear_parameters`` are not those of the
+        If an argument is out of bounds, the names in ``linear_parameters`` are not those of the
         regression, or the recursion diverges.
     PluginError
         If a sample comes before ``start``.
@@ -67,10 +73,6 @@ class KRLST(OnlineEstimator):
     IEEE Trans. Neural Networks and Learning Systems 23 (2012); McPherson, thesis, 2024, eq. 2.11 to 2.22 with
     :math:`(v - \hat v)^2` in eq. 2.20, and table 4.5 (defaults: shaker trials; the budget is ours).
     """
-
-    expected_failures: ClassVar[Mapping[str, str]] = {
-        "streams_as_it_fits": "fit identifies the linear parameters on the record first; with them given the two agree"
-    }
 
     def __init__(
         self,
@@ -83,8 +85,10 @@ class KRLST(OnlineEstimator):
         jitter: float = SMALLEST_JITTER,
         mode: Literal["B2P", "UI"] = "B2P",
         linear_parameters: Mapping[str, float] | None = None,
+        smooth_s: float = 0.05,
     ) -> None:
-        for name, value in (("sigma_1_s", sigma_1_s), ("sigma_2", sigma_2), ("gamma", gamma), ("period_s", period_s)):
+        lengths = (("sigma_1_s", sigma_1_s), ("sigma_2", sigma_2), ("period_s", period_s), ("smooth_s", smooth_s))
+        for name, value in (*lengths, ("gamma", gamma)):
             _require(value is None or 0.0 < value < np.inf, name, value, "above 0 and finite")
         _require(0.0 < forgetting <= 1.0, "forgetting", forgetting, "above 0 and at most 1")
         _require(isinstance(budget, int) and budget >= 1, "budget", budget, "an integer of at least 1")
@@ -94,90 +98,91 @@ class KRLST(OnlineEstimator):
             _require(np.isfinite(value), f"linear_parameters[{name}]", value, "finite")
         self.sigma_1_s, self.sigma_2, self.gamma, self.period_s = sigma_1_s, sigma_2, gamma, period_s
         self.forgetting, self.budget, self.jitter, self.mode = forgetting, budget, jitter, mode
-        self.linear_parameters = linear_parameters
+        self.linear_parameters, self.smooth_s = linear_parameters, smooth_s
         self._tracker: Tracker | None = None
 
     def skip(self, context: Context) -> str | None:
-        """Skip where no period or no linear model is known."""
-        if not context.plant.true_parameters(context.model, context.sampling_time_s):
-            return "the plant's model has no parameters"
-        if self.period_s is None and context.disturbance_period_s is None:
-            return "no disturbance period is known"
-        return None
+        """Skip where the model is no equation of a force, or rows are not a series in time."""
+        if context.model == "servo_response":
+            return "the model is the response of a servo, whose position holds no series of a force"
+        return declined(context)
 
     def start(self, context: Context) -> None:
-        """Forget everything; the linear parameters are those given or the nominal plant's."""
-        nominal = context.plant.true_parameters(context.model, context.sampling_time_s)
-        self._start(context, tuple(nominal), nominal if self.linear_parameters is None else self.linear_parameters)
-
-    def update(self, sample: Sample) -> None:
-        """Predict a sample, then take it in."""
-        time_s, regressors, target, gain = sample[:4]
-        self._take(np.array([time_s]), regressors[np.newaxis], np.array([target]), gain)
-
-    def estimate(self) -> Estimate:
-        """Return the predictions made so far."""
-        self._started()
-        linear, mean, variance, power, gain = np.array(self._rows).reshape(-1, 5).T
-        power_before = np.concatenate((power[:1], power[:-1]))
-        return Estimate(
-            parameters=self._parameters,
-            disturbance_N=mean / gain,
-            disturbance_variance_N2=power_before * variance / gain**2,
-            output=linear + mean,
-            output_variance=power_before * (1.0 / self.gamma + variance),
-        )
-
-    def fit(self, context: Context, record: Record) -> Estimate:
-        """Run over a whole record, after PL-LSSVM if no linear parameters are given."""
-        context = replace(context, disturbance_period_s=self._period_s(context))
-        regression = context.regression(record)
-        parameters = self.linear_parameters
-        if parameters is None:
-            from fdbench_baselines.pl_lssvm import PLLSSVM
-
-            parameters = PLLSSVM().fit(context, record).parameters
-        self._start(context, regression.names, parameters)
-        self._take(regression.time_s, regression.regressors, regression.target, regression.disturbance_gain)
-        return self.estimate()
-
-    def _start(self, context: Context, names: tuple[str, ...], parameters: Mapping[str, float]) -> None:
-        for name in parameters:
+        """Forget everything; the linear parameters are those given, or the data sheet's to begin with."""
+        names, given = tuple(context.nominal), self.linear_parameters
+        for name in given or ():
             if name not in names:
                 raise SpecError(f"krls_t: {context.model} has no linear parameter {name}.{did_you_mean(name, names)}")
-        missing = [name for name in names if name not in parameters]
+        missing = [name for name in names if given is not None and name not in given]
         if missing:
             raise SpecError(f"krls_t: {context.model} needs linear_parameters for {', '.join(missing)} too.")
-        self._parameters = {name: float(parameters[name]) for name in names}
-        self._psi = self._period_s(context)
+        self._names = names
+        self._beta = np.array([float((given or context.nominal)[name]) for name in names])
+        self._P = np.zeros((len(names), len(names)))
+        if given is None:
+            self._P = np.diag(self._beta**2) if context.covariance is None else context.covariance.copy()
+        period_s = context.disturbance_period_s if self.period_s is None else self.period_s
+        self._kernel = (
+            (self.smooth_s, self.sigma_2, np.inf) if period_s is None else (self.sigma_1_s, self.sigma_2, period_s)
+        )
+        plant = context.plant
+        self._step = (
+            OneStep(plant, context.sampling_time_s) if not names and isinstance(plant, StateSpacePlant) else None
+        )
+        self._before: FloatArray | None = None
         self._rows = array("d")
         self._tracker = empty_tracker(3, self.budget)
 
-    def _take(self, time_s: FloatArray, regressors: FloatArray, target: FloatArray, gain: float) -> None:
-        tracker = self._started()
-        linear = np.zeros(len(target))
-        for value, column in zip(self._parameters.values(), regressors.T, strict=True):
-            linear += value * column  # a matrix product would round one row and many differently
-        x = locally_periodic_inputs(time_s, self.sigma_1_s, self.sigma_2, self._psi)
-        s2, injection = 1.0 / self.gamma, self.mode == "UI"
-        predictions, _ = track(tracker, x, target - linear, s2, self.forgetting, self.jitter, injection)
+    def update(self, sample: Sample) -> None:
+        """Predict a sample, then take it in."""
+        time_s, regressors, target, gain, readings = sample
+        self._take(np.array([time_s]), regressors[np.newaxis], np.array([target]), gain, readings[np.newaxis])
+
+    def estimate(self) -> Estimate:
+        """Return the predictions made so far, and the parameters by now."""
+        self._started()
+        linear, mean, variance, power, gain = np.array(self._rows).reshape(-1, 5).T
+        return Estimate(
+            parameters=dict(zip(self._names, self._beta.tolist(), strict=True)),
+            disturbance_N=mean / gain,
+            disturbance_variance_N2=power * variance / gain**2,
+            output=linear + mean,
+            output_variance=power * (1.0 / self.gamma + variance),
+        )
+
+    def fit(self, context: Context, record: Record) -> Estimate:
+        """Run over a whole record."""
+        regression = context.regression(record)
+        self.start(context)
+        n = len(regression.target)
+        readings = np.empty((n, 0)) if regression.readings is None else regression.readings
+        self._take(regression.time_s, regression.regressors, regression.target, regression.disturbance_gain, readings)
+        return self.estimate()
+
+    def _take(
+        self, time_s: FloatArray, regressors: FloatArray, target: FloatArray, gain: float, readings: FloatArray
+    ) -> None:
+        tracker, known = self._started(), np.zeros(len(target))
+        if self._step is not None:
+            known = self._step.predicted(self._before, readings)
+            self._before = readings[-1]
+        x = locally_periodic_inputs(time_s, *self._kernel)
+        settings = (1.0 / self.gamma, self.forgetting, self.jitter, self.mode == "UI")
+        rows = track_beside(
+            tracker, x, np.ascontiguousarray(regressors), target - known, self._beta, self._P, *settings
+        )
         if not np.isfinite(tracker.power[0]):
             raise SpecError(
                 f"krls_t: diverged within {tracker.seen[0]} samples with mode {self.mode}, jitter {self.jitter}, "
                 f"forgetting {self.forgetting}. Use mode B2P, more jitter or forgetting nearer to 1."
             )
-        self._rows.frombytes(np.column_stack((linear, predictions, np.full(len(target), gain))).tobytes())
+        rows[:, 0] += known
+        self._rows.frombytes(np.column_stack((rows, np.full(len(target), gain))).tobytes())
 
     def _started(self) -> Tracker:
         if self._tracker is None:
             raise PluginError("krls_t: start(context) must come before update and estimate.")
         return self._tracker
-
-    def _period_s(self, context: Context) -> float:
-        period_s = context.disturbance_period_s if self.period_s is None else self.period_s
-        if period_s is None:
-            raise SpecError("krls_t: period_s is needed, as the scenario's context gives no disturbance_period_s.")
-        return period_s
 
 
 def _require(allowed: bool | np.bool, name: str, value: object, bounds: str) -> None:

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.errors import SpecError
-from fdbench.estimator import BatchEstimator, Context, Estimate
+from fdbench.estimator import BatchEstimator, Context, Estimate, Regression
 from fdbench.record import Record
+from fdbench_baselines._one_step import declined, residual_model
 
 FloatArray = NDArray[np.float64]
 
@@ -57,24 +58,39 @@ class LeastSquares(BatchEstimator):
     ``disturbance_N`` is the residual divided by the disturbance gain, all that the method says about it.
     Biased where the disturbance is correlated with the regressors, as it is under feedback.
 
+    A model in state space has no parameters; where the readings give all states, its equation leaves a force at each
+    sample, buried in noise. There the force is that of least squares about each sample, constant over ``window_s``: the
+    mean of what is left, with the variance of a mean.
+
+    Parameters
+    ----------
+    window_s : float
+        Width of the window, s; above 0.
+
     Raises
     ------
     SpecError
-        If the record does not identify every parameter.
+        If the record does not identify every parameter, or the window is not above 0.
 
     References
     ----------
     C. F. Gauss, Theoria combinationis observationum, 1821; McPherson, thesis, 2024, eq. 2.8.
     """
 
+    def __init__(self, window_s: float = 0.05) -> None:
+        if not 0.0 < window_s < np.inf:
+            raise SpecError(f"least_squares: window_s = {window_s} must be above 0 and finite.")
+        self.window_s = window_s
+
     def skip(self, context: Context) -> str | None:
         """Return why the estimator does not apply, or None."""
-        parameters = context.plant.true_parameters(context.model, context.sampling_time_s)
-        return None if parameters else "the plant's model has no parameters"
+        return declined(context)
 
     def fit(self, context: Context, record: Record) -> Estimate:
         """Solve for the parameters by a singular value decomposition of the scaled regressors."""
-        regression = context.regression(record)
+        regression, predicted = residual_model(context, context.regression(record))
+        if predicted is not None:
+            return self._held(regression, predicted)
         y, names = regression.target, regression.names
         u, s, vt, scale = factorise(regression.regressors, names)
         root = vt.T / s / scale[:, None]
@@ -88,4 +104,19 @@ class LeastSquares(BatchEstimator):
             disturbance_N=residual / regression.disturbance_gain,
             output=output,
             output_variance=variance * (1.0 + np.einsum("ij,ij->i", u, u)),
+        )
+
+    def _held(self, regression: Regression, predicted: FloatArray) -> Estimate:
+        """Return the mean of what the equation leaves in a window about each sample, shorter at the ends."""
+        n, gain, left = len(regression.target), regression.disturbance_gain, regression.target
+        half = max(int(0.5 * self.window_s / regression.sampling_time_s), 1)
+        first, last = np.maximum(np.arange(n) - half, 0), np.minimum(np.arange(n) + half + 1, n)
+        total = np.concatenate(([0.0], np.cumsum(left)))
+        mean = (total[last] - total[first]) / (last - first)
+        variance = float(np.mean((left - mean) ** 2))
+        return Estimate(
+            disturbance_N=mean / gain,
+            disturbance_variance_N2=variance / (last - first) / gain**2,
+            output=predicted + mean,
+            output_variance=variance * (1.0 + 1.0 / (last - first)),
         )

@@ -1,6 +1,6 @@
 """Linear regression of force spectra on vibration spectra."""
 
-from typing import final
+from typing import ClassVar, final
 
 from fdbench.estimator import BatchEstimator, Context, Estimate
 from fdbench.record import Record
@@ -27,6 +27,8 @@ class LinearRegression(BatchEstimator):
     Qu and Vogl (2021), Estimating dynamic cutting forces of machine tools from measured vibrations using sparse
     regression with nonlinear function basis, section 4.2.
     """
+
+    made_for: ClassVar[tuple[str, ...] | None] = ("inverse_frequency_response",)
 
     def skip(self, context: Context) -> str | None:
         return declined(context)

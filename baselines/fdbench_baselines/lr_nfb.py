@@ -1,7 +1,7 @@
 """Linear regression with a basis of nonlinear functions."""
 
 from collections.abc import Sequence
-from typing import final
+from typing import ClassVar, final
 
 from fdbench.estimator import BatchEstimator, Context, Estimate
 from fdbench.record import Record
@@ -38,6 +38,8 @@ class LrNfb(BatchEstimator):
     Qu and Vogl (2021), Estimating dynamic cutting forces of machine tools from measured vibrations using sparse
     regression with nonlinear function basis, eq. 8, and section 4.3 for the cosine.
     """
+
+    made_for: ClassVar[tuple[str, ...] | None] = ("inverse_frequency_response",)
 
     def __init__(self, functions: Sequence[str] = NONLINEAR) -> None:
         self.functions = tuple(functions)

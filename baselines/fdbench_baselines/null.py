@@ -1,4 +1,4 @@
-"""The floor of every score: an estimator that has learnt nothing."""
+"""The floor of every score: an estimator that has learnt nothing beyond the data sheet."""
 
 from typing import final
 
@@ -10,17 +10,16 @@ from fdbench.record import Record
 
 @final
 class Null(BatchEstimator):
-    r"""Predict nothing: parameters 0, disturbance 0, output as before (persistence).
+    r"""Learn nothing: parameters as on the data sheet, disturbance 0, output as before (persistence).
 
-    .. math:: \hat\beta = 0, \quad \hat d = 0, \quad \hat y_k = y_{k-1}, \quad \hat y_0 = y_0
+    .. math:: \hat\beta = \beta_0, \quad \hat d = 0, \quad \hat y_k = y_{k-1}, \quad \hat y_0 = y_0
 
-    An estimator that scores below this one does harm.
+    Its free run is that of the data sheet. An estimator that scores below this one does harm.
     """
 
     def fit(self, context: Context, record: Record) -> Estimate:
-        """Repeat the previous target."""
-        regression = context.regression(record)
-        target = regression.target
+        """Repeat the data sheet and the previous target."""
+        target = context.regression(record).target
         return Estimate(
             parameters=dict(context.nominal),
             disturbance_N=np.zeros(len(target)),

@@ -2,34 +2,43 @@
 
 from typing import final
 
-from fdbench.errors import SpecError
-from fdbench.estimator import BatchEstimator, Context, Estimate
+from fdbench.estimator import BatchEstimator, Context, Estimate, FloatArray
 from fdbench.plants import RespondingPlant
 from fdbench.record import Record
+from fdbench_baselines._data_sheet import sheet_beforehand
+from fdbench_baselines._one_step import declined, residual_model
 
 
 @final
 class PhysicsModel(BatchEstimator):
-    r"""Predict the measured output from the command alone, by the plant on paper.
+    r"""Predict by the plant on paper: a stage's response to its command, or the target of a linear model.
 
-    .. math:: \hat x = G_{pb}\, x_d
+    .. math:: \hat x = G_{pb}\, x_d \qquad \text{or} \qquad \hat y = Z \beta_0, \quad \hat d = (y - \hat y) / g
 
-    Nothing is learnt from the record: ``output`` does not depend on what was measured.
+    Nothing is learnt from the record: what a drive's equation on paper leaves of a reading is taken for a force, and
+    the free run is that of the data sheet. A model in state space is one of a single step, if the readings give all
+    states.
 
     References
     ----------
     Chou, Duan, Okwudire, A linear hybrid model for enhanced servo error pre-compensation of feed drives with unmodeled
-    nonlinear dynamics, CIRP Annals, eq. (2).
+    nonlinear dynamics, CIRP Annals, eq. (2), for the response.
     """
 
     def skip(self, context: Context) -> str | None:
-        """Skip where the plant on paper predicts nothing from the command alone."""
-        if not isinstance(context.plant, RespondingPlant):
-            return "the plant on paper predicts no output from the command alone"
-        return None
+        """Skip where the plant on paper predicts neither a response nor a target."""
+        return None if isinstance(context.plant, RespondingPlant) else declined(context)
 
     def fit(self, context: Context, record: Record) -> Estimate:
-        """Return the nominal response."""
-        if not isinstance(context.plant, RespondingPlant):
-            raise SpecError(f"physics_model: {self.skip(context)}.")
-        return Estimate(output=context.plant.nominal_response(record))
+        """Return the nominal response, or the target on paper with what is left of it."""
+        if isinstance(context.plant, RespondingPlant):
+            return Estimate(output=context.plant.nominal_response(record))
+        regression, predicted = residual_model(context, context.regression(record))
+        if predicted is not None:
+            return Estimate(disturbance_N=regression.target / regression.disturbance_gain, output=predicted)
+        output = regression.regressors @ sheet_beforehand(context).nominal
+        return Estimate(disturbance_N=(regression.target - output) / regression.disturbance_gain, output=output)
+
+    def predict(self, context: Context, estimate: Estimate, command: Record) -> FloatArray | None:
+        """Return the free run with the parameters on paper."""
+        return context.plant.free_run(command, context.model, context.nominal)

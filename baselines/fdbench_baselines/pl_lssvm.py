@@ -1,7 +1,7 @@
 """Partially linear least-squares support vector machine (PL-LSSVM), exact for records of any length."""
 
 from dataclasses import dataclass
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
 from numba import njit
@@ -11,6 +11,8 @@ from fdbench.compilation import kept
 from fdbench.errors import FdbenchError, SpecError
 from fdbench.estimator import BatchEstimator, Context, Estimate, Regression
 from fdbench.record import Record
+from fdbench_baselines._envelope import likeliest_envelope
+from fdbench_baselines._one_step import declined, residual_model
 from fdbench_baselines._toeplitz import Cholesky, Toeplitz
 from fdbench_baselines.least_squares import factorise
 
@@ -21,6 +23,15 @@ UNIFORM_GRID_TOLERANCE = 1e-6
 
 
 System = Toeplitz | Cholesky
+
+
+class Kernel(NamedTuple):
+    """Hyperparameters as `kernel_system` takes them; an infinite period and width leave the envelope alone."""
+
+    sigma_1_s: float
+    sigma_2: float
+    gamma: float
+    period_s: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -197,6 +208,10 @@ class PLLSSVM(BatchEstimator):
     Z beta + f + c smoothed in sample, variances are those of the Gaussian process with this kernel and noise 1/gamma.
     The bias c is left out where the regressors already span a constant. On a uniform grid memory is O(n).
 
+    Where no period is known f is smooth only: the kernel is its envelope :math:`e^{-\tau^2 / 2 \sigma_1^2}`, with
+    :math:`\sigma_1` and gamma by Whittle's likelihood of what least squares leaves (`_envelope`). A model in state
+    space has no Z; y is there what its equation leaves of a reading, if the readings give all states.
+
     Parameters
     ----------
     sigma_1_s : float
@@ -206,12 +221,12 @@ class PLLSSVM(BatchEstimator):
     gamma : float
         Signal-to-noise variance ratio; above 0.
     period_s : float, optional
-        :math:`\psi`, s; by default the context's disturbance period.
+        :math:`\psi`, s; by default the context's disturbance period. The other three count only where there is one.
 
     Raises
     ------
     SpecError
-        If no period is known, or if the record does not identify every parameter.
+        If the record does not identify every parameter.
     FdbenchError
         If more than ``DENSE_LIMIT`` rows are not on a uniform grid, or conjugate gradients do not converge.
 
@@ -237,44 +252,51 @@ class PLLSSVM(BatchEstimator):
         self.period_s = period_s
 
     def skip(self, context: Context) -> str | None:
-        """Skip where no period is known."""
-        if not context.plant.true_parameters(context.model, context.sampling_time_s):
-            return "the plant's model has no parameters"
-        if self.period_s is None and context.disturbance_period_s is None:
-            return "no disturbance period is known"
-        return None
+        """Skip where the model is no equation of a force, or rows are not a series in time."""
+        if context.model == "servo_response":
+            return "the model is the response of a servo, whose position holds no series of a force"
+        return declined(context)
 
     def fit(self, context: Context, record: Record) -> Estimate:
         """Solve the PL-LSSVM equations in the dual, by Toeplitz methods on a uniform grid."""
-        period_s = context.disturbance_period_s if self.period_s is None else self.period_s
-        if period_s is None:
-            raise SpecError("pl_lssvm: period_s is needed, as the scenario's context gives no disturbance_period_s.")
-        regression = context.regression(record)
+        regression, predicted = residual_model(context, context.regression(record))
         z, y, gain = regression.regressors, regression.target, regression.disturbance_gain
-        p = z.shape[1]
         basis = _with_bias(regression)
-        system = kernel_system(regression.time_s, self.sigma_1_s, self.sigma_2, self.gamma, period_s)
+        first = basis.shape[1] - z.shape[1]
+        kernel = self._kernel(context, regression, basis)
+        system = kernel_system(regression.time_s, *kernel)
         fit = partially_linear(system, basis, y)
-        beta, s2, noise = fit.coefficients[-p:], fit.signal_variance, 1.0 / self.gamma
+        beta, s2, noise = fit.coefficients[first:], fit.signal_variance, 1.0 / kernel.gamma
 
         output = y - noise * fit.alpha
         smoothed = noise - noise**2 * system.inverse_diagonal()
         output_rows = noise * fit.weighted_basis
         disturbance_rows = output_rows.copy()
-        disturbance_rows[:, -p:] -= z
+        disturbance_rows[:, first:] -= z
         covariance = np.asarray(s2 * np.linalg.inv(fit.information), dtype=np.float64)
         return Estimate(
             parameters=dict(zip(regression.names, beta.tolist(), strict=True)),
-            covariance=covariance[-p:, -p:],
+            covariance=covariance[first:, first:],
             disturbance_N=(output - z @ beta) / gain,
             disturbance_variance_N2=s2 * (smoothed + fit.quadratic(disturbance_rows)) / gain**2,
-            output=output,
+            output=output if predicted is None else output + predicted,
             output_variance=s2 * (smoothed + fit.quadratic(output_rows) + noise),
         )
+
+    def _kernel(self, context: Context, regression: Regression, basis: FloatArray) -> Kernel:
+        """Return the kernel of a known period, or the envelope alone that suits what least squares leaves."""
+        period_s = context.disturbance_period_s if self.period_s is None else self.period_s
+        if period_s is not None:
+            return Kernel(self.sigma_1_s, self.sigma_2, self.gamma, period_s)
+        y = regression.target
+        length_s, gamma = likeliest_envelope(y - basis @ np.linalg.lstsq(basis, y)[0], regression.sampling_time_s)
+        return Kernel(length_s, np.inf, gamma, np.inf)
 
 
 def _with_bias(regression: Regression) -> FloatArray:
     """Return [1 Z], or Z where it spans a constant."""
+    if not regression.names:
+        return np.ones((len(regression.target), 1))
     u = factorise(regression.regressors, regression.names).u
     ones = np.ones(len(regression.target))
     remainder = ones - u @ (u.T @ ones)

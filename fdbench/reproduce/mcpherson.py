@@ -31,6 +31,14 @@ def fit(scenario: Scenario, name: str, seed: int, **changes: Any) -> tuple[Estim
     return estimate, outcome
 
 
+def beside_pl_lssvm(scenario: Scenario, name: str, seed: int) -> tuple[Estimate, Outcome]:
+    """Return what `fit` returns; KRLS-T holds the linear parameters of PL-LSSVM, as in the thesis."""
+    if name != "krls_t":
+        return fit(scenario, name, seed)
+    identified = estimators.get("pl_lssvm")().fit(scenario.context(), scenario.observe(seed)[0])
+    return fit(scenario, name, seed, linear_parameters=identified.parameters)
+
+
 def mean_beta(scenario: Scenario, name: str, seeds: int = SEEDS, **changes: Any) -> np.ndarray:
     """Return the mean over seeds of beta_1 and beta_2."""
     rows = []
@@ -124,7 +132,7 @@ def prediction() -> Iterator[Row]:
     disturbance: dict[str, list[float]] = {}
     for seed in range(SEEDS):
         for name in ("least_squares", "pl_lssvm", "krls_t"):
-            estimate, outcome = fit(scenario, name, seed)
+            estimate, outcome = beside_pl_lssvm(scenario, name, seed)
             error = outcome.regression.target - np.asarray(estimate.output)
             rms.setdefault(name, []).append(float(np.sqrt(np.mean(error**2))))
             peak.setdefault(name, []).append(metrics.get("psd_residual_at_disturbance")().score(outcome))
@@ -156,7 +164,10 @@ def milling() -> Iterator[Row]:
         yield _must(f"{mass:.0f} kg, LS: beta_1", None, ls, ls_1, 0.1 * (ls_1 - 0.3698))
         yield _must(f"{mass:.0f} kg, PL-LSSVM: beta_1", None, pl, pl_1, 0.1 * (pl_1 - 0.3698))
         yield _ranking(f"{mass:.0f} kg: PL-LSSVM at least 6 x less biased than LS", (ls - 0.3698) > 6 * (pl - 0.3698))
-    error = [metrics.get("disturbance_error")().score(fit(cutting, name, 0)[1]) for name in ("pl_lssvm", "krls_t")]
+    error = [
+        metrics.get("disturbance_error")().score(beside_pl_lssvm(cutting, name, 0)[1])
+        for name in ("pl_lssvm", "krls_t")
+    ]
     yield _must("1000 kg, PL-LSSVM: AC disturbance error, %", None, error[0], 11.0, 2.0)
     yield _must("1000 kg, KRLS-T: AC one-step disturbance error, %", None, error[1], 19.5, 3.0)
     yield Row(
