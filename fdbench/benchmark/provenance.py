@@ -3,7 +3,6 @@
 import ast
 import hashlib
 import importlib.util
-import inspect
 import json
 import os
 import platform
@@ -55,15 +54,14 @@ def provenance() -> dict[str, str]:
 
 def plugin_files(registry: Registry[Any]) -> dict[str, Path]:
     """Return the files of the plug-ins that were registered by path, by name."""
-    by_path = sorted(set(registry.names()) - set(registry.modules()))
-    return {name: Path(inspect.getfile(registry.get(name))) for name in by_path}
+    return registry.files()
 
 
 def _code_of_packages() -> list[Path]:
     outside = {name.split(".")[0] for registry in SIMULATION for name in registry.packages()} - {"fdbench"}
     own = sorted(PACKAGE.rglob("*.py"))
     files = [path for path in own if not path.relative_to(PACKAGE).as_posix().startswith(USERS_OF_SCORES)]
-    return files + [path for name in sorted(outside) for path in sorted(_folder(name).rglob("*.py"))]
+    return files + [path for name in sorted(outside) for path in sorted(package_folder(name).rglob("*.py"))]
 
 
 @lru_cache(maxsize=1)
@@ -99,7 +97,7 @@ def source_files(module: str) -> list[Path]:
 
     Found by reading, not by importing, so a plug-in that cannot be imported has a digest too.
     """
-    root = _folder(module.split(".")[0])
+    root = package_folder(module.split(".")[0])
     found: dict[str, Path] = {}
     waiting = [module]
     while waiting:
@@ -115,7 +113,8 @@ def source_files(module: str) -> list[Path]:
     return [found[name] for name in sorted(found)]
 
 
-def _folder(package: str) -> Path:
+def package_folder(package: str) -> Path:
+    """Return the folder of a package, which is found but not imported."""
     specification = importlib.util.find_spec(package)
     if specification is None or not specification.submodule_search_locations:
         raise PluginError(f"package '{package}' cannot be found.")

@@ -7,17 +7,29 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fdbench.benchmark import oracle
-from fdbench.benchmark.job import REGISTRIES, Choice, Job, do
-from fdbench.benchmark.provenance import digest, estimator_digest, plugin_files, provenance, source_files
+from fdbench.benchmark.job import Choice, Job, do, sandbox
+from fdbench.benchmark.provenance import (
+    SIMULATION,
+    digest,
+    estimator_digest,
+    package_folder,
+    plugin_files,
+    provenance,
+    source_files,
+)
 from fdbench.benchmark.store import DIGESTS, STATUSES, Key, Run, Store
 from fdbench.catalogue import scenario_ids
 from fdbench.errors import FdbenchError, PluginError
 from fdbench.estimator import estimators as registry
+from fdbench.sandbox import Limits, Misbehaved, Source, confinement
 from fdbench.scenario import Scenario, load_scenario
 
 NULL = "null"
 
 MOST_SEEDS, MOST_JOBS, LAST_SEED = 10_000, 1024, 2**62  # beyond them a slip of the pen is likelier than a plan
+
+TIME_LIMIT_S, LEAST_TIME_S, MOST_TIME_S = 300.0, 0.1, 1e6
+MEMORY_LIMIT_MB, LEAST_MEMORY_MB, MOST_MEMORY_MB = 4096.0, 512.0, 1e7  # the least is what Python and numba take
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +85,8 @@ def run(
     first_seed: int = 0,
     jobs: int = 1,
     keep_estimates: bool = False,
+    time_limit_s: float = TIME_LIMIT_S,
+    memory_limit_MB: float = MEMORY_LIMIT_MB,
     progress: Callable[[Progress], None] | None = None,
 ) -> Summary:
     """Run every estimator on every scenario for a number of seeds; see `fdbench.benchmark.store`.
@@ -94,9 +108,11 @@ def run(
     first_seed : int
         At least 0; the seeds are this one and those that follow.
     jobs : int
-        Processes at a time; 1 runs in this one.
+        Processes at a time; 1 simulates and scores in this one. Estimators have processes of their own.
     keep_estimates : bool
         Keep records and estimates of every seed.
+    time_limit_s, memory_limit_MB : float
+        What a fit may take, and what memory the process may have in which it runs.
     progress : callable, optional
         Told after each job, one scenario and seed.
 
@@ -111,22 +127,28 @@ def run(
         ("seeds", seeds, 1, MOST_SEEDS),
         ("jobs", jobs, 1, MOST_JOBS),
         ("first seed", first_seed, 0, LAST_SEED),
+        ("time limit in s", time_limit_s, LEAST_TIME_S, MOST_TIME_S),
+        ("memory limit in MB", memory_limit_MB, LEAST_MEMORY_MB, MOST_MEMORY_MB),
     ):
         if not low <= value <= high:
             raise FdbenchError(f"{name} {value}: at least {low} and at most {high}.")
     drawn = range(first_seed, first_seed + seeds)
-    store, origin = Store(out), provenance()
+    limits = Limits(time_s=time_limit_s, memory_MB=memory_limit_MB)
+    kept_to = {"time_limit_s": f"{time_limit_s:g}", "memory_limit_MB": f"{memory_limit_MB:g}"}
+    store, origin = Store(out), {**provenance(), **kept_to, "confinement": confinement()}
     names = select(estimators)
     selected = [(_lasting(choice), load_scenario(choice)) for choice in scenarios]
     for name, count in Counter(scenario.id for _, scenario in selected).items():
         if count > 1:
             raise FdbenchError(f"scenario '{name}' is given {count} times.")
-    sources = _sources(names)
+    sources, plugins = _sources(names), _plugins()
+    _try_files(names, limits, plugins)
     plan = []
     for source, scenario in selected:
         choices = tuple(_choice(name, scenario, sources) for name in names)
         own = _jobs(source, scenario, choices, range(1) if scenario.measured else drawn, keep_estimates, origin)
-        plan += [replace(job, folder=store.folder.resolve(), plugins=_plugins() if jobs > 1 else ()) for job in own]
+        place = store.folder.resolve()
+        plan += [replace(job, folder=place, plugins=plugins, is_apart=jobs > 1, limits=limits) for job in own]
     keys = {key for job in plan for key in job.runs}
     others, stale = _others(store, keys, [scenario for _, scenario in selected], origin["code_digest"])
     selection = {"scenarios": {scenario.id: scenario.digest for _, scenario in selected}, "estimators": list(names)}
@@ -188,8 +210,8 @@ def _digests_now(runs: Sequence[Run], selected: Sequence[Scenario]) -> dict[tupl
 
 
 def select(names_or_files: Sequence[str]) -> tuple[str, ...]:
-    """Return the estimators of a selection, references included, in order of name; files are registered."""
-    names = {registry.resolve(name) for name in names_or_files if name != oracle.NAME} | {NULL}
+    """Return the estimators of a selection, references included, in order of name; files are noted, not imported."""
+    names = {registry.declare(name) for name in names_or_files if name != oracle.NAME} | {NULL}
     if oracle.NAME in (*names, *registry.names()):
         raise PluginError(f"estimator '{oracle.NAME}': this name is the benchmark's own. Rename the file.")
     for name in names.difference(registry.names()):
@@ -209,7 +231,35 @@ def _choice(name: str, scenario: Scenario, sources: Mapping[str, Sequence[Path]]
     if name == oracle.NAME:
         return Choice(name=name, arguments={}, digest=digest([inspect.getsource(oracle).encode()]))
     arguments = scenario.estimation.hyperparameters.get(name, {})
-    return Choice(name=name, arguments=arguments, digest=estimator_digest(sources[name], arguments))
+    digest_of_both = estimator_digest(sources[name], arguments)
+    return Choice(name=name, arguments=arguments, digest=digest_of_both, source=_source(name, sources[name]))
+
+
+def _source(name: str, files: Sequence[Path]) -> Source:
+    """Return where an estimator is that is made of these files."""
+    code = estimator_digest(files, {})
+    if name in registry.files():
+        return Source(name=name, own=(files[0],), group=str(files[0]), digest=code, file=files[0])
+    package = registry.modules()[name].split(".")[0]
+    return Source(name=name, own=(package_folder(package).resolve(),), group=package, digest=code)
+
+
+def _try_files(names: Iterable[str], limits: Limits, plugins: tuple[tuple[int, Path], ...]) -> None:
+    """Have the estimators that were given by path imported once, so that a faulty one is known before anything is run.
+
+    Raises
+    ------
+    PluginError
+        If one cannot be.
+    """
+    by_path = registry.files()
+    for name in (name for name in names if name in by_path):
+        source = _source(name, [by_path[name]])
+        try:
+            sandbox(limits, plugins).worker(source).load(source)
+        except Misbehaved as error:
+            text = str(error).removeprefix("PluginError: ")
+            raise PluginError(text if str(by_path[name]) in text else f"{by_path[name]}: {text}") from error
 
 
 def _jobs(
@@ -243,8 +293,8 @@ def _lasting(scenario: str | Path) -> str:
 
 
 def _plugins() -> tuple[tuple[int, Path], ...]:
-    """Return the plug-in files that a process of its own has to register: number of the registry and path."""
-    return tuple((n, path.resolve()) for n, kind in enumerate(REGISTRIES) for path in plugin_files(kind).values())
+    """Return the plug-in files that another process has to register: number of the registry and path."""
+    return tuple((n, path.resolve()) for n, kind in enumerate(SIMULATION) for path in plugin_files(kind).values())
 
 
 def _work(waiting: Sequence[Job], jobs: int, progress: Callable[[Progress], None] | None) -> None:

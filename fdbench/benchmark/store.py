@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fdbench.benchmark.validate import SERIES
 from fdbench.errors import FdbenchError, did_you_mean
 from fdbench.estimator import Estimate
 from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.regression import FloatArray, Regression
+from fdbench.sandbox.claims import SERIES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,7 +35,10 @@ OK, FAILED, DIVERGED, SKIPPED = STATUSES = ("ok", "failed", "diverged", "skipped
 # What a result is a function of, besides the seed: it is reused as long as these stay as they were.
 DIGESTS = ("scenario_digest", "estimator_digest", "code_digest")
 
-PROVENANCE = (*DIGESTS, "fdbench_version", "commit", "python", "numpy", "numba", "machine", "run_id", "utc")
+PROVENANCE = (
+    *(*DIGESTS, "fdbench_version", "commit", "python", "numpy", "numba", "machine", "run_id", "utc"),
+    *("time_limit_s", "memory_limit_MB", "confinement"),
+)
 
 KEYS = {"scenario": "string", "estimator": "string", "seed": "int64"}
 
@@ -108,6 +111,8 @@ class Run:
     provenance : mapping of str to str
         The columns ``PROVENANCE``.
     scores, parameters : tuples
+    traceback : str
+        Calls that led to a failure of the estimator, as far as they are known.
     """
 
     scenario: str
@@ -120,6 +125,7 @@ class Run:
     provenance: Mapping[str, str]
     scores: tuple[Score, ...] = ()
     parameters: tuple[ParameterValue, ...] = ()
+    traceback: str = ""
 
     @property
     def key(self) -> Key:

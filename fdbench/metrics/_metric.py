@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from fdbench.estimator import Estimate, Regression
-from fdbench.record import Record
+from fdbench.record import FloatArray, Record
 from fdbench.registry import Registry
 from fdbench.scenario import Scenario, Truth
 
@@ -21,6 +21,8 @@ class Outcome:
     estimate : Estimate
     seconds : float
         Time of ``fit``.
+    response : (n_rows,) array or None
+        What ``predict`` returned for the scenario's validation motion, where there is one.
     """
 
     scenario: Scenario
@@ -29,6 +31,7 @@ class Outcome:
     truth: Truth
     estimate: Estimate
     seconds: float
+    response: FloatArray | None = None
 
 
 class Metric(ABC):
