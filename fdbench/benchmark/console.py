@@ -1,14 +1,14 @@
 """What the terminal shows: progress while jobs run, then the rankings."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from fdbench.benchmark.leaderboard import MOST_NAMED, check_mergeable, interval_text
 from fdbench.benchmark.run import Progress
 from fdbench.benchmark.statistics import EVERY, LEVEL, rankings, run_statuses, standings, troubles
-from fdbench.benchmark.store import OK, SKIPPED, Key
+from fdbench.benchmark.store import OK, SKIPPED, Key, Store
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -96,6 +96,16 @@ def trouble_table(scores: "pd.DataFrame") -> "Group | None":
     if skipped:
         parts.append(f"{skipped} runs were skipped; see the leaderboard for the reasons.")
     return Group(*parts) if parts else None
+
+
+def tracebacks_text(store: Store, keys: Iterable[Key]) -> str:
+    """Return the calls that led to failures of estimators, each once, with the first run in which they were met."""
+    met = dict[tuple[str, str], str]()
+    for key in sorted(keys):
+        run = store.read_run(key)
+        if run is not None and run.traceback:
+            met.setdefault((run.estimator, run.traceback), f"{run.estimator} on {run.scenario}, seed {run.seed}:")
+    return "\n".join(f"{place}\n{calls}" for (_, calls), place in met.items()) or "No run has calls to show."
 
 
 def stale_text(stale: Sequence[Key]) -> str:

@@ -61,6 +61,15 @@ def run(
     keep_estimates: Annotated[
         bool, typer.Option("--keep-estimates", help="Keep records and estimates of every seed, not of the first alone.")
     ] = False,
+    time_limit: Annotated[
+        float, typer.Option(min=0.1, metavar="SECONDS", help="What one fit may take; beyond it the run has failed.")
+    ] = 300.0,
+    memory_limit: Annotated[
+        float, typer.Option(min=512.0, metavar="MB", help="What memory an estimator may have; beyond it, as above.")
+    ] = 4096.0,
+    traceback: Annotated[
+        bool, typer.Option("--traceback", help="Print the calls that led to each failure of an estimator.")
+    ] = False,
 ) -> None:
     """Run estimators on scenarios, score and rank them; what is finished and has not changed is not run again."""
     from rich.console import Console
@@ -88,6 +97,8 @@ def run(
             first_seed=first_seed,
             jobs=jobs or os.cpu_count() or 1,
             keep_estimates=keep_estimates,
+            time_limit_s=time_limit,
+            memory_limit_MB=memory_limit,
             progress=shown,
         )
     store = Store(out)
@@ -102,6 +113,8 @@ def run(
     trouble = console.trouble_table(scores)
     if trouble is not None:
         screen.print(trouble)
+    if traceback:
+        typer.echo(console.tracebacks_text(store, summary.keys), err=True)
     counts = ", ".join(f"{count} {status}" for status, count in summary.statuses.items())
     typer.echo(f"{summary.computed} runs done, {summary.reused} kept from before ({counts}).")
     if summary.others:

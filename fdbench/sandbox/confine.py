@@ -84,7 +84,7 @@ def confinement() -> str:
 def common_reach(path: Sequence[str]) -> Reach:
     """Return what every worker may read: Python, what is installed, what can be imported, and shared libraries."""
     hidden = {os.path.realpath(file) for name in BARRED for file in (PACKAGE / name, PACKAGE / f"{name}.py")}
-    hidden.add(os.path.realpath(scenario_folder()))
+    hidden |= {os.path.realpath(folder) for folder in (scenario_folder(), PACKAGE / "__pycache__")}
     installed = {sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")}
     installed |= {*site.getsitepackages(), f"{sys.base_prefix}/lib", f"{sys.prefix}/lib", f"{sys.prefix}/pyvenv.cfg"}
     roots = {os.path.realpath(root) for root in (*SYSTEM, *installed)}

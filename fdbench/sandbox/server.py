@@ -22,6 +22,7 @@ import sys
 import tempfile
 import time
 from contextlib import suppress
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -105,7 +106,10 @@ def _become_worker(channel: socket.socket, last_words: int, reach: Reach, folder
         own.mkdir()
         os.chdir(own)
         os.environ["HOME"] = os.environ["TMPDIR"] = tempfile.tempdir = str(own)
-        os.dup2(2, 1)  # what a plug-in prints is no result
+        # What a plug-in prints is no result, and must not be lost with its process.
+        os.dup2(2, 1)
+        if isinstance(sys.stdout, TextIOWrapper):
+            sys.stdout.reconfigure(line_buffering=True)
         Worker(channel, reach, own).serve()
     finally:
         leave(1)
