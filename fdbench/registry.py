@@ -120,7 +120,7 @@ class Registry(Generic[T]):
         if not name_or_file.endswith(".py"):
             return name_or_file
         file = Path(name_or_file)
-        if _owner(file, (self,)) is None:
+        if owner(file, (self,)) is None:
             self._files[file.stem] = file.resolve()
         return file.stem
 
@@ -172,9 +172,9 @@ class Registry(Generic[T]):
 def add_file(path: str | Path, registries: Sequence[Registry[Any]]) -> str:
     """Register the plug-in in a Python file, of whichever kind it is, and return its name; see `Registry.add_file`."""
     file = Path(path)
-    owner = _owner(file, registries)
-    if owner is not None:
-        owner.get(file.stem)
+    own = owner(file, registries)
+    if own is not None:
+        own.get(file.stem)
         return file.stem
     module = _load(file, registries[0].kind)
     defined = [registry for registry in registries if _classes(module, registry.base)]
@@ -186,7 +186,7 @@ def add_file(path: str | Path, registries: Sequence[Registry[Any]]) -> str:
     return file.stem
 
 
-def _owner(file: Path, registries: Sequence[Registry[Any]]) -> Registry[Any] | None:
+def owner(file: Path, registries: Sequence[Registry[Any]]) -> Registry[Any] | None:
     """Return the registry in whose packages a plug-in file lies, or None if it may be registered by its path."""
     if file.is_dir():
         raise PluginError(f"{file}: a folder, not a plug-in file.")

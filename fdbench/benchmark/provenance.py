@@ -8,7 +8,7 @@ import os
 import platform
 import subprocess
 import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,12 @@ import numpy as np
 
 from fdbench.effects import effects
 from fdbench.errors import PluginError
+from fdbench.estimator import estimators
 from fdbench.metrics import metrics
 from fdbench.motions import motions
 from fdbench.plants import plants
 from fdbench.registry import Registry
+from fdbench.sandbox import Source
 from fdbench.version import __version__
 
 PACKAGE = Path(__file__).parent.parent
@@ -90,6 +92,18 @@ def digest(parts: Iterable[bytes]) -> str:
 def estimator_digest(files: Iterable[Path], arguments: Mapping[str, Any]) -> str:
     """Return the SHA-256 of an estimator's source files and constructor arguments."""
     return digest([json.dumps(arguments, sort_keys=True).encode(), *(path.read_bytes() for path in files)])
+
+
+def estimator_source(name: str, files: Sequence[Path] | None = None) -> Source:
+    """Return where a registered estimator is, made of these files; which they are takes a while to find out."""
+    by_path = estimators.files()
+    if name in by_path:
+        file = by_path[name]
+        return Source(name=name, own=(file,), group=str(file), digest=estimator_digest([file], {}), file=file)
+    module = estimators.modules()[name]
+    package = module.split(".")[0]
+    digest = estimator_digest(source_files(module) if files is None else files, {})
+    return Source(name=name, own=(package_folder(package).resolve(),), group=package, digest=digest)
 
 
 def source_files(module: str) -> list[Path]:

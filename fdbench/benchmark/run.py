@@ -12,7 +12,7 @@ from fdbench.benchmark.provenance import (
     SIMULATION,
     digest,
     estimator_digest,
-    package_folder,
+    estimator_source,
     plugin_files,
     provenance,
     source_files,
@@ -21,7 +21,7 @@ from fdbench.benchmark.store import DIGESTS, STATUSES, Key, Run, Store
 from fdbench.catalogue import scenario_ids
 from fdbench.errors import FdbenchError, PluginError
 from fdbench.estimator import estimators as registry
-from fdbench.sandbox import Limits, Misbehaved, Source, confinement
+from fdbench.sandbox import Limits, Misbehaved, confinement
 from fdbench.scenario import Scenario, load_scenario
 
 NULL = "null"
@@ -232,16 +232,7 @@ def _choice(name: str, scenario: Scenario, sources: Mapping[str, Sequence[Path]]
         return Choice(name=name, arguments={}, digest=digest([inspect.getsource(oracle).encode()]))
     arguments = scenario.estimation.hyperparameters.get(name, {})
     digest_of_both = estimator_digest(sources[name], arguments)
-    return Choice(name=name, arguments=arguments, digest=digest_of_both, source=_source(name, sources[name]))
-
-
-def _source(name: str, files: Sequence[Path]) -> Source:
-    """Return where an estimator is that is made of these files."""
-    code = estimator_digest(files, {})
-    if name in registry.files():
-        return Source(name=name, own=(files[0],), group=str(files[0]), digest=code, file=files[0])
-    package = registry.modules()[name].split(".")[0]
-    return Source(name=name, own=(package_folder(package).resolve(),), group=package, digest=code)
+    return Choice(name=name, arguments=arguments, digest=digest_of_both, source=estimator_source(name, sources[name]))
 
 
 def _try_files(names: Iterable[str], limits: Limits, plugins: tuple[tuple[int, Path], ...]) -> None:
@@ -254,7 +245,7 @@ def _try_files(names: Iterable[str], limits: Limits, plugins: tuple[tuple[int, P
     """
     by_path = registry.files()
     for name in (name for name in names if name in by_path):
-        source = _source(name, [by_path[name]])
+        source = estimator_source(name, [by_path[name]])
         try:
             sandbox(limits, plugins).worker(source).load(source)
         except Misbehaved as error:
