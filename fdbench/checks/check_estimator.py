@@ -191,17 +191,21 @@ def try_first(name: str) -> None:
 
     Raises
     ------
-    Misbehaved
-        If it does.
+    PluginError
+        If it does, or fails.
     """
-    source = estimator_source(name)
+    source, place = estimator_source(name), ""
     with closing(Sandbox(Limits())) as sandbox:
-        worker = sandbox.worker(source)
-        worker.load(source)
-        for scenario in simulated():
-            if worker.begin(name, {}, scenario.context()) is None:
-                worker.fit(shortened(scenario).observe(0)[0])
-                return
+        try:
+            worker = sandbox.worker(source)
+            worker.load(source)
+            for scenario in simulated():
+                if worker.begin(name, {}, scenario.context()) is None:
+                    place = f"{returns_estimate.__name__}: "
+                    worker.fit(shortened(scenario).observe(0)[0])
+                    return
+        except Misbehaved as error:
+            raise PluginError(f"{name}: {place}{str(error).removeprefix('PluginError: ')}") from error
 
 
 def check_estimator(name: str) -> list[str]:
@@ -212,10 +216,7 @@ def check_estimator(name: str) -> list[str]:
     PluginError
         If a check fails that the plug-in does not list in ``expected_failures``, or passes although it does.
     """
-    try:
-        try_first(name)
-    except Misbehaved as error:
-        raise PluginError(f"{name}: {str(error).removeprefix('PluginError: ')}") from error
+    try_first(name)
     cls = estimators.get(name)
     case = prepare(cls)
     return run_checks(name, [(check.__name__, partial(check, case)) for check in CHECKS], cls, first_only=True)
