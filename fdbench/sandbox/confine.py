@@ -23,6 +23,9 @@ BARRED = (
     *("cli", "draw", "scenario"),
 )
 
+# Compiled files tell what their sources do.
+_HIDDEN = (*BARRED, *(f"{name}.py" for name in BARRED), "_scenarios", "__pycache__")
+
 _BARRED_MODULES = frozenset(f"fdbench.{name}" for name in BARRED)
 
 SYSTEM = (
@@ -83,9 +86,12 @@ def confinement() -> str:
 
 def common_reach(path: Sequence[str]) -> Reach:
     """Return what every worker may read: Python, what is installed, what can be imported, and shared libraries."""
-    hidden = {os.path.realpath(file) for name in BARRED for file in (PACKAGE / name, PACKAGE / f"{name}.py")}
-    hidden |= {os.path.realpath(folder) for folder in (scenario_folder(), PACKAGE / "__pycache__")}
     installed = {sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")}
+    # Another copy of this package may lie beside the one that runs.
+    homes = {*installed, *path, f"{sysconfig.get_path('stdlib')}/site-packages", str(PACKAGE.parent)}
+    packages = [Path(home, PACKAGE.name) for home in homes]
+    hidden = {os.path.realpath(package / part) for package in packages for part in _HIDDEN}
+    hidden.add(os.path.realpath(scenario_folder()))
     installed |= {*site.getsitepackages(), f"{sys.base_prefix}/lib", f"{sys.prefix}/lib", f"{sys.prefix}/pyvenv.cfg"}
     roots = {os.path.realpath(root) for root in (*SYSTEM, *installed)}
     folders = sorted({os.path.realpath(entry) for entry in path})

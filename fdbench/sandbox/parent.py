@@ -38,7 +38,7 @@ _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 START_S, LAST_MOMENT_S = 120.0, 0.5
 
-UNUSED_CACHE_S = 30 * 24 * 3600
+UNUSED_CACHE_S = 7 * 24 * 3600
 
 _FRAME = re.compile(r'File "(.{1,1000}?)", line (\d+) in ')
 

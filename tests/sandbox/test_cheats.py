@@ -48,6 +48,8 @@ def primary(scores: Any, estimator: str) -> dict[str, float]:
 
 @pytest.mark.parametrize("cheat", [file.stem for file in CHEATS])
 def test_a_cheat_is_no_better_than_having_learnt_nothing(cheat: str, stores: tuple[Store, Store]) -> None:
+    if cheat == "native_read" and not landlock.version():
+        pytest.skip("this system has no Landlock, and an audit hook does not see compiled code")
     scores = stores[1].scores()
     nothing, truth, found = (primary(scores, name) for name in ("null", "oracle", cheat))
     assert found
