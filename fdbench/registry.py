@@ -46,7 +46,7 @@ class Registry(Generic[T]):
     def __init__(self, kind: str, base: type[T]) -> None:
         self.kind = kind
         self.base = base
-        self._files: dict[str, type[T]] = {}
+        self._files: dict[str, type[T] | Path] = {}
         self._imported: dict[str, type[T]] = {}
 
     def packages(self) -> list[str]:
@@ -71,8 +71,12 @@ class Registry(Generic[T]):
         PluginError
             If the file exists but does not define exactly one plug-in of this kind.
         """
-        if name in self._files:
-            return self._files[name]
+        given = self._files.get(name)
+        if isinstance(given, Path):
+            self.add_file(given)
+            return self.get(name)
+        if given is not None:
+            return given
         if name in self._imported:
             return self._imported[name]
         sources = self._sources()
@@ -108,6 +112,26 @@ class Registry(Generic[T]):
             the name of another plug-in.
         """
         return add_file(path, (self,))
+
+    def declare(self, name_or_file: str) -> str:
+        """Return a registered name; a path ending in ``.py`` is noted, and imported when its class is asked for.
+
+        Raises
+        ------
+        PluginError
+            If there is no such file, or it has the name of another plug-in.
+        """
+        if not name_or_file.endswith(".py"):
+            return name_or_file
+        file = Path(name_or_file)
+        if owner(file, (self,)) is None:
+            self._files[file.stem] = file.resolve()
+        return file.stem
+
+    def files(self) -> dict[str, Path]:
+        """Return the files of the plug-ins that were given by path, by name."""
+        given = sorted(self._files.items())
+        return {name: found if isinstance(found, Path) else Path(inspect.getfile(found)) for name, found in given}
 
     def resolve(self, name_or_file: str) -> str:
         """Return a registered name; a path ending in ``.py`` is registered first."""
@@ -152,6 +176,22 @@ class Registry(Generic[T]):
 def add_file(path: str | Path, registries: Sequence[Registry[Any]]) -> str:
     """Register the plug-in in a Python file, of whichever kind it is, and return its name; see `Registry.add_file`."""
     file = Path(path)
+    own = owner(file, registries)
+    if own is not None:
+        own.get(file.stem)
+        return file.stem
+    module = _load(file, registries[0].kind)
+    defined = [registry for registry in registries if _classes(module, registry.base)]
+    if not defined and len(registries) > 1:
+        bases = " or ".join(registry.base.__name__ for registry in registries)
+        raise PluginError(f"{file}: a plug-in file defines a class derived from {bases}, found none.")
+    registry = defined[0] if defined else registries[0]
+    registry._files[file.stem] = registry._only_class(module, file.stem)
+    return file.stem
+
+
+def owner(file: Path, registries: Sequence[Registry[Any]]) -> Registry[Any] | None:
+    """Return the registry in whose packages a plug-in file lies, or None if it may be registered by its path."""
     if file.is_dir():
         raise PluginError(f"{file}: a folder, not a plug-in file.")
     if not file.is_file():
@@ -163,20 +203,12 @@ def add_file(path: str | Path, registries: Sequence[Registry[Any]]) -> str:
     for registry in registries:
         source = registry._sources().get(file.stem)
         if source is not None and source.file.is_file() and source.file.samefile(file):
-            registry.get(file.stem)
-            return file.stem
+            return registry
         if source is not None:
             raise PluginError(
                 f"{file}: the name {file.stem} belongs to the {registry.kind} {source.module}. Rename the file."
             )
-    module = _load(file, registries[0].kind)
-    defined = [registry for registry in registries if _classes(module, registry.base)]
-    if not defined and len(registries) > 1:
-        bases = " or ".join(registry.base.__name__ for registry in registries)
-        raise PluginError(f"{file}: a plug-in file defines a class derived from {bases}, found none.")
-    registry = defined[0] if defined else registries[0]
-    registry._files[file.stem] = registry._only_class(module, file.stem)
-    return file.stem
+    return None
 
 
 @lru_cache(maxsize=32)

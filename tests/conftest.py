@@ -8,6 +8,9 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
+# Estimators that are run by a test, and must not be imported by it.
+collect_ignore_glob = ["sandbox/cheats/*", "sandbox/misbehaving/*"]
+
 
 def shared_file(*parts: str) -> Path:
     """Return the path of a reference file, or skip the test with the reason that it is absent."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import REPOSITORY
+from threadpoolctl import threadpool_limits
 
 from fdbench.benchmark import provenance
 from fdbench.benchmark.run import Progress, Summary, run
@@ -21,13 +22,13 @@ from fdbench.scenario import load_scenario
 HEAD = "import numpy as np\nfrom fdbench.estimator import BatchEstimator, Estimate\n\n\nclass Fake(BatchEstimator):\n"
 FIT = HEAD + "    def fit(self, context, record):\n        "
 LIKE_NULL = "Estimate(parameters=dict.fromkeys(context.regression(record).names, 0.0))"
-COUNTS = FIT + f"with open(__file__ + '.log', 'a') as log:\n            log.write('x')\n        return {LIKE_NULL}\n"
+COUNTS = FIT + f"return {LIKE_NULL}\n"
 
 # File name, body of fit, and the beginning of the message that a researcher must see.
 FAILURES = [
-    ("raises", "raise ValueError('no\\nidea')", "ValueError: no idea"),
-    ("exits", "raise SystemExit(3)", "SystemExit: 3"),
-    ("mutates", "record['velocity_m_per_s'][0] = 1.0", "ValueError: assignment destination is read-only"),
+    ("raises", "raise ValueError('no\\nidea')", "raises.py:7: ValueError: no idea"),
+    ("exits", "raise SystemExit(3)", "exits.py:7: SystemExit: 3"),
+    ("mutates", "record['velocity_m_per_s'][0] = 1.0", "mutates.py:7: ValueError: assignment destination is read-only"),
     ("returns_nothing", "return None", "PluginError: fit returned None, expected an Estimate."),
     (
         "misspells",
@@ -155,7 +156,7 @@ def test_an_estimator_sees_no_seed_to_simulate_the_truth_with(tmp_path: Path, sc
     body = "raise ValueError(f'{record.provenance} {record.source}')\n"
     run([scenario], [estimator_file(tmp_path, "peeps", FIT + body)], 1, tmp_path / "out")
     store = Store(tmp_path / "out")
-    assert rows(store, "peeps")["message"].iloc[0] == "ValueError: {} record"
+    assert rows(store, "peeps")["message"].iloc[0] == "peeps.py:7: ValueError: {} record"
     assert store.read_record("Short-v0", 0).provenance["seed"] == 0
 
 
@@ -265,15 +266,16 @@ def test_finished_runs_are_reused_and_missing_ones_computed(tmp_path: Path, scen
     counting, out = estimator_file(tmp_path, "counting", COUNTS), tmp_path / "out"
     run([scenario], [counting], 2, out)
     before = Store(out).scores()
-    times_before = len(Path(counting + ".log").read_text())
     assert run([scenario], [counting], 2, out) == Summary(
         reused=6, computed=0, statuses={"ok": 6, "failed": 0, "diverged": 0, "skipped": 0}
     )
-    assert len(Path(counting + ".log").read_text()) == times_before
     assert Store(out).scores().equals(before)
     Store(out).run_file(key("counting", 1)).unlink()
     assert run([scenario], [counting], 2, out).computed == 1
-    assert len(Path(counting + ".log").read_text()) == times_before + 1
+    again = Store(out).scores()
+    assert list(again["utc"] != before["utc"]) == [
+        run == ("counting", 1) for run in zip(again["estimator"], again["seed"], strict=True)
+    ]
     assert run([scenario], [counting], 3, out).computed == 3  # one seed more
 
 
@@ -380,7 +382,8 @@ def test_estimates_are_kept_on_request_and_for_seed_0(tmp_path: Path, scenario: 
     assert run([scenario], ["least_squares"], 2, store.folder, keep_estimates=True).computed == 3
     record, truth = load_scenario(scenario).observe(1)
     regression = load_scenario(scenario).context().regression(record)
-    expected = estimators.get("least_squares")().fit(load_scenario(scenario).context(), record)
+    with threadpool_limits(1, user_api="blas"):
+        expected = estimators.get("least_squares")().fit(load_scenario(scenario).context(), record)
     kept, of_oracle = (store.read_estimate(key(name, 1)) for name in ("least_squares", "oracle"))
     assert kept is not None
     assert of_oracle is not None
@@ -517,13 +520,6 @@ def test_processes_that_live_on_run_an_edited_file_as_it_is_now(tmp_path: Path, 
         kept = store.read_estimate(key("edited"))
         assert kept is not None
         assert set(kept.estimate.parameters.values()) == {float(value)}
-
-
-def test_a_dead_process_is_an_error_and_what_was_finished_is_kept(tmp_path: Path, scenario: str) -> None:
-    dies = estimator_file(tmp_path, "z_dies", FIT + "import os\n        os._exit(1)\n")
-    with pytest.raises(FdbenchError, match="a worker process died"):
-        run([scenario], [dies], 2, tmp_path / "out", jobs=2)
-    assert any(Store(tmp_path / "out").read_run(key("null", seed)) is not None for seed in (0, 1))
 
 
 def test_the_global_random_state_is_left_alone(tmp_path: Path, scenario: str) -> None:

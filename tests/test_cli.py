@@ -284,12 +284,15 @@ def test_a_file_that_is_no_plugin_is_refused(changes: list[tuple[str, str]], mes
     [
         (
             [("def fit", "def __init__(self):\n        raise ValueError('no luck')\n\n    def fit")],
-            "line 9: ValueError",
+            r"mean_force\.py:9: ValueError: no luck",
         ),
         ([("def fit", "def __init__(self, p):\n        pass\n\n    def fit")], "missing 1 required positional"),
         ([("def fit", "def skip(self, context):\n        return context.mass\n\n    def fit")], "no attribute 'mass'"),
-        ([(BODY, "        raise RuntimeError('no luck')")], r"returns_estimate: RuntimeError\('no luck'\)"),
-        ([(BODY, "        raise SystemExit(0)")], "line 9: SystemExit"),
+        (
+            [(BODY, "        raise RuntimeError('no luck')")],
+            r"returns_estimate: mean_force\.py:9: RuntimeError: no luck",
+        ),
+        ([(BODY, "        raise SystemExit(0)")], r"returns_estimate: mean_force\.py:9: SystemExit: 0"),
         ([(BODY, "        return {'mass_kg': 1.0}")], "returns_estimate: fit returned a dict, expected an Estimate"),
         ([("len(target)", "3")], r"returns_estimate: output has shape \(3,\), expected \(\d+,\)"),
         ([("target.mean()", "np.nan")], "returns_estimate: output holds nan in row 0"),

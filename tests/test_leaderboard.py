@@ -445,7 +445,7 @@ def test_text_has_every_part(results: Path) -> None:
     (beta,) = [line for line in lines if line.startswith("| beta_1 |")]
     assert any(f"| -{percent}." in beta for percent in range(36, 44))  # 0.5 instead of 0.8 to 0.88
     (failed,) = [line for line in lines if line.startswith("| Short-v0 | sometimes")]
-    assert failed == r"| Short-v0 | sometimes | 1 | failed | OSError: no file mine.csv \| at 0x… |"
+    assert failed == r"| Short-v0 | sometimes | 1 | failed | sometimes.py:7: OSError: no file mine.csv \| at 0x… |"
     (skipped,) = [line for line in lines if line.endswith("| all | EMPS-v0 |")]
     assert skipped.startswith("| DATA_EMPS.mat: the measured data are not on this machine.")
     assert str(results) not in text

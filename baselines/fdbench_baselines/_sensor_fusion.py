@@ -75,7 +75,7 @@ class FusionFilter(BatchEstimator):
         Node, from 1, that the claim is of.
     """
 
-    made_for: ClassVar[tuple[str, ...] | None] = ("state_space",)
+    made_for: ClassVar[tuple[str, ...] | None] = ("sensor_network",)
 
     def __init__(self, q_N2_per_s: float = 1e5, initial_force_N: float = 100.0, node: int | None = None) -> None:
         self.require(0.0 < q_N2_per_s < np.inf, f"q_N2_per_s = {q_N2_per_s!r} must be above 0 and finite")

@@ -1,7 +1,7 @@
 """What the terminal shows: progress while jobs run, then the rankings."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -9,7 +9,7 @@ from fdbench.benchmark.leaderboard import MOST_NAMED, check_mergeable, interval_
 from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.run import NULL, Progress
 from fdbench.benchmark.statistics import EVERY, LEVEL, rankings, run_statuses, standings, troubles
-from fdbench.benchmark.store import OK, SKIPPED, Key
+from fdbench.benchmark.store import OK, SKIPPED, Key, Store
 from fdbench.units import time_text
 
 if TYPE_CHECKING:
@@ -107,6 +107,16 @@ def nothing_good_text(scores: "pd.DataFrame") -> str:
         return ""
     apart = "" if others.empty else ", null and oracle apart"
     return f"No run went well{apart}: {', '.join(f'{count} {status}' for status, count in counts.items())}."
+
+
+def tracebacks_text(store: Store, keys: Iterable[Key]) -> str:
+    """Return the calls that led to failures of estimators, each once, with the first run in which they were met."""
+    met = dict[tuple[str, str], str]()
+    for key in sorted(keys):
+        run = store.read_run(key)
+        if run is not None and run.traceback:
+            met.setdefault((run.estimator, run.traceback), f"{run.estimator} on {run.scenario}, seed {run.seed}:")
+    return "\n".join(f"{place}\n{calls}" for (_, calls), place in met.items()) or "No run has calls to show."
 
 
 def stale_text(stale: Sequence[Key]) -> str:

@@ -1,11 +1,16 @@
-"""One job: a scenario and seed is simulated once, and its record is shared by the estimators."""
+"""One job: a scenario and seed is simulated once, and its record is shared by the estimators.
 
-import inspect
+Estimators run in processes of their own (`fdbench.sandbox`); the truth stays in this one.
+"""
+
 import math
+import pickle
+import threading
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,32 +18,43 @@ from fdbench.benchmark import oracle
 from fdbench.benchmark.provenance import SIMULATION, digest
 from fdbench.benchmark.store import DIVERGED, FAILED, OK, SKIPPED, Key, ParameterValue, Run, Score, Store
 from fdbench.benchmark.validate import check_estimate, plant_parameters
-from fdbench.errors import FdbenchError, MissingData, PluginError, SimulationDiverged, did_you_mean
-from fdbench.estimator import Context, Estimate, Estimator, estimators
+from fdbench.errors import FdbenchError, MissingData, PluginError, SimulationDiverged
+from fdbench.estimator import Context, Estimate
 from fdbench.metrics import Outcome, metrics
 from fdbench.metrics._parameters import signed_errors
 from fdbench.nonce import derived_seed
 from fdbench.record import FloatArray, Record
 from fdbench.regression import Regression
+from fdbench.sandbox import Limits, Misbehaved, Sandbox, Source
 from fdbench.scenario import Scenario, Truth, load_scenario
 
 SPEED = "speed"
 
-REGISTRIES = (*SIMULATION, estimators)
-
-# In this process: the digest of each plug-in file as it was loaded, and the estimators that have run. The first run
-# of an estimator compiles, which is no part of its time.
+# The digest of each plug-in file of a simulation as it was loaded in this process.
 _loaded: dict[str, str] = {}
-_compiled: set[str] = set()
+
+
+class _Kept(threading.local):
+    """The sandbox of each thread, which outlives a job, and what it was made for."""
+
+    sandbox: Sandbox | None = None
+    made_for: tuple[object, ...] = ()
+
+
+_kept = _Kept()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """An estimator, the arguments that a scenario has for it, and the digest of both."""
+    """An estimator, the arguments that a scenario has for it, the digest of both, and where it is.
+
+    The oracle is nowhere: it is no plug-in.
+    """
 
     name: str
     arguments: Mapping[str, Any]
     digest: str
+    source: Source | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +74,11 @@ class Job:
     folder : Path
         Where the results go.
     plugins : tuple
-        Plug-in files to be registered first, with the number of their registry in ``REGISTRIES``.
+        Plug-in files of the simulation, with the number of their registry in ``SIMULATION``.
+    is_apart : bool
+        Whether they are to be registered first, as this is another process.
+    limits : Limits
+        Of each estimator.
     """
 
     source: str
@@ -69,6 +89,8 @@ class Job:
     provenance: Mapping[str, str]
     folder: Path = Path()
     plugins: tuple[tuple[int, Path], ...] = ()
+    is_apart: bool = False
+    limits: Limits = field(default_factory=Limits)
 
     @property
     def runs(self) -> list[Key]:
@@ -78,28 +100,6 @@ class Job:
 
 class _Skip(FdbenchError):
     """An estimator does not apply to a scenario."""
-
-
-def construct(name: str, arguments: Mapping[str, Any]) -> Estimator:
-    """Return an estimator.
-
-    Raises
-    ------
-    PluginError
-        If it has no such argument; the message names the nearest one.
-    """
-    cls = estimators.get(name)
-    allowed = inspect.signature(cls).parameters
-    for argument in arguments:
-        if argument not in allowed:
-            raise PluginError(f"{name} has no argument '{argument}'.{did_you_mean(argument, allowed)}")
-    return cls(**arguments)
-
-
-def not_made_for(estimator: type[Estimator], model: str) -> str | None:
-    """Return that an estimator is for other models than this one, or None."""
-    models = estimator.made_for
-    return None if models is None or model in models else f"made for other models: {', '.join(models)}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,11 +113,17 @@ class _Trial:
     regression: Regression
     command: Record | None
 
+    @cached_property
+    def pickled_context(self) -> bytes:
+        """The context, as it is handed to every estimator."""
+        return pickle.dumps(self.context)
+
 
 def do(job: Job) -> list[Run]:
     """Simulate, run the estimators one after another, and write each run as soon as it is finished."""
-    for number, file in job.plugins:
-        _load(number, file)
+    if job.is_apart:
+        for number, file in job.plugins:
+            _load(number, file)
     store, scenario = Store(job.folder), load_scenario(job.source)
     trial: _Trial | None = None
     try:
@@ -135,7 +141,7 @@ def do(job: Job) -> list[Run]:
         if trial is None:
             result = _without_scores(key, scenario, status, message, origin)
         else:
-            result = _attempt(key, choice, trial, origin, store if job.keep else None)
+            result = _attempt(key, choice, trial, origin, store if job.keep else None, job)
         store.write_run(result)
         runs.append(result)
     return runs
@@ -144,20 +150,15 @@ def do(job: Job) -> list[Run]:
 def _observe(scenario: Scenario, seed: int) -> _Trial:
     record, truth = scenario.observe(seed)
     context = scenario.context()
+    regression, command = context.regression(record), scenario.command()
     return _Trial(
-        scenario=scenario,
-        context=context,
-        record=record,
-        truth=truth,
-        regression=context.regression(record),
-        command=scenario.command(),
+        scenario=scenario, context=context, record=record, truth=truth, regression=regression, command=command
     )
 
 
-def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str], store: Store | None) -> Run:
+def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str], store: Store | None, job: Job) -> Run:
     try:
-        estimate, response, seconds = _estimate(choice, trial)
-        check_estimate(estimate, trial.regression, plant_parameters(trial.context))
+        estimate, seconds, response = _estimate(choice, trial, job)
         outcome = Outcome(
             scenario=trial.scenario,
             record=trial.record,
@@ -169,7 +170,8 @@ def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str],
         )
         parameters = tuple(_parameter_values(outcome))
     except (Exception, SystemExit) as error:  # noqa: BLE001
-        return _without_scores(key, trial.scenario, *describe(error), origin)
+        calls = error.traceback if isinstance(error, Misbehaved) else ""
+        return _without_scores(key, trial.scenario, *describe(error), origin, calls)
     if store is not None:
         store.write_estimate(key, trial.regression, estimate)
     scores = tuple(_score(name, outcome) for name in metric_names(trial.scenario, key.estimator))
@@ -186,37 +188,45 @@ def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str],
     )
 
 
-def _estimate(choice: Choice, trial: _Trial) -> tuple[Estimate, FloatArray | None, float]:
-    if choice.name == oracle.NAME:
+def _estimate(choice: Choice, trial: _Trial, job: Job) -> tuple[Estimate, float, FloatArray | None]:
+    """Return an estimate, the time of the fit, and the response that it predicts."""
+    if choice.source is None:
         start = time.perf_counter()
-        return oracle.oracle(trial.regression, trial.truth), trial.truth.response, time.perf_counter() - start
-    estimator = construct(choice.name, choice.arguments)
-    reason = not_made_for(type(estimator), trial.context.model) or estimator.skip(trial.context)
-    if reason is not None and not isinstance(reason, str):
-        raise PluginError(f"skip() returned {reason!r}; a reason as text, or None, is expected.")
+        return oracle.oracle(trial.regression, trial.truth), time.perf_counter() - start, trial.truth.response
+    worker = sandbox(job.limits, job.plugins).worker(choice.source)
+    worker.load(choice.source)
+    reason = worker.begin(choice.name, choice.arguments, trial.pickled_context)
     if reason is not None:
         raise _Skip(reason)
-    if choice.digest not in _compiled:
-        construct(choice.name, choice.arguments).fit(trial.context, _handed_over(trial.record))
-        _compiled.add(choice.digest)
-    record = _handed_over(trial.record)
-    start = time.perf_counter()
-    estimate = estimator.fit(trial.context, record)
-    seconds = time.perf_counter() - start
-    response = None if trial.command is None else estimator.predict(trial.context, estimate, trial.command)
-    return estimate, response, seconds
+    if choice.digest not in worker.compiled:
+        # The first fit compiles, which is no part of its time.
+        worker.fit(trial.record)
+        worker.compiled.add(choice.digest)
+        worker.begin(choice.name, choice.arguments, trial.pickled_context)
+    fit = worker.fit(trial.record)
+    check_estimate(fit.estimate, trial.regression, plant_parameters(trial.context))
+    response = None if trial.command is None else worker.predict(trial.command)
+    if response is not None and trial.truth.response is not None and response.shape != trial.truth.response.shape:
+        raise PluginError(f"predict returned the shape {response.shape}, expected {trial.truth.response.shape}.")
+    return fit.estimate, fit.seconds, response
 
 
-def _handed_over(record: Record) -> Record:
-    """Return a copy of its own for an estimator, without scenario and seed, of which the truth could be simulated."""
-    return Record(record.columns)
+def sandbox(limits: Limits, plugins: tuple[tuple[int, Path], ...] = ()) -> Sandbox:
+    """Return the sandbox of this thread, which is kept for further jobs with the same limits and plug-ins."""
+    files = tuple((SIMULATION[number].kind, file) for number, file in plugins if SIMULATION[number].kind != "metric")
+    made_for = (limits, files, digest(file.read_bytes() for _, file in files))
+    if _kept.sandbox is None or _kept.made_for != made_for:
+        if _kept.sandbox is not None:
+            _kept.sandbox.close()
+        _kept.sandbox, _kept.made_for = Sandbox(limits, files), made_for
+    return _kept.sandbox
 
 
 def _load(number: int, file: Path) -> None:
     """Register a plug-in file in this process, unless it has been and is the same still."""
     content = digest([file.read_bytes()])
     if _loaded.get(str(file)) != content:
-        REGISTRIES[number].add_file(file)
+        SIMULATION[number].add_file(file)
         _loaded[str(file)] = content
 
 
@@ -256,7 +266,9 @@ def _score(name: str, outcome: Outcome) -> Score:
     return Score(metric=name, unit=metric.unit, value=value)
 
 
-def _without_scores(key: Key, scenario: Scenario, status: str, message: str, origin: Mapping[str, str]) -> Run:
+def _without_scores(
+    key: Key, scenario: Scenario, status: str, message: str, origin: Mapping[str, str], calls: str = ""
+) -> Run:
     """Return a run that has no estimate: every metric of the scenario gets a row with the reason."""
     scores = tuple(
         Score(metric=name, unit=metrics.get(name).unit, status=status, message=message)
@@ -270,6 +282,7 @@ def _without_scores(key: Key, scenario: Scenario, status: str, message: str, ori
         seconds=None,
         provenance=origin,
         scores=scores,
+        traceback=calls,
     )
 
 
@@ -284,4 +297,6 @@ def describe(error: BaseException) -> tuple[str, str]:
         return SKIPPED, text
     if isinstance(error, SimulationDiverged):
         return DIVERGED, text
+    if isinstance(error, Misbehaved):
+        return FAILED, text
     return FAILED, f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -3,13 +3,12 @@
 import ast
 import hashlib
 import importlib.util
-import inspect
 import json
 import os
 import platform
 import subprocess
 import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,10 +18,12 @@ import numpy as np
 
 from fdbench.effects import effects
 from fdbench.errors import PluginError
+from fdbench.estimator import estimators
 from fdbench.metrics import metrics
 from fdbench.motions import motions
 from fdbench.plants import plants
 from fdbench.registry import Registry
+from fdbench.sandbox import Source
 from fdbench.version import __version__
 
 PACKAGE = Path(__file__).parent.parent
@@ -56,15 +57,14 @@ def provenance() -> dict[str, str]:
 
 def plugin_files(registry: Registry[Any]) -> dict[str, Path]:
     """Return the files of the plug-ins that were registered by path, by name."""
-    by_path = sorted(set(registry.names()) - set(registry.modules()))
-    return {name: Path(inspect.getfile(registry.get(name))) for name in by_path}
+    return registry.files()
 
 
 def _code_of_packages() -> list[Path]:
     outside = {name.split(".")[0] for registry in SIMULATION for name in registry.packages()} - {"fdbench"}
     own = sorted(PACKAGE.rglob("*.py"))
     files = [path for path in own if not path.relative_to(PACKAGE).as_posix().startswith(USERS_OF_SCORES)]
-    return files + [path for name in sorted(outside) for path in sorted(_folder(name).rglob("*.py"))]
+    return files + [path for name in sorted(outside) for path in sorted(package_folder(name).rglob("*.py"))]
 
 
 @lru_cache(maxsize=1)
@@ -95,12 +95,24 @@ def estimator_digest(files: Iterable[Path], arguments: Mapping[str, Any]) -> str
     return digest([json.dumps(arguments, sort_keys=True).encode(), *(path.read_bytes() for path in files)])
 
 
+def estimator_source(name: str, files: Sequence[Path] | None = None) -> Source:
+    """Return where a registered estimator is, made of these files; which they are takes a while to find out."""
+    by_path = estimators.files()
+    if name in by_path:
+        file = by_path[name]
+        return Source(name=name, own=(file,), group=str(file), digest=estimator_digest([file], {}), file=file)
+    module = estimators.modules()[name]
+    package = module.split(".")[0]
+    digest = estimator_digest(source_files(module) if files is None else files, {})
+    return Source(name=name, own=(package_folder(package).resolve(),), group=package, digest=digest)
+
+
 def source_files(module: str) -> list[Path]:
     """Return the file of a module and those of the same top-level package that it imports, directly or not.
 
     Found by reading, not by importing, so a plug-in that cannot be imported has a digest too.
     """
-    root = _folder(module.split(".")[0])
+    root = package_folder(module.split(".")[0])
     found: dict[str, Path] = {}
     waiting = [module]
     while waiting:
@@ -116,7 +128,8 @@ def source_files(module: str) -> list[Path]:
     return [found[name] for name in sorted(found)]
 
 
-def _folder(package: str) -> Path:
+def package_folder(package: str) -> Path:
+    """Return the folder of a package, which is found but not imported."""
     specification = importlib.util.find_spec(package)
     if specification is None or not specification.submodule_search_locations:
         raise PluginError(f"package '{package}' cannot be found.")

@@ -7,8 +7,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fdbench.benchmark import oracle
-from fdbench.benchmark.job import REGISTRIES, Choice, Job, describe, do, not_made_for
-from fdbench.benchmark.provenance import digest, estimator_digest, plugin_files, provenance, source_files
+from fdbench.benchmark.job import Choice, Job, describe, do, sandbox
+from fdbench.benchmark.provenance import (
+    SIMULATION,
+    digest,
+    estimator_digest,
+    estimator_source,
+    plugin_files,
+    provenance,
+    source_files,
+)
 from fdbench.benchmark.seal import Seal
 from fdbench.benchmark.seal import sealed as seal
 from fdbench.benchmark.store import DIGESTS, OK, STATUSES, Key, Run, Store
@@ -17,11 +25,15 @@ from fdbench.errors import FdbenchError, MissingData, PluginError
 from fdbench.estimator import estimators as registry
 from fdbench.nonce import check_nonce
 from fdbench.reading import measured_file
+from fdbench.sandbox import Limits, Misbehaved, confinement
 from fdbench.scenario import Scenario, load_scenario
 
 NULL = "null"
 
 MOST_SEEDS, MOST_JOBS, LAST_SEED = 10_000, 1024, 2**62  # beyond them a slip of the pen is likelier than a plan
+
+TIME_LIMIT_S, LEAST_TIME_S, MOST_TIME_S = 300.0, 0.1, 1e6
+MEMORY_LIMIT_MB, LEAST_MEMORY_MB, MOST_MEMORY_MB = 4096.0, 512.0, 1e7  # the least is what Python and numba take
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,6 +91,8 @@ def run(
     first_seed: int = 0,
     jobs: int = 1,
     keep_estimates: bool = False,
+    time_limit_s: float = TIME_LIMIT_S,
+    memory_limit_MB: float = MEMORY_LIMIT_MB,
     progress: Callable[[Progress], None] | None = None,
 ) -> Summary:
     """Run every estimator on every scenario for a number of seeds; see `fdbench.benchmark.store`.
@@ -94,7 +108,7 @@ def run(
         Ids, or paths of TOML files.
     estimators : sequence of str or None
         Registered names, or paths of Python files; ``null`` and ``oracle`` are added. None: all that are installed,
-        each on the scenarios with a model that it is made for.
+        each on the scenarios that it is made for.
     seeds : int
         At least 1.
     out : path
@@ -106,9 +120,11 @@ def run(
     first_seed : int
         At least 0; the seeds are this one and those that follow.
     jobs : int
-        Processes at a time; 1 runs in this one.
+        Processes at a time; 1 simulates and scores in this one. Estimators have processes of their own.
     keep_estimates : bool
         Keep records and estimates of every seed.
+    time_limit_s, memory_limit_MB : float
+        What a fit may take, and what memory the process may have in which it runs.
     progress : callable, optional
         Told after each job, one scenario and seed.
 
@@ -123,17 +139,22 @@ def run(
         ("seeds", seeds, 1, MOST_SEEDS),
         ("jobs", jobs, 1, MOST_JOBS),
         ("first seed", first_seed, 0, LAST_SEED),
+        ("time limit in s", time_limit_s, LEAST_TIME_S, MOST_TIME_S),
+        ("memory limit in MB", memory_limit_MB, LEAST_MEMORY_MB, MOST_MEMORY_MB),
     ):
         if not low <= value <= high:
             raise FdbenchError(f"{name} {value}: at least {low} and at most {high}.")
     drawn = range(first_seed, first_seed + seeds)
-    store, origin = Store(out), provenance()
+    limits = Limits(time_s=time_limit_s, memory_MB=memory_limit_MB)
+    kept_to = {"time_limit_s": f"{time_limit_s:g}", "memory_limit_MB": f"{memory_limit_MB:g}"}
+    store, origin = Store(out), {**provenance(), **kept_to, "confinement": confinement()}
     names = select(registry.names() if estimators is None else estimators)
     selected = [(_lasting(choice), load_scenario(choice)) for choice in scenarios]
     for name, count in Counter(scenario.id for _, scenario in selected).items():
         if count > 1:
             raise FdbenchError(f"scenario '{name}' is given {count} times.")
-    sources, plugins = _sources(names), _plugins() if jobs > 1 else ()
+    sources, plugins = _sources(names), _plugins()
+    _try_files(names, limits, plugins)
     if sealed and nonce:
         raise FdbenchError("sealed draws a nonce, and one is given: leave out one of the two.")
     origin["nonce"] = check_nonce(nonce) if nonce else ""
@@ -145,12 +166,15 @@ def run(
             commit=origin["commit"],
         )
         origin["nonce"] = seal(store.folder, fixed).nonce
+    made_for = {} if estimators is not None else _made_for(sources, limits, plugins, store)
     plan = []
     for source, scenario in selected:
-        own_names = names if estimators is not None else _made_for(names, scenario)
+        is_of = {scenario.estimation.model, scenario.plant.name}
+        own_names = [name for name in names if (kinds := made_for.get(name)) is None or is_of.intersection(kinds)]
         choices = tuple(_choice(name, scenario, sources) for name in own_names)
         own = _jobs(source, scenario, choices, range(1) if scenario.measured else drawn, keep_estimates, origin)
-        plan += [replace(job, folder=store.folder.resolve(), plugins=plugins) for job in own]
+        place = store.folder.resolve()
+        plan += [replace(job, folder=place, plugins=plugins, is_apart=jobs > 1, limits=limits) for job in own]
     keys = {key for job in plan for key in job.runs}
     others, stale = _others(store, keys, [scenario for _, scenario in selected], origin)
     selection = {"scenarios": {scenario.id: scenario.digest for _, scenario in selected}, "estimators": list(names)}
@@ -213,8 +237,8 @@ def _digests_now(runs: Sequence[Run], selected: Sequence[Scenario]) -> dict[tupl
 
 
 def select(names_or_files: Sequence[str]) -> tuple[str, ...]:
-    """Return the estimators of a selection, references included, in order of name; files are registered."""
-    names = {registry.resolve(name) for name in names_or_files if name != oracle.NAME} | {NULL}
+    """Return the estimators of a selection, references included, in order of name; files are noted, not imported."""
+    names = {registry.declare(name) for name in names_or_files if name != oracle.NAME} | {NULL}
     if oracle.NAME in (*names, *registry.names()):
         raise PluginError(f"estimator '{oracle.NAME}': this name is the benchmark's own. Rename the file.")
     for name in names.difference(registry.names()):
@@ -222,16 +246,28 @@ def select(names_or_files: Sequence[str]) -> tuple[str, ...]:
     return tuple(sorted({*names, oracle.NAME}))
 
 
-def _made_for(names: Sequence[str], scenario: Scenario) -> tuple[str, ...]:
-    """Return the estimators that are for the scenario's model; one that cannot be loaded is, so that it is reported."""
-    found = []
-    for name in names:
-        try:
-            reason = None if name == oracle.NAME else not_made_for(registry.get(name), scenario.estimation.model)
-        except PluginError:
-            reason = None
-        found += [name] if reason is None else []
-    return tuple(found)
+def _made_for(
+    sources: Mapping[str, Sequence[Path]], limits: Limits, plugins: tuple[tuple[int, Path], ...], store: Store
+) -> dict[str, tuple[str, ...] | None]:
+    """Return what each estimator is made for, None for anything; what is known of its very code is not asked again.
+
+    One that cannot be imported is for anything, so that it is reported.
+    """
+    known, found = store.made_for(), dict[str, tuple[str, ...] | None]()
+    for name, files in sources.items():
+        content = estimator_digest(files, {})
+        if content not in known:
+            source = estimator_source(name, files)
+            try:
+                worker = sandbox(limits, plugins).worker(source)
+                worker.load(source)
+                known[content] = worker.made_for[name]
+            except Misbehaved:
+                found[name] = None
+                continue
+        found[name] = known[content]
+    store.write_made_for({content: known[content] for content in sorted(known)})
+    return found
 
 
 def _sources(names: Iterable[str]) -> dict[str, list[Path]]:
@@ -246,7 +282,26 @@ def _choice(name: str, scenario: Scenario, sources: Mapping[str, Sequence[Path]]
     if name == oracle.NAME:
         return Choice(name=name, arguments={}, digest=digest([inspect.getsource(oracle).encode()]))
     arguments = scenario.estimation.hyperparameters.get(name, {})
-    return Choice(name=name, arguments=arguments, digest=estimator_digest(sources[name], arguments))
+    digest_of_both = estimator_digest(sources[name], arguments)
+    return Choice(name=name, arguments=arguments, digest=digest_of_both, source=estimator_source(name, sources[name]))
+
+
+def _try_files(names: Iterable[str], limits: Limits, plugins: tuple[tuple[int, Path], ...]) -> None:
+    """Have the estimators that were given by path imported once, so that a faulty one is known before anything is run.
+
+    Raises
+    ------
+    PluginError
+        If one cannot be.
+    """
+    by_path = registry.files()
+    for name in (name for name in names if name in by_path):
+        source = estimator_source(name, [by_path[name]])
+        try:
+            sandbox(limits, plugins).worker(source).load(source)
+        except Misbehaved as error:
+            text = str(error).removeprefix("PluginError: ")
+            raise PluginError(text if str(by_path[name]) in text else f"{by_path[name]}: {text}") from error
 
 
 def _jobs(
@@ -303,8 +358,8 @@ def _lasting(scenario: str | Path) -> str:
 
 
 def _plugins() -> tuple[tuple[int, Path], ...]:
-    """Return the plug-in files that a process of its own has to register: number of the registry and path."""
-    return tuple((n, path.resolve()) for n, kind in enumerate(REGISTRIES) for path in plugin_files(kind).values())
+    """Return the plug-in files that another process has to register: number of the registry and path."""
+    return tuple((n, path.resolve()) for n, kind in enumerate(SIMULATION) for path in plugin_files(kind).values())
 
 
 def _work(waiting: Sequence[Job], jobs: int, progress: Callable[[Progress], None] | None) -> None:

@@ -3,6 +3,7 @@
 =================================================  ====================================================================
 ``runs/<scenario>/<estimator>/<seed>.json``        one run, written at once and whole
 ``run.json``                                       what was selected last
+``made_for.json``                                  models that estimators are made for, by digest
 ``scores.parquet``                                 a row per scenario, estimator, seed and metric
 ``parameters.parquet``                             a row per scenario, estimator, seed and parameter
 ``records/<scenario>/<seed>.parquet``              the record of the first seed, and of every seed on request
@@ -20,12 +21,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fdbench.benchmark.validate import SERIES
 from fdbench.errors import FdbenchError, did_you_mean
 from fdbench.estimator import Estimate
 from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.regression import FloatArray, Regression
+from fdbench.sandbox.claims import SERIES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,7 +37,10 @@ OK, FAILED, DIVERGED, SKIPPED = STATUSES = ("ok", "failed", "diverged", "skipped
 # empty where seeds are public.
 DIGESTS = ("scenario_digest", "estimator_digest", "code_digest", "nonce")
 
-PROVENANCE = (*DIGESTS, "fdbench_version", "commit", "python", "numpy", "numba", "machine", "run_id", "utc")
+PROVENANCE = (
+    *(*DIGESTS, "fdbench_version", "commit", "python", "numpy", "numba", "machine", "run_id", "utc"),
+    *("time_limit_s", "memory_limit_MB", "confinement"),
+)
 
 KEYS = {"scenario": "string", "estimator": "string", "seed": "int64"}
 
@@ -109,6 +113,8 @@ class Run:
     provenance : mapping of str to str
         The columns ``PROVENANCE``.
     scores, parameters : tuples
+    traceback : str
+        Calls that led to a failure of the estimator, as far as they are known.
     """
 
     scenario: str
@@ -121,6 +127,7 @@ class Run:
     provenance: Mapping[str, str]
     scores: tuple[Score, ...] = ()
     parameters: tuple[ParameterValue, ...] = ()
+    traceback: str = ""
 
     @property
     def key(self) -> Key:
@@ -212,6 +219,18 @@ class Store:
     def write_selection(self, selection: Mapping[str, Any]) -> None:
         """Write what a run is about to do to ``run.json``."""
         _write(self.folder / "run.json", json.dumps(selection, indent=1) + "\n")
+
+    def write_made_for(self, known: Mapping[str, Sequence[str] | None]) -> None:
+        """Write, by digest, the models that estimators are made for to ``made_for.json``."""
+        _write(self.folder / "made_for.json", json.dumps(known, indent=1) + "\n")
+
+    def made_for(self) -> dict[str, tuple[str, ...] | None]:
+        """Return what ``made_for.json`` says; nothing where it cannot be read, so that estimators are asked again."""
+        try:
+            found = json.loads((self.folder / "made_for.json").read_text("utf-8"))
+            return {str(key): None if models is None else tuple(map(str, models)) for key, models in found.items()}
+        except (OSError, ValueError, TypeError, AttributeError):
+            return {}
 
     def merge(self, keys: Collection[Key]) -> dict[Key, str]:
         """Write the two tables from the runs of ``keys``; return the status of each."""

@@ -6,8 +6,10 @@ from typing import Any
 from fdbench.errors import PluginError
 
 
-def run_checks(name: str, checks: Sequence[tuple[str, Callable[[], None]]], plugin: Any = None) -> list[str]:
-    """Return one line for each check; raise a PluginError that lists all failures."""
+def run_checks(
+    name: str, checks: Sequence[tuple[str, Callable[[], None]]], plugin: Any = None, *, first_only: bool = False
+) -> list[str]:
+    """Return one line for each check; raise a PluginError that lists all failures, or the first and what passed."""
     expected: Mapping[str, str] = getattr(plugin, "expected_failures", {})
     unknown = set(expected) - {check for check, _ in checks}
     lines, failures = [], [f"expected_failures names {item}, which is no check" for item in sorted(unknown)]
@@ -25,6 +27,9 @@ def run_checks(name: str, checks: Sequence[tuple[str, Callable[[], None]]], plug
             if check in expected:
                 failures.append(f"{check}: passes, but expected_failures says: {expected[check]}")
             lines.append(f"{check}: ok")
+        if failures and first_only:
+            passed = [line.removesuffix(": ok") for line in lines if line.endswith(": ok")]
+            raise PluginError(f"{name}: {failures[0]}\nPassed before: {', '.join(passed) or 'nothing'}.")
     if failures:
         raise PluginError(f"{name}: " + "; ".join(failures))
     return lines

@@ -3,12 +3,14 @@
 import dataclasses
 import pickle
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from fdbench.benchmark.provenance import estimator_source
 from fdbench.benchmark.validate import check_estimate, plant_parameters
 from fdbench.catalogue import scenario_ids
 from fdbench.checks._report import run_checks
@@ -16,6 +18,7 @@ from fdbench.errors import FdbenchError, PluginError
 from fdbench.estimator import Context, Estimate, Estimator, OnlineEstimator, Sample, estimators, samples
 from fdbench.record import Record
 from fdbench.regression import Regression
+from fdbench.sandbox import Limits, Misbehaved, Sandbox
 from fdbench.scenario import Scenario, load_scenario
 
 SHORT_S = 8.0
@@ -36,13 +39,17 @@ class Case:
         return self.cls().fit(self.context, self.record)
 
 
-def cases(cls: type[Estimator]) -> Iterator[tuple[Scenario, Context]]:
-    """Yield simulated scenarios, shortened where the plant allows it, to which the estimator applies."""
-    ids = scenario_ids()
-    for name in sorted(ids, key=lambda item: (item != "ShakerConstant-v0", item)):
+def simulated() -> Iterator[Scenario]:
+    """Yield simulated scenarios, a usual one first."""
+    for name in sorted(scenario_ids(), key=lambda item: (item != "ShakerConstant-v0", item)):
         scenario = load_scenario(name)
-        if scenario.timing is None:
-            continue
+        if scenario.timing is not None:
+            yield scenario
+
+
+def cases(cls: type[Estimator]) -> Iterator[tuple[Scenario, Context]]:
+    """Yield simulated scenarios to which the estimator applies."""
+    for scenario in simulated():
         context = scenario.context()
         if cls().skip(context) is None:
             yield scenario, context
@@ -168,7 +175,6 @@ def refuses_update_before_start(case: Case) -> None:
 
 CHECKS: tuple[Callable[[Case], None], ...] = (
     has_defaults,
-    has_docstring,
     returns_estimate,
     is_deterministic,
     fits_again,
@@ -176,17 +182,41 @@ CHECKS: tuple[Callable[[Case], None], ...] = (
     can_be_pickled,
     streams_as_it_fits,
     refuses_update_before_start,
+    has_docstring,
 )
 
 
+def try_first(name: str) -> None:
+    """Fit once in a process of its own, so that one that crashes, hangs or exits does not take the checks with it.
+
+    Raises
+    ------
+    PluginError
+        If it does, or fails.
+    """
+    source, place = estimator_source(name), ""
+    with closing(Sandbox(Limits())) as sandbox:
+        try:
+            worker = sandbox.worker(source)
+            worker.load(source)
+            for scenario in simulated():
+                if worker.begin(name, {}, scenario.context()) is None:
+                    place = f"{returns_estimate.__name__}: "
+                    worker.fit(shortened(scenario).observe(0)[0])
+                    return
+        except Misbehaved as error:
+            raise PluginError(f"{name}: {place}{str(error).removeprefix('PluginError: ')}") from error
+
+
 def check_estimator(name: str) -> list[str]:
-    """Run all checks on a registered estimator and return a line for each.
+    """Run the checks on a registered estimator, up to the first that fails, and return a line for each.
 
     Raises
     ------
     PluginError
         If a check fails that the plug-in does not list in ``expected_failures``, or passes although it does.
     """
+    try_first(name)
     cls = estimators.get(name)
     case = prepare(cls)
-    return run_checks(name, [(check.__name__, partial(check, case)) for check in CHECKS], cls)
+    return run_checks(name, [(check.__name__, partial(check, case)) for check in CHECKS], cls, first_only=True)

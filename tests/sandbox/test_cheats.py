@@ -1,0 +1,86 @@
+"""Estimators that look for the truth, that change what is not theirs and that speak for others gain nothing by it."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import fdbench
+from fdbench.benchmark.run import run
+from fdbench.benchmark.store import Key, Store
+from fdbench.estimator import estimators
+from fdbench.metrics import metrics
+from fdbench.sandbox import landlock
+
+CHEATS = sorted((Path(__file__).parent / "cheats").glob("*.py"))
+SCENARIO = "ShakerConstant-v1"
+PRIMARY = [name for name in metrics.names() if metrics.get(name).primary]
+
+# The data sheet is everybody's: where the machine is another one, its values are a guess and no more.
+HONEST = {"data_sheet"}
+
+
+@pytest.fixture(scope="module")
+def stores(tmp_path_factory: pytest.TempPathFactory) -> tuple[Store, Store]:
+    """Return the results of a run without cheats, which lie beside the cheats' files, and of one with all of them."""
+    folder = tmp_path_factory.mktemp("cheats")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(estimators, "_files", {})
+        patch.chdir(folder)
+        patch.setenv("PWD", str(folder))
+        run([SCENARIO], ["least_squares"], 1, "results")
+        files = [str(shutil.copy(file, folder)) for file in CHEATS]
+        run([SCENARIO], [*files, "least_squares"], 1, "with_cheats", time_limit_s=60.0)
+    return Store(folder / "results"), Store(folder / "with_cheats")
+
+
+def primary(scores: Any, estimator: str) -> dict[str, float]:
+    """Return the primary metrics of one estimator; those that failed have their worst value."""
+    rows = scores[(scores["estimator"] == estimator) & scores["metric"].isin(PRIMARY)]
+    return {
+        row.metric: row.value if row.status == "ok" else metrics.get(row.metric).worst
+        for row in rows.itertuples()
+        if row.status != "skipped"
+    }
+
+
+@pytest.mark.parametrize("cheat", [file.stem for file in CHEATS])
+def test_a_cheat_is_no_better_than_having_learnt_nothing(cheat: str, stores: tuple[Store, Store]) -> None:
+    if cheat == "native_read" and not landlock.version():
+        pytest.skip("this system has no Landlock, and an audit hook does not see compiled code")
+    scores = stores[1].scores()
+    nothing, truth, found = (primary(scores, name) for name in ("null", "oracle", cheat))
+    assert found
+    if cheat in HONEST:
+        assert all(found[name] > truth[name] for name in found)
+    else:
+        assert all(found[name] >= nothing[name] for name in found)
+
+
+def test_the_rows_of_others_are_the_same_to_the_bit(stores: tuple[Store, Store]) -> None:
+    columns = ["estimator", "metric", "value", "status", "message"]
+    without, beside = (
+        store.scores().query("estimator in ['least_squares', 'null', 'oracle'] and metric != 'microseconds_per_sample'")
+        for store in stores
+    )
+    assert without[columns].reset_index(drop=True).equals(beside[columns].reset_index(drop=True))
+    for name in ("least_squares", "oracle"):
+        kept = [store.read_estimate(Key(SCENARIO, name, 0)) for store in stores]
+        np.testing.assert_array_equal(kept[0].estimate.output, kept[1].estimate.output)  # type: ignore[union-attr]
+
+
+def test_nothing_is_left_where_code_is_loaded_from(stores: tuple[Store, Store]) -> None:
+    package = Path(fdbench.__file__).parent
+    assert not list(package.rglob("poisoned_by_a_cheat"))
+    assert not (Path.home() / ".cache" / "fdbench" / "poisoned_by_a_cheat").exists()
+    assert not (stores[1].folder.parent / "poisoned_by_a_cheat").exists()
+
+
+@pytest.mark.skipif(not landlock.version(), reason="this system has no Landlock")
+def test_the_rows_say_what_they_were_confined_by(stores: tuple[Store, Store]) -> None:
+    scores = stores[1].scores()
+    assert (scores["confinement"] == f"Landlock {landlock.version()} and audit hook").all()
+    assert (scores["time_limit_s"] == "60").all()
+    assert (scores["memory_limit_MB"] == "4096").all()

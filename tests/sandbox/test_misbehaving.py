@@ -1,0 +1,185 @@
+"""Estimators that fail, crash, hang or answer nonsense are rows, with the place in their file; the run goes on."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from test_benchmark import short_scenario
+
+from fdbench.benchmark.run import run
+from fdbench.benchmark.store import Key, Store
+from fdbench.errors import FdbenchError, PluginError
+from fdbench.estimator import estimators
+
+FILES = sorted((Path(__file__).parent / "misbehaving").glob("*.py"))
+TIME_S, MEMORY_MB = 3.0, 1024.0
+
+MESSAGES = {
+    "aborts": "aborts.py:12: crashed with SIGABRT",
+    "closes_everything": "ended its process with status 1, without an answer",
+    "closes_its_outputs": "closes_its_outputs.py:17: ValueError: after closing",
+    "crashes": "crashes.py:12: crashed with SIGSEGV",
+    "exits_in_compiled_code": "ended its process with status 0, without an answer",
+    "exits_with_0": "exits_with_0.py:12: an estimator may not end its process (os._exit(0))",
+    "exits_with_1": "exits_with_1.py:12: an estimator may not end its process (os._exit(1))",
+    "kills_itself": "kills_itself.py:13: an estimator may not send a signal (os.kill)",
+    "kills_itself_in_compiled_code": "crashed with SIGKILL, by itself or for want of memory",
+    "leaves_a_process": "leaves_a_process.py:16: ValueError: forked",
+    "never_ends": "never_ends.py:10: took longer than 3 s",
+    "never_ends_deaf": "took longer than 3 s",
+    "predicts_nothing_useful": "",
+    "raises_generator_exit": "raises_generator_exit.py:10: GeneratorExit",
+    "raises_its_own": "raises_its_own.py:14: _Own: own",
+    "raises_key_error": "raises_key_error.py:10: KeyError: 'missing'",
+    "raises_keyboard_interrupt": "raises_keyboard_interrupt.py:10: KeyboardInterrupt",
+    "raises_megabytes": "raises_megabytes.py:10: ValueError: xxxxxxx",
+    "raises_without_text": "raises_without_text.py:17: _Silent: its text cannot be made",
+    "recurses": "recurses.py:10: RecursionError: maximum recursion depth exceeded",
+    "returns_a_million_names": "PluginError: parameters has 1000000 names; at most 1000 are allowed.",
+    "returns_complex": "PluginError: output is a ndarray of type complex128, expected real numbers.",
+    "returns_gigabytes": "needed more than 1024 MB of memory",
+    "returns_nan": "PluginError: parameters['beta_1'] is nan, expected a finite number.",
+    "returns_objects": "PluginError: output is a ndarray of type object, expected real numbers.",
+    "returns_poison": "returns_poison.py:11: RuntimeError: poisoned",
+    "returns_wrong_length": "PluginError: output has shape (3,), expected (998,), one value for each row",
+    "returns_wrong_names": "PluginError: parameters['beta1']: the model has no such parameter. Did you mean beta_1?",
+    "skips_with_a_crash": "skips_with_a_crash.py:15: crashed with SIGSEGV",
+    "sleeps": "sleeps.py:13: took longer than 3 s",
+    "sys_exits": "sys_exits.py:12: SystemExit: 0",
+    "takes_memory": "takes_memory.py:12: needed more than 1024 MB of memory (Unable to allocate 14.9 GiB",
+    "takes_memory_bit_by_bit": "takes_memory_bit_by_bit.py:12: needed more than 1024 MB of memory",
+    "writes_garbage": "its answer cannot be used: it is none to what was asked",
+    "writes_half_an_answer": "its answer cannot be used: it is none to what was asked",
+}
+
+
+@pytest.fixture(autouse=True)
+def _own_plugin_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(estimators, "_files", {})
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    folder = tmp_path_factory.mktemp("misbehaving")
+    scenario = short_scenario(folder, "Short-v0")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(estimators, "_files", {})
+        limits = {"time_limit_s": TIME_S, "memory_limit_MB": MEMORY_MB}
+        run([scenario], [str(file) for file in FILES], 1, folder / "out", **limits)  # type: ignore[arg-type]
+    return Store(folder / "out")
+
+
+@pytest.mark.parametrize("name", [file.stem for file in FILES])
+def test_whatever_an_estimator_does_is_one_row(name: str, store: Store) -> None:
+    found = store.read_run(Key("Short-v0", name, 0))
+    assert found is not None
+    assert found.message.startswith(MESSAGES[name])
+    assert found.status == ("failed" if MESSAGES[name] else "ok")
+    assert len(found.message) < 1000
+    assert len(found.traceback) < 50_000
+    if ".py:" in MESSAGES[name]:
+        assert f'{name}.py", line ' in found.traceback
+
+
+def test_those_that_behave_are_not_harmed(store: Store) -> None:
+    for name in ("null", "oracle"):
+        found = store.read_run(Key("Short-v0", name, 0))
+        assert found is not None
+        assert found.status == "ok"
+
+
+def test_limits_out_of_bounds_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FdbenchError, match=r"time limit in s 0\.0: at least 0\.1"):
+        run(["ShakerConstant-v0"], [], 1, tmp_path, time_limit_s=0.0)
+    with pytest.raises(FdbenchError, match=r"memory limit in MB 1\.0: at least 512"):
+        run(["ShakerConstant-v0"], [], 1, tmp_path, memory_limit_MB=1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("import os\nos._exit(0)\n", r"may not end its process"),
+        ("import ctypes\nctypes.string_at(0)\n", r"line 2|:2: crashed with SIGSEGV"),
+        ("from fdbench.scenario import load_scenario\n", r"line 1: .*may not import fdbench\.scenario"),
+        ("raise KeyboardInterrupt\n", r":1: KeyboardInterrupt"),
+    ],
+)
+def test_a_file_that_cannot_be_imported_is_refused_before_anything_is_run(
+    text: str, message: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "faulty.py"
+    file.write_text(text, "utf-8")
+    with pytest.raises(PluginError, match=message) as caught:
+        run(["ShakerConstant-v0"], [str(file)], 1, tmp_path / "out")
+    assert str(file) in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+# ---- processes ----
+
+
+def descendants(pid: int) -> set[int]:
+    found = set()
+    for children in Path(f"/proc/{pid}/task").glob("*/children"):
+        for child in map(int, children.read_text("ascii").split()):
+            found |= {child} | descendants(child)
+    return found
+
+
+def is_running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text("ascii").rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def started(tmp_path: Path, jobs: int) -> tuple["subprocess.Popen[bytes]", set[int]]:
+    """Return a run that hangs in an estimator, and its processes."""
+    file = tmp_path / "hangs.py"
+    text = (Path(__file__).parent / "misbehaving" / "never_ends.py").read_text("utf-8")
+    file.write_text(text.replace("while True", "print('fitting', flush=True)\n        while True"), "utf-8")
+    scenario = short_scenario(tmp_path, "Short-v0")
+    arguments = ["run", "--scenario", scenario, "--estimator", str(file), "--seeds", "1", "--jobs", str(jobs)]
+    main = subprocess.Popen(
+        [sys.executable, "-m", "fdbench.cli", *arguments, "--out", str(tmp_path / "out")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
+    assert main.stdout is not None
+    while b"fitting" not in main.stdout.readline():
+        assert main.poll() is None
+    return main, descendants(main.pid)
+
+
+def gone(pids: set[int]) -> bool:
+    deadline = time.monotonic() + 10.0
+    while any(map(is_running, pids)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return not any(map(is_running, pids))
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="processes are looked up in /proc")
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_no_process_outlives_a_main_process_that_was_killed(tmp_path: Path, jobs: int) -> None:
+    main, others = started(tmp_path, jobs)
+    with main:
+        assert len(others) >= 2
+        if jobs > 1:  # joblib's own look after themselves, but not when they are stopped so hard
+            others = {pid for pid in others if b"fdbench.sandbox" in Path(f"/proc/{pid}/cmdline").read_bytes()}
+            for pid in descendants(main.pid) - others:
+                os.kill(pid, signal.SIGKILL)
+        main.kill()
+        assert gone(others)
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="processes are looked up in /proc")
+def test_ctrl_c_interrupts_a_run_that_hangs_in_an_estimator(tmp_path: Path) -> None:
+    main, others = started(tmp_path, 1)
+    with main:
+        main.send_signal(signal.SIGINT)
+        assert main.wait(20.0) == 130
+        assert gone(others)
