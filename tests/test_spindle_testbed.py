@@ -467,8 +467,9 @@ def test_metrics_in_closed_form() -> None:
 
 def test_others_are_skipped_with_a_reason() -> None:
     shaker = load_scenario("ShakerConstant-v0").context()
+    milling = load_scenario("SlotMilling-v0").context()
     for name in ("linear_regression", "lr_nfb", "slr_nfb"):
-        assert estimators.get(name)().skip(shaker) == "the plant offers no spectra"
+        assert estimators.get(name)().skip(milling) == "the plant offers no spectra"
         assert estimators.get(name)().skip(observed("case 3")[0].context()) is None
     assert not isinstance(shaker.plant, SpectralPlant)
     outcome = dataclasses.replace(fitted("case 3", "null"), scenario=load_scenario("ShakerConstant-v0"))
