@@ -103,8 +103,8 @@ class Estimator(ABC):
     Class attributes
     ----------------
     made_for : tuple of str or None
-        What the method is for: models as ``Context.model`` names them, or kinds of plant; None: anything. On others it is
-        only run where it is selected by name.
+        What the method is for: models as ``Context.model`` names them, or kinds of plant; None: anything. On others it
+        is only run where it is selected by name.
     """
 
     name: ClassVar[str]

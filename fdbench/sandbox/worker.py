@@ -15,6 +15,7 @@ In place of any of these, ``error``: what went wrong, where, and after which cal
 """
 
 import inspect
+import io
 import os
 import pickle
 import socket
@@ -146,7 +147,7 @@ class Worker:
     def begin(self, name: str, arguments: Mapping[str, Any], context: bytes) -> Reply:
         """Construct an estimator anew, and ask it whether a context is for it."""
         self._record = self._estimate = None
-        self._context = pickle.loads(context)
+        self._context = _Unpickler(io.BytesIO(context)).load()
         self._estimator = construct(name, arguments)
         kinds = type(self._estimator).made_for
         if kinds is not None and not {self._context.model, self._context.plant.name}.intersection(kinds):
@@ -208,6 +209,17 @@ class Worker:
             "traceback": f"Traceback (most recent call last):\n{shown}{described}\n",
             "is_fatal": isinstance(error, MemoryError) or not isinstance(error, Exception),
         }
+
+
+class _Unpickler(pickle.Unpickler):
+    """Finds plug-ins through their registries, which give them their names."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        for registry in SIMULATED.values():
+            for plugin, place in registry.modules().items():
+                if place == module:
+                    registry.get(plugin)
+        return super().find_class(module, name)
 
 
 def construct(name: str, arguments: Mapping[str, Any]) -> Estimator:
