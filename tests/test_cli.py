@@ -738,12 +738,12 @@ def test_a_closed_pipe_and_a_full_disk_leave_no_traceback() -> None:
         assert listing.returncode == 2
 
 
-SLOW = ESTIMATOR.replace(
-    "import numpy as np", "import time\nfrom pathlib import Path\n\nimport numpy as np\n\nfits = []\n"
-).replace(
+SLOW = ESTIMATOR.replace("import numpy as np", "import time\nfrom pathlib import Path\n\nimport numpy as np").replace(
     "        target = ",
-    "        fits.append(None)\n        time.sleep(0.1)\n"
-    "        while len(fits) > 1 and Path('wait').exists():\n            time.sleep(0.01)\n        target = ",
+    "        time.sleep(0.1)\n"
+    "        while Path('wait').exists() and Path('out/runs/ShakerConstant-v0/slow_mean/0.json').exists():\n"
+    "            time.sleep(0.01)\n"
+    "        target = ",
 )
 # A process in the background is started deaf to the interrupt, and so is what it starts.
 HEARS = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
