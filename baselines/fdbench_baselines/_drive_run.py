@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from fdbench.compilation import kept
 from fdbench.estimator import Context, FloatArray
 from fdbench.plants._velocity_loop import DEAD_BAND_M_PER_S
 from fdbench.record import Record
@@ -54,7 +55,8 @@ def _velocity(context: Context, learned: Learned, command: Record) -> FloatArray
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def follow(reference, beta, speeds, curve, places, profile, dead_band, position, step_s):  # type: ignore[no-untyped-def]
     """Return the velocities v_1 ... v_{n-1} from rest, with curves over speed and place given by uniform tables."""
     v, out = 0.0, np.empty(len(reference) - 1)
@@ -68,7 +70,8 @@ def follow(reference, beta, speeds, curve, places, profile, dead_band, position,
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def from_table(x, ends, values):  # type: ignore[no-untyped-def]
     """Return a value between two of a uniform table, the last one beyond its ends."""
     place = (x - ends[0]) / (ends[1] - ends[0]) * (len(values) - 1)

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from fdbench.compilation import kept
 from fdbench.estimator import FloatArray
 
 
@@ -51,7 +52,8 @@ def at_start(beta: FloatArray, covariance: FloatArray, lags: int, weight_deviati
     return Recursion(np.append(beta, np.zeros(lags)), P, np.zeros((lags, p)), np.zeros(lags), np.zeros(2))
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def follow_errors(state: Recursion, Z: FloatArray, y: FloatArray) -> FloatArray:
     r"""Predict rows, then take each in.
 

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from fdbench.compilation import kept
 from fdbench.estimator import FloatArray
 
 
@@ -85,7 +86,8 @@ def turn_back(x: FloatArray, first: int, cosines: FloatArray, sines: FloatArray)
     turn(x, first, cosines, -sines)
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def run_filter(Z, y, loud, sudden, own, noise, harmonics, keep):  # type: ignore[no-untyped-def]
     """Return the fields of `Filtered` for whitened regressors Z (n, p) and rows ``loud`` times as noisy as others.
 
@@ -154,7 +156,8 @@ def run_filter(Z, y, loud, sudden, own, noise, harmonics, keep):  # type: ignore
     return errors, variances, states, covariances, log_likelihood
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def run_smoother(Z, own, noise, harmonics, errors, variances, states, covariances):  # type: ignore[no-untyped-def]
     """Return the whole force at each sample given all of them, and its variance, both (n,)."""
     n, p = Z.shape

@@ -287,7 +287,8 @@ def track(
     return predictions, removed
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def track_beside(
     tracker: Tracker,
     x: FloatArray,

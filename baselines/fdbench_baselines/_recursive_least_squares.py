@@ -203,7 +203,8 @@ def predict(state: Hybrid, response: FloatArray, error: FloatArray, q: int, batc
     return estimates
 
 
-@njit(cache=True, error_model="numpy")
+@kept
+@njit(error_model="numpy")
 def free_run(state: Hybrid, response: FloatArray, q: int) -> FloatArray:
     r"""Return the errors (n,) of a motion of which nothing is measured, with the weights of all samples so far.
 

@@ -27,6 +27,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from fdbench.compilation import kept
 from fdbench.effects import effects
 from fdbench.errors import PluginError, did_you_mean
 from fdbench.estimator import Context, Estimate, Estimator, estimators
@@ -125,7 +126,7 @@ class Worker:
             if name.startswith("fdbench."):
                 for value in vars(module).values():
                     if isinstance(value, Dispatcher) and value.stats.cache_path is not None:
-                        value.enable_caching()
+                        kept(value)
         files = (*read, *(file for _, file in plugins))
         confine(Reach((*self._reach.read, *files), self._reach.listed), (self._folder, folder), memory_MB)
         os._exit = _exit_refused
