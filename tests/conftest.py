@@ -32,9 +32,10 @@ def measured_data() -> None:
 @pytest.fixture(scope="module", autouse=True)
 def registries_of_the_module() -> Iterator[None]:
     """Let no plug-in file of one module be known to the next, which may differ with the load of the machine."""
-    from fdbench.benchmark.job import REGISTRIES
+    from fdbench.benchmark.provenance import SIMULATION
+    from fdbench.estimator import estimators
 
     with pytest.MonkeyPatch.context() as patch:
-        for registry in REGISTRIES:
+        for registry in (*SIMULATION, estimators):
             patch.setattr(registry, "_files", {})
         yield

@@ -20,12 +20,25 @@ def rms(values: FloatArray) -> float:
 
 
 def test_two_rows_by_hand() -> None:
-    """Row 1: e = 2, r = 4, S = 1 + 4, beta = 2/5, P = 4/5. Row 2: n = 2 - 2/5 is foretold with weight 0: e = 8/5."""
-    state = at_start(np.zeros(1), np.eye(1), 1, 0.0)
+    """Row 1: e = 2, r = 4, S = 1 + 4; then r = 16/5, P = 1 / (1 + 5/16) = 16/21, beta = P * 2 / r = 10/21."""
+    state = at_start(np.zeros(1), np.ones(1), 1, 0.0)
     out = follow_errors(state, np.ones((2, 1)), np.array([2.0, 2.0]))
-    r = 4.0 * 4.0 / 5.0
-    np.testing.assert_allclose(out, [[0.0, 0.0, 5.0], [0.4, 0.0, 0.8 + r]])
-    np.testing.assert_allclose(state.theta, [0.4 + 0.8 * 1.6 / (0.8 + r), 0.0])
+    r = 16.0 / 5.0
+    np.testing.assert_allclose(out, [[0.0, 0.0, 5.0], [10.0 / 21.0, 0.0, 16.0 / 21.0 + r]])
+    e = 2.0 - 10.0 / 21.0
+    r = 0.5 * (r + e**2 * r / (16.0 / 21.0 + r))
+    np.testing.assert_allclose(state.theta, [4.0 / r / (1.0 + 2.0 / r), 0.0])
+    np.testing.assert_allclose(state.P, [[1.0 / (1.0 + 2.0 / r), 0.0], [0.0, 0.0]])
+
+
+def test_rows_at_rest_do_not_settle_what_moves_later() -> None:
+    random, n = np.random.default_rng(0), 400
+    z = np.where(np.arange(n) < 100, 1e-6, random.standard_normal(n))
+    y = 0.7 * z + np.where(np.arange(n) < 100, 1e-9, 0.1) * random.standard_normal(n)
+    state = at_start(np.zeros(1), np.ones(1), 0, 0.0)
+    follow_errors(state, z[:, None], y)
+    assert state.theta[0] == pytest.approx(0.7, abs=0.03)
+    assert np.sqrt(state.P[0, 0]) == pytest.approx(0.1 / np.sqrt(300.0), rel=0.3)
 
 
 def test_parameters_are_right_under_an_autoregressive_error_where_least_squares_is_biased() -> None:
@@ -36,7 +49,7 @@ def test_parameters_are_right_under_an_autoregressive_error_where_least_squares_
         error[k] = 0.9 * error[k - 1] + 0.3 * e[k]
         y[k] = 0.5 * y[k - 1] + 0.7 * u[k] + error[k]
     Z = np.column_stack((np.append(0.0, y[:-1]), u))
-    state = at_start(np.zeros(2), np.eye(2), 5, 0.5)
+    state = at_start(np.zeros(2), np.ones(2), 5, 0.5)
     follow_errors(state, Z, y)
     biased = np.linalg.lstsq(Z, y)[0]
     assert abs(biased[0] - 0.5) > 0.1

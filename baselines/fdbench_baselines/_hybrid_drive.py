@@ -31,7 +31,7 @@ class DriveHybrid:
         self._paper = sheet_beforehand(context)
         self._names = tuple(context.nominal)
         p, plant = len(self._names), context.plant
-        self._state = at_start(np.zeros(p), np.eye(p), error_lags, WEIGHT_DEVIATION)
+        self._state = at_start(np.zeros(p), np.ones(p), error_lags, WEIGHT_DEVIATION)
         self._step = OneStep(plant, context.sampling_time_s) if p == 0 and isinstance(plant, StateSpacePlant) else None
         self._force, self._P = np.zeros(1), np.full((1, 1), WIDE)
         self._before: FloatArray | None = None
