@@ -79,7 +79,7 @@ def dragged() -> tuple[Scenario, Context]:
     scenario = load_scenario("ShakerConstant-v1")
     drag = effects.get("quadratic_drag").typical(quadratic_drag_N_s2_per_m2=4000.0)
     plain = replace(scenario, reality=Reality(noise=scenario.reality.noise, effects=(drag,)), draw=())
-    for name in ("id", "digest", "table"):
+    for name in ("id", "digest"):
         object.__setattr__(plain, name, getattr(scenario, name))
     return plain, plain.context()
 

@@ -15,6 +15,8 @@ from fdbench_baselines._one_step import OneStep, declined
 
 SMALLEST_JITTER = 1e-6
 
+MEAN_PERIODS = 5.0
+
 
 @final
 class KRLST(OnlineEstimator):
@@ -29,11 +31,13 @@ class KRLST(OnlineEstimator):
     and their covariance, each parameter by itself within 100 % where it states none; see `track_beside`. A model in
     state space has no :math:`\beta`; y is there what its equation leaves of a reading, if the readings give all states.
 
-    ``output`` is :math:`z^T \beta + \hat f` with variance :math:`s_0^2 (s_2 + s_f^2)`, that of an observation;
     ``disturbance_N`` is :math:`\hat f / g` with variance :math:`s_0^2 s_f^2 / g^2`, that of the disturbance without
-    noise, where g is the disturbance gain. A row depends on earlier samples only, save that the first row's
-    variance is scaled by its own sample, as no signal power :math:`s_0^2` is known before it. ``parameters`` are those
-    after the last sample; they have no covariance, as the recursion leaves out how they go with f.
+    noise, where g is the disturbance gain; where beta is found on the way and a period is known, it is without its mean
+    over the last five periods, since a force that is constant for so long is a friction to the drive. A row depends on
+    earlier samples only, save that the first row's variance is scaled by its own sample, as no signal power
+    :math:`s_0^2` is known before it. ``output`` is :math:`z^T \beta + \hat f` with variance
+    :math:`s_0^2 (s_2 + s_f^2)`, that of an observation. ``parameters`` are those after the last sample; they have no
+    covariance, as the recursion leaves out how they go with f.
 
     Parameters
     ----------
@@ -125,6 +129,7 @@ class KRLST(OnlineEstimator):
         self._kernel = (
             (self.smooth_s, self.sigma_2, np.inf) if period_s is None else (self.sigma_1_s, self.sigma_2, period_s)
         )
+        self._constant_s = 0.0 if period_s is None else MEAN_PERIODS * period_s
         plant = context.plant
         self._step = (
             OneStep(plant, context.sampling_time_s) if not names and isinstance(plant, StateSpacePlant) else None
@@ -141,10 +146,12 @@ class KRLST(OnlineEstimator):
     def estimate(self) -> Estimate:
         """Return the predictions made so far, and the parameters by now."""
         self._started()
-        linear, mean, variance, power, gain = np.array(self._rows).reshape(-1, 5).T
+        time_s, linear, mean, variance, power, gain = np.array(self._rows).reshape(-1, 6).T
+        is_found = self.linear_parameters is None and len(self._names) > 0
+        force = mean - running_mean(time_s, mean, self._constant_s) if is_found and self._constant_s else mean
         return Estimate(
             parameters=dict(zip(self._names, self._beta.tolist(), strict=True)),
-            disturbance_N=mean / gain,
+            disturbance_N=force / gain,
             disturbance_variance_N2=power * variance / gain**2,
             output=linear + mean,
             output_variance=power * (1.0 / self.gamma + variance),
@@ -177,12 +184,24 @@ class KRLST(OnlineEstimator):
                 f"forgetting {self.forgetting}. Use mode B2P, more jitter or forgetting nearer to 1."
             )
         rows[:, 0] += known
-        self._rows.frombytes(np.column_stack((rows, np.full(len(target), gain))).tobytes())
+        self._rows.frombytes(np.column_stack((time_s, rows, np.full(len(target), gain))).tobytes())
 
     def _started(self) -> Tracker:
         if self._tracker is None:
             raise PluginError("krls_t: start(context) must come before update and estimate.")
         return self._tracker
+
+
+def running_mean(time_s: FloatArray, values: FloatArray, length_s: float) -> FloatArray:
+    """Return the mean of each value and those before it within a time, or of as many as there are.
+
+    >>> running_mean(np.array([0.0, 1.0, 2.0, 3.0]), np.array([2.0, 4.0, 6.0, 8.0]), 2.0)
+    array([2., 3., 5., 7.])
+    """
+    sums = np.append(0.0, np.cumsum(values))
+    step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    first = np.searchsorted(time_s, time_s - length_s + 0.5 * step_s)
+    return np.asarray((sums[1:] - sums[first]) / (np.arange(1, len(sums)) - first))
 
 
 def _require(allowed: bool | np.bool, name: str, value: object, bounds: str) -> None:
