@@ -23,6 +23,9 @@ from numba import njit
 from fdbench.compilation import kept
 from fdbench.estimator import FloatArray
 
+# Share of the variance at the start that no rows go below: the first ones may tell no noise, and would leave no digits.
+FINEST = 1e-9
+
 
 class Recursion(NamedTuple):
     r"""State for p parameters and q errors, m = p + q; changed in place by `follow_errors`.
@@ -143,6 +146,8 @@ def _settle(
 ) -> None:
     """Write theta and P for the sums so far, with L L^T = D G D / r + I and D the deviations; W takes L^-1 D."""
     m = h.size
+    for i in range(m):
+        r = max(r, FINEST * deviation[i] ** 2 * G[i, i])
     for i in range(m):
         for j in range(i + 1):
             total = deviation[i] * G[i, j] * deviation[j] / r + (1.0 if i == j else 0.0)

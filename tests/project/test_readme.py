@@ -42,7 +42,7 @@ def blocks(page: Path) -> list[Block]:
 
 def run(block: Block, folder: Path) -> str:
     """Run a block in a folder and return what it prints; a file is written if the line before names one."""
-    named = re.search(r"`(\w+\.py)`:$", block.before)
+    named = re.search(r"`([\w-]+\.(?:py|toml))`:$", block.before)
     if named:
         (folder / named[1]).write_text(block.text, "utf-8")
         return ""
@@ -62,7 +62,7 @@ def test_blocks_of_readme_do_what_they_say(tmp_path: Path) -> None:
             (tmp_path / entry.name).symlink_to(entry)
     printed, compared = "", 0
     for block in blocks(README):
-        if block.language in ("python", "sh") and block.before != SLOW:
+        if block.language in ("python", "sh", "toml") and block.before != SLOW:
             printed = run(block, tmp_path)
         elif block.language == "text":
             options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
