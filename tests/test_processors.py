@@ -17,13 +17,14 @@ INFORMATION = Path("/proc/cpuinfo")
 WIDE = INFORMATION.is_file() and "avx512dq" in INFORMATION.read_text("utf-8")
 PROCESSORS = ({"OPENBLAS_CORETYPE": "Prescott", "NUMBA_CPU_NAME": "generic"}, {"OPENBLAS_CORETYPE": "Haswell"})
 PROCESSORS += ({"OPENBLAS_CORETYPE": "SkylakeX"},) if WIDE else ()
+DRIVES = ["least_squares", "krls_t", "pl_lssvm", "kalman", "slr_nfb", "hybrid_rls"]
 RUNS = {
-    "LinearMotorAxis-v0": ["least_squares", "krls_t", "pl_lssvm"],
-    "ShakerConstant-v0": ["least_squares", "krls_t", "pl_lssvm"],
+    "LinearMotorAxis-v1": DRIVES,
+    "ShakerConstant-v1": DRIVES,
     "SensorNetworkLine-v0": ["kalman_weighted", "kalman_parallel", "kalman_consensus"],
     "DriveCurrentClosed-v0": ["kalman"],
     "SlotMilling-v0": ["least_squares", "frequency_least_squares"],
-    "ServoStaircase-v0": ["hybrid_rls"],
+    "ServoStaircase-v1": ["hybrid_rls"],
 }
 SCORES = """
 import hashlib, json, sys

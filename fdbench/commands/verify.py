@@ -28,7 +28,7 @@ def verify(
 
     add_effects(effect)
     for file in estimator or []:
-        estimators.resolve(file)
+        estimators.declare(file)
     screen = Console(stderr=True)
     with screen.status("repeating runs") as status:
         found = repeat(
