@@ -8,6 +8,7 @@ from fdbench_baselines._data_sheet import sheet_beforehand
 from fdbench_baselines._generalised_least_squares import at_start, follow_errors
 from fdbench_baselines._one_step import OneStep, declined
 from fdbench_baselines.hybrid_rls import HybridRLS
+from fdbench_baselines.null import Null
 from fdbench_baselines.physics_model import PhysicsModel
 
 from fdbench.estimator import FloatArray
@@ -79,9 +80,11 @@ def test_a_drawn_machine_is_found(seed: int) -> None:
     command = scenario.command()
     assert command is not None
     assert truth.response is not None
-    runs = [
-        cast(FloatArray, one.predict(context, given, command)) for one, given in ((estimator, found), (physics, paper))
-    ]
+    own, on_paper = (
+        estimator.predict(context, found, command),
+        Null().predict(context, Null().fit(context, record), command),
+    )
+    runs = [cast(FloatArray, own), cast(FloatArray, on_paper)]
     assert rms(runs[0] - truth.response) < 0.2 * rms(runs[1] - truth.response)
 
 

@@ -87,7 +87,10 @@ class Kalman(OnlineEstimator):
     Forecasting, Structural Time Series Models and the Kalman Filter, 1989, section 2.3 (oscillators).
     """
 
-    made_for: ClassVar[tuple[str, ...] | None] = (STATE_SPACE, *LINEAR)
+    made_for: ClassVar[tuple[str, ...] | None] = (
+        "feed_drive",
+        "spindle",
+    )  # of a network, kalman_central is this filter
 
     def __init__(
         self,

@@ -2,7 +2,7 @@
 
 from typing import final
 
-from fdbench.estimator import BatchEstimator, Context, Estimate, FloatArray
+from fdbench.estimator import BatchEstimator, Context, Estimate
 from fdbench.plants import RespondingPlant
 from fdbench.record import Record
 from fdbench_baselines._data_sheet import sheet_beforehand
@@ -15,9 +15,9 @@ class PhysicsModel(BatchEstimator):
 
     .. math:: \hat x = G_{pb}\, x_d \qquad \text{or} \qquad \hat y = Z \beta_0, \quad \hat d = (y - \hat y) / g
 
-    Nothing is learnt from the record: what a drive's equation on paper leaves of a reading is taken for a force, and
-    the free run is that of the data sheet. A model in state space is one of a single step, if the readings give all
-    states.
+    Nothing is learnt from the record: what a drive's equation on paper leaves of a reading is taken for a force. A
+    model in state space is one of a single step, if the readings give all states. Parameters and free run would be
+    those of the data sheet, which is the row of ``null``, so that none are claimed.
 
     References
     ----------
@@ -38,7 +38,3 @@ class PhysicsModel(BatchEstimator):
             return Estimate(disturbance_N=regression.target / regression.disturbance_gain, output=predicted)
         output = regression.regressors @ sheet_beforehand(context).nominal
         return Estimate(disturbance_N=(regression.target - output) / regression.disturbance_gain, output=output)
-
-    def predict(self, context: Context, estimate: Estimate, command: Record) -> FloatArray | None:
-        """Return the free run with the parameters on paper."""
-        return context.plant.free_run(command, context.model, context.nominal)
