@@ -18,9 +18,6 @@ CHEATS = sorted((Path(__file__).parent / "cheats").glob("*.py"))
 SCENARIO = "ShakerConstant-v1"
 PRIMARY = [name for name in metrics.names() if metrics.get(name).primary]
 
-# The data sheet is everybody's: where the machine is another one, its values are a guess and no more.
-HONEST = {"data_sheet"}
-
 
 @pytest.fixture(scope="module")
 def stores(tmp_path_factory: pytest.TempPathFactory) -> tuple[Store, Store]:
@@ -51,12 +48,9 @@ def test_a_cheat_is_no_better_than_having_learnt_nothing(cheat: str, stores: tup
     if cheat == "native_read" and not landlock.version():
         pytest.skip("this system has no Landlock, and an audit hook does not see compiled code")
     scores = stores[1].scores()
-    nothing, truth, found = (primary(scores, name) for name in ("null", "oracle", cheat))
+    nothing, found = primary(scores, "null"), primary(scores, cheat)
     assert found
-    if cheat in HONEST:
-        assert all(found[name] > truth[name] for name in found)
-    else:
-        assert all(found[name] >= nothing[name] for name in found)
+    assert all(found[name] >= nothing[name] for name in found)
 
 
 def test_the_rows_of_others_are_the_same_to_the_bit(stores: tuple[Store, Store]) -> None:
