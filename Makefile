@@ -60,7 +60,7 @@ clean:
 	find fdbench baselines tests -name __pycache__ -prune -exec rm -rf {} +
 
 $(TEST): EXTRAS := [test]
-$(RUNTIME) $(TEST): pyproject.toml | $(BIN)/python
+$(RUNTIME) $(TEST): pyproject.toml fdbench/version.py | $(BIN)/python
 	@echo "installing fdbench$(EXTRAS) and what it needs into .venv"
 	$(PYTHON) -m pip --python $(BIN)/python install --quiet pip --editable ".$(EXTRAS)"
 	@touch $@

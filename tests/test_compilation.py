@@ -170,7 +170,9 @@ def test_an_edit_of_anything_that_a_function_uses_is_seen(tmp_path: Path, form: 
         assert " uses " in message, "what"
         assert "may use numbers, strings, tuples" in message, "what is allowed"
     # Another processor has its own entry in the same folder.
-    other, _, compiled = run(tmp_path, NUMBA_CPU_NAME="generic")
+    other, _, compiled = run(
+        tmp_path, NUMBA_CPU_NAME="nehalem" if os.environ.get("NUMBA_CPU_NAME") == "generic" else "generic"
+    )
     assert (other, "float" in compiled) == (edited, True)
     assert run(tmp_path) == (edited, messages, set())
 
