@@ -93,7 +93,7 @@ def test_slow_blocks_are_targets_of_make() -> None:
 
 
 def test_the_environment_of_make_has_pip(tmp_path: Path) -> None:
-    for name in ("Makefile", "pyproject.toml"):
+    for name in ("Makefile", "pyproject.toml", "fdbench"):
         (tmp_path / name).symlink_to(REPOSITORY / name)
     planned = subprocess.run(
         ["make", "-n", ".venv/.installed"], cwd=tmp_path, capture_output=True, text=True, check=True
