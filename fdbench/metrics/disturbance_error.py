@@ -20,8 +20,8 @@ class DisturbanceError(Metric):
     Validity: one mean for the whole window; where the feed changes within it, the change of the mean force counts.
     Skipped where the true disturbance does not vary, as in control trials.
 
-    ``decades`` is 1.75, an error of 1.8 %: on the shaker trials, where the noise of a reading is a sixth of the force,
-    about what is left when all readings within the time over which a period keeps its shape are put together.
+    ``decades`` is 1.75, an error of 1.8 %: a convention, no bound. It was set such that least squares, KRLS-T and
+    PL-LSSVM stand about 0.1 apart on the shaker trials.
 
     ``worst`` is ten times the error of claiming nothing.
 
