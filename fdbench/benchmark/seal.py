@@ -7,9 +7,10 @@ word of who ran it: a board that matters is drawn by somebody who has no row on 
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from fdbench.benchmark.store import replaced
 from fdbench.errors import FdbenchError
 from fdbench.nonce import check_nonce, new_nonce
 
@@ -58,7 +59,7 @@ def sealed(folder: Path, fixed: Seal) -> Seal:
                 "after its nonce was drawn; use a new folder."
             )
     if not present.nonce:
-        present = Seal(**{**asdict(present), "nonce": new_nonce()})
+        present = replace(present, nonce=new_nonce())
         _write(folder, present)
     return present
 
@@ -80,7 +81,5 @@ def read_seal(folder: Path) -> Seal | None:
 
 
 def _write(folder: Path, seal: Seal) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    partial = folder / f".{FILE}.partial"
-    partial.write_text(json.dumps(asdict(seal), indent=1) + "\n", "utf-8")
-    partial.replace(folder / FILE)
+    with replaced(folder / FILE) as partial:
+        partial.write_text(json.dumps(asdict(seal), indent=1) + "\n", "utf-8")
