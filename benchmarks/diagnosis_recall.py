@@ -18,18 +18,20 @@ import joblib
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.replay import Replay, Variant
+from fdbench.diagnosis.records.runs import prepare
+from fdbench.diagnosis.search.search import Stage
 from fdbench.effects import Effect, Port, effects
-from fdbench.gap.diagnose import diagnose
-from fdbench.gap.nominal import Nominal
-from fdbench.gap.replay import Replay, Variant
-from fdbench.gap.runs import prepare
-from fdbench.gap.search import Stage
-from fdbench.gap.trial import protocol, seal, tiers
-from fdbench.gap.trial.bench import ERRORS, FORCE_NOISE_N, Planted, Yardstick
-from fdbench.gap.trial.bench_library import LibraryBench
-from fdbench.gap.trial.score import NAMED
 from fdbench.record import FloatArray, Record
 from fdbench.specification import read
+from fdbench.trials import seal
+from fdbench.trials.score import NAMED
+from fdbench.virtual_axes import cases as tiers
+from fdbench.virtual_axes import protocol
+from fdbench.virtual_axes.bench import ERRORS, FORCE_NOISE_N, Planted, Yardstick
+from fdbench.virtual_axes.library_axis import LibraryBench
 
 KINDS = {"one": "One effect alone", "pair": "Pairs that are no look-alikes", "none": "Nothing", "time": "Time"}
 LENGTHS_S = (10.0, 16.0, 22.0, 28.0, 34.0, 40.0)  # of the records of a verdict that is timed; the last two are held out

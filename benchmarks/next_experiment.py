@@ -21,18 +21,19 @@ import numpy as np
 from _measure import describe_machine
 from threadpoolctl import threadpool_limits
 
+from fdbench.diagnosis.diagnose import Diagnosis, diagnose
+from fdbench.diagnosis.experiment.menu import Limits, menu, menu_of
+from fdbench.diagnosis.experiment.proposal import proposed
+from fdbench.diagnosis.experiment.trajectory import Trajectory
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.search import search
 from fdbench.errors import FdbenchError
-from fdbench.gap import search
-from fdbench.gap.diagnose import Diagnosis, diagnose
-from fdbench.gap.menu import Limits, menu, menu_of
-from fdbench.gap.next_experiment import proposed
-from fdbench.gap.nominal import Nominal
-from fdbench.gap.trajectory import Trajectory
-from fdbench.gap.trial import protocol, tiers
-from fdbench.gap.trial.bench import ERRORS, Yardstick
-from fdbench.gap.trial.bench_library import LibraryAxis, LibraryBench
 from fdbench.record import FloatArray, Record
 from fdbench.specification import read
+from fdbench.virtual_axes import cases as tiers
+from fdbench.virtual_axes import protocol
+from fdbench.virtual_axes.bench import ERRORS, Yardstick
+from fdbench.virtual_axes.library_axis import LibraryAxis, LibraryBench
 
 AMBIGUOUS = 0.9  # probability of the surest claim, "no gap" among them, below which a verdict is ambiguous
 REPEATS = 2

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from diagnosis_recall import causes, probability, rate, words
 
+from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.model.hypothesis import Hypothesis, calibrations, start
+from fdbench.diagnosis.model.nominal import Nominal, load_nominal
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.noise_model import floors
+from fdbench.diagnosis.records.runs import Run, prepare
 from fdbench.effects import Effect, Port
-from fdbench.gap.diagnose import diagnose
-from fdbench.gap.floor import floors
-from fdbench.gap.hypothesis import Hypothesis, calibrations, start
-from fdbench.gap.nominal import Nominal, load_nominal
-from fdbench.gap.replay import Replay
-from fdbench.gap.runs import Run, prepare
 from fdbench.reading import read_record
 from fdbench.record import FloatArray, Record
 

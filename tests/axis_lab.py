@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 
+from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.effects import Effect, effects
-from fdbench.gap.nominal import Nominal, Simulation
 from fdbench.motions import motions
 from fdbench.plants._controllers import Cascade
 from fdbench.plants.feed_drive import FeedDrive, RotaryMotor, Screw, Table

@@ -231,7 +231,7 @@ def test_a_refused_function_is_not_compiled() -> None:
 
 def test_no_function_is_left_to_the_cache_of_numba() -> None:
     """One file stands apart from the package by intent; what its functions use, they have from that file alone."""
-    from fdbench.gap.trial import plants_apart
+    from fdbench.virtual_axes import independent_simulator as plants_apart
 
     repository = Path(__file__).resolve().parents[1]
     sources = [path for root in ("fdbench", "baselines") for path in (repository / root).rglob("*.py")]

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from fdbench.diagnosis.judge import probability_models as confidence
+from fdbench.diagnosis.judge.probability_models import Head, Sign
+from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.errors import SpecError
-from fdbench.gap import confidence
-from fdbench.gap.confidence import Head, Sign
-from fdbench.gap.nominal import Nominal
-from fdbench.gap.trial import board, learn, tiers
-from fdbench.gap.trial.make import make
-from fdbench.gap.trial.tiers import Tier
 from fdbench.specification import load_toml, read
+from fdbench.trials import board, learn
+from fdbench.trials.make import make
+from fdbench.virtual_axes import cases as tiers
+from fdbench.virtual_axes.cases import Tier
 
 WEIGHTS = np.array([-0.5, 1.5, -0.8])
 

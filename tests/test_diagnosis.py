@@ -8,9 +8,9 @@ import pytest
 from axis_lab import case
 from conftest import shared_file
 
+from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.model.nominal import load_nominal
 from fdbench.effects import effects
-from fdbench.gap.diagnose import diagnose
-from fdbench.gap.nominal import load_nominal
 from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.scenario import load_scenario, scenario_folder

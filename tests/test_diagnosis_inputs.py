@@ -10,14 +10,14 @@ import pytest
 
 from fdbench import cli
 from fdbench.catalogue import scenario_folder
+from fdbench.diagnosis.evidence.prepare import aligned
+from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.nominal import load_nominal
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.virtual_controller import prepared
+from fdbench.diagnosis.records.plausibility import check_alignment, check_record
+from fdbench.diagnosis.records.runs import prepare, rate
 from fdbench.errors import FdbenchError, RecordError
-from fdbench.gap.align import check_alignment, check_record
-from fdbench.gap.diagnose import aligned
-from fdbench.gap.following import prepared
-from fdbench.gap.hypothesis import start
-from fdbench.gap.nominal import load_nominal
-from fdbench.gap.replay import Replay
-from fdbench.gap.runs import prepare, rate
 from fdbench.plants.feed_drive import FeedDrive, LinearMotor, RotaryMotor
 from fdbench.record import Record
 

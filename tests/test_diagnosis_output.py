@@ -15,21 +15,21 @@ import pytest
 
 from fdbench import cli
 from fdbench.catalogue import scenario_folder
+from fdbench.diagnosis.diagnose import Diagnosis, diagnose
+from fdbench.diagnosis.judge.localise import Gaps, Partition, where
+from fdbench.diagnosis.model.hypothesis import calibrations, start
+from fdbench.diagnosis.model.nominal import Nominal, load_nominal
+from fdbench.diagnosis.model.replay import Replay, Variant
+from fdbench.diagnosis.records.noise_model import white
+from fdbench.diagnosis.records.plausibility import check_alignment, check_record, delay_of
+from fdbench.diagnosis.records.runs import Run, prepare
+from fdbench.diagnosis.repaired import model_text, repaired, table_of, toml_lines, write_repaired
 from fdbench.effects import effects
 from fdbench.errors import FdbenchError, RecordError
-from fdbench.gap.align import check_alignment, check_record, delay_of
-from fdbench.gap.diagnose import Diagnosis, diagnose
-from fdbench.gap.floor import white
-from fdbench.gap.hypothesis import calibrations, start
-from fdbench.gap.nominal import Nominal, load_nominal
-from fdbench.gap.repaired import model_text, repaired, table_of, toml_lines, write_repaired
-from fdbench.gap.replay import Replay, Variant
-from fdbench.gap.runs import Run, prepare
-from fdbench.gap.summary import summary, verdict
-from fdbench.gap.where import Gaps, Partition, where
 from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.report.diagnosis import write_diagnosis
+from fdbench.report.diagnosis_text import summary, verdict
 
 MODEL = Path(__file__).resolve().parent.parent / "examples" / "emps" / "model.toml"
 PERIOD_S = 1e-3

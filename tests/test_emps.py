@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 from conftest import shared_file
 
+from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.model.nominal import load_nominal
+from fdbench.diagnosis.model.replay import Replay, Variant
+from fdbench.diagnosis.records.runs import prepare
 from fdbench.effects import effects
 from fdbench.estimator import Context, Estimate, estimators
-from fdbench.gap.diagnose import diagnose
-from fdbench.gap.nominal import load_nominal
-from fdbench.gap.replay import Replay, Variant
-from fdbench.gap.runs import prepare
 from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.scenario import load_scenario

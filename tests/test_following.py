@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 from conftest import shared_file
 
+from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.nominal import Nominal, Simulation, load_nominal
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.virtual_controller import holds, prepared
+from fdbench.diagnosis.repaired import model_text, repaired
 from fdbench.effects import Effect, effects
 from fdbench.errors import RecordError, SpecError
-from fdbench.gap.diagnose import diagnose
-from fdbench.gap.following import holds, prepared
-from fdbench.gap.hypothesis import start
-from fdbench.gap.nominal import Nominal, Simulation, load_nominal
-from fdbench.gap.repaired import model_text, repaired
-from fdbench.gap.replay import Replay
-from fdbench.gap.summary import summary
 from fdbench.plants._controllers import Cascade
 from fdbench.plants.feed_drive import FeedDrive, Following, LinearMotor
 from fdbench.reading import read_record
 from fdbench.record import Record
+from fdbench.report.diagnosis_text import summary
 from fdbench.simulate.system import Setup, Timing
 
 EXAMPLE = Path(__file__).resolve().parent.parent / "examples" / "emps"

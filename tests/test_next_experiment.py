@@ -11,23 +11,23 @@ import pytest
 from typer.testing import CliRunner
 
 from fdbench.cli import app
+from fdbench.diagnosis.evidence.evidence import Split
+from fdbench.diagnosis.experiment.expected_information import NOTHING, OTHER, OVERLOOKED, Forecast, Forecaster, Reader
+from fdbench.diagnosis.experiment.menu import Limits, menu, menu_of
+from fdbench.diagnosis.experiment.proposal import SURE, design, most_open, propose, write_proposed
+from fdbench.diagnosis.experiment.trajectory import Trajectory, moves
+from fdbench.diagnosis.judge.probability_models import Head, heads
+from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.noise_model import white
+from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.search.search import Rival, Stage
 from fdbench.effects import Effect, effects
-from fdbench.gap.confidence import Head, heads
-from fdbench.gap.evidence import Split
-from fdbench.gap.floor import white
-from fdbench.gap.forecast import NOTHING, OTHER, OVERLOOKED, Forecast, Forecaster, Reader
-from fdbench.gap.hypothesis import start
-from fdbench.gap.menu import Limits, menu, menu_of
-from fdbench.gap.next_experiment import SURE, design, most_open, propose, write_proposed
-from fdbench.gap.nominal import Nominal
-from fdbench.gap.replay import Replay
-from fdbench.gap.runs import Run
-from fdbench.gap.search import Rival, Stage
-from fdbench.gap.trajectory import Trajectory, moves
-from fdbench.gap.trial import tiers
 from fdbench.reading import read_record
 from fdbench.scenario import load_scenario
 from fdbench.specification import load_toml, read
+from fdbench.virtual_axes import cases as tiers
 
 PERIOD_S = 1e-3
 FLOORS = {"motor_force_N": 4.0, "position_m": 5e-7, "motor_minus_table_position_m": 5e-8}
@@ -311,12 +311,12 @@ def test_command_writes_the_motion(lab: Lab, chosen: Forecast, tmp_path: Path, m
     monkeypatch.chdir(tmp_path)
     load_scenario("BallScrewAxis-v0").record(0).save("axis.csv")
     command = ["diagnose", "axis.csv", "--model", str(tiers.AXIS), "--json", "-", "--next-experiment"]
-    monkeypatch.setattr("fdbench.gap.diagnose.diagnose", lambda *_: diagnosis(lab, chosen.answer()))
+    monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", lambda *_: diagnosis(lab, chosen.answer()))
     result = CliRunner().invoke(app, [*command, "next.csv"])
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["next_experiment"]["trajectory"] == "next.csv"
     assert read_record("next.csv")["reference_position_m"].shape == chosen.trajectory.reference[:, 0].shape
-    monkeypatch.setattr("fdbench.gap.diagnose.diagnose", lambda *_: diagnosis(lab, None))
+    monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", lambda *_: diagnosis(lab, None))
     result = CliRunner().invoke(app, [*command, "none.csv"])
     assert result.exit_code == 0, result.output
     assert "no none.csv" in result.stderr

@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 from axis_lab import case, drive
 
+from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.judge import probability_models as confidence
+from fdbench.diagnosis.judge.probability_models import Head
+from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.errors import SpecError
-from fdbench.gap import confidence
-from fdbench.gap.confidence import Head
-from fdbench.gap.diagnose import diagnose
-from fdbench.gap.nominal import Nominal, Simulation
-from fdbench.gap.summary import summary
-from fdbench.gap.trial import learn, rehearsal
-from fdbench.gap.trial.learn import Claim
 from fdbench.plants.feed_drive import FeedDrive, Following, LinearMotor
 from fdbench.record import Record
+from fdbench.report.diagnosis_text import summary
+from fdbench.trials import learn
+from fdbench.trials import machine_calibration as rehearsal
+from fdbench.trials.learn import Claim
 
 Records = tuple[Nominal, list[Record], list[Record]]
 
@@ -193,7 +194,7 @@ def test_the_command_line_passes_heads_on(given: Records, tmp_path: Path, monkey
         seen.append(arguments[-1])
         return SimpleNamespace(answer={})
 
-    monkeypatch.setattr("fdbench.gap.diagnose.diagnose", found)
+    monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", found)
     monkeypatch.setattr(rehearsal, "rehearsed", lambda *arguments: ("heads", arguments[3]))
     arguments = ["diagnose", str(tmp_path / "axis.parquet"), "--model", "scenarios/EMPS-v0.toml", "--json", "-"]
     for more in ([], ["--rehearse", "80"]):

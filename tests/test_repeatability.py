@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from axis_lab import drive, protocol, record
 
-from fdbench.gap.diagnose import aligned, steadied
-from fdbench.gap.floor import Floor, spectrum_of, white
-from fdbench.gap.hypothesis import calibrations, start
-from fdbench.gap.nominal import Nominal, Simulation
-from fdbench.gap.repeatability import Change, Repeatability
+from fdbench.diagnosis.evidence.prepare import aligned, steadied
+from fdbench.diagnosis.evidence.run_to_run import Change, Repeatability
+from fdbench.diagnosis.model.hypothesis import calibrations, start
+from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.records.noise_model import Floor, spectrum_of, white
 from fdbench.record import Record
 
 

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from fdbench.gap.trial.answer import answer
-from fdbench.gap.trial.make import make
-from fdbench.gap.trial.score import score
-from fdbench.gap.trial.tiers import Tier
+from fdbench.trials.answer import answer
+from fdbench.trials.make import make
+from fdbench.trials.score import score
+from fdbench.virtual_axes.cases import Tier
 
 NONCE = "0ddba11" + "0" * 57
 

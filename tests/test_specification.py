@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdbench.catalogue import scenario_files
+from fdbench.diagnosis.model.nominal import Nominal, load_nominal
 from fdbench.errors import SpecError
-from fdbench.gap.nominal import Nominal, load_nominal
 from fdbench.scenario import Scenario, extended
 from fdbench.specification import bounded, check_bounds, load_toml, positive, read
 

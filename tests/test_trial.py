@@ -14,25 +14,28 @@ import pytest
 from typer.testing import CliRunner
 
 from fdbench.cli import app
+from fdbench.diagnosis.experiment.trajectory import moves
+from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.effects import effects
 from fdbench.errors import PluginError, SpecError, UnknownName
-from fdbench.gap.nominal import Nominal
-from fdbench.gap.trajectory import moves
-from fdbench.gap.trial import plants_apart, protocol, seal, tiers
-from fdbench.gap.trial.answer import answer
-from fdbench.gap.trial.bench import ERRORS
-from fdbench.gap.trial.bench_apart import ApartBench, plants
-from fdbench.gap.trial.bench_library import LibraryBench
-from fdbench.gap.trial.board import board
-from fdbench.gap.trial.diagnoser import Answer, diagnosers
-from fdbench.gap.trial.make import MANIFEST, listed_effects, make, read_manifest
-from fdbench.gap.trial.oracle import held_out_gaps, oracle_closure
-from fdbench.gap.trial.score import Table, score, sheet
-from fdbench.gap.trial.tiers import Tier
 from fdbench.nonce import check_nonce, new_nonce
 from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.specification import load_toml, read
+from fdbench.trials import seal
+from fdbench.trials.answer import answer
+from fdbench.trials.board import board
+from fdbench.trials.diagnoser import Answer, diagnosers
+from fdbench.trials.make import MANIFEST, listed_effects, make, read_manifest
+from fdbench.trials.score import Table, score, sheet
+from fdbench.virtual_axes import cases as tiers
+from fdbench.virtual_axes import independent_simulator as plants_apart
+from fdbench.virtual_axes import protocol
+from fdbench.virtual_axes.bench import ERRORS
+from fdbench.virtual_axes.cases import Tier
+from fdbench.virtual_axes.independent_axis import ApartBench, plants
+from fdbench.virtual_axes.library_axis import LibraryBench
+from fdbench.virtual_axes.oracle import held_out_gaps, oracle_closure
 
 NONCE = "5eed" * 16
 PERIOD_S = protocol.PERIOD_S
@@ -453,8 +456,8 @@ def test_changed_records_are_refused(trial: Path, tmp_path: Path) -> None:
 
 FAULTY = '''"""Fails on one case, and says what it was given."""
 from fdbench.errors import RecordError
-from fdbench.gap.nominal import Nominal
-from fdbench.gap.trial.diagnoser import Answer, Diagnoser
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.trials.diagnoser import Answer, Diagnoser
 from fdbench.record import Record
 
 class Faulty(Diagnoser):

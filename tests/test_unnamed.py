@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from fdbench.gap.evidence import Split
-from fdbench.gap.floor import white
-from fdbench.gap.nominal import Nominal
-from fdbench.gap.runs import Run
-from fdbench.gap.trajectory import moves
-from fdbench.gap.trial import tiers
-from fdbench.gap.unnamed import types
+from fdbench.diagnosis.evidence.evidence import Split
+from fdbench.diagnosis.experiment.trajectory import moves
+from fdbench.diagnosis.judge.residual_dependence import types
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.records.noise_model import white
+from fdbench.diagnosis.records.runs import Run
 from fdbench.specification import load_toml, read
+from fdbench.virtual_axes import cases as tiers
 
 PERIOD_S = 1e-3
 LEAD_M = 0.01

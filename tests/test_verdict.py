@@ -3,11 +3,11 @@
 import pytest
 from axis_lab import drive
 
+from fdbench.diagnosis.judge.verdict import divided, second_witness
+from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.search.search import Rival, Stage
 from fdbench.effects import effects
-from fdbench.gap.hypothesis import start
-from fdbench.gap.nominal import Nominal, Simulation
-from fdbench.gap.search import Rival, Stage
-from fdbench.gap.verdict import divided, second_witness
 
 LAG, DELAY, CABLE = (type(effects.get(name).typical()) for name in ("current_loop_lag", "dead_time", "cable_stiffness"))
 

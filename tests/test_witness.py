@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from axis_lab import case, drive
 
+from fdbench.diagnosis.evidence.evidence import silenced
+from fdbench.diagnosis.evidence.prepare import aligned
+from fdbench.diagnosis.judge.force_balance_check import forces_removed, smoothed
+from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.search.search import Search
 from fdbench.effects import effects
-from fdbench.gap.diagnose import aligned
-from fdbench.gap.evidence import silenced
-from fdbench.gap.hypothesis import start
-from fdbench.gap.search import Search
-from fdbench.gap.witness import forces_removed, smoothed
 from fdbench.plants._controllers import Cascade
 
 

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from fdbench.benchmark.compare import EVEN, GAIN, LOSS, MISSING, NEW, NOT_JUDGED, VERDICTS, Comparison, Row
 from fdbench.benchmark.job import SPEED
-from fdbench.benchmark.leaderboard import public_text, shown_unit, value_text
+from fdbench.benchmark.leaderboard import shown_unit, value_text
 from fdbench.metrics import metrics
+from fdbench.wording import public_text
 
 if TYPE_CHECKING:
     from rich.console import Group

@@ -2,7 +2,6 @@
 
 import difflib
 import math
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,6 +29,7 @@ from fdbench.errors import FdbenchError
 from fdbench.metrics import metrics
 from fdbench.scenario import TRACKS
 from fdbench.units import TIMES, time_text, unit_of
+from fdbench.wording import public_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,9 +69,6 @@ DIGITS = 3
 MOST_NAMED = 4
 # Share of the null's value below which a number is rounding error and printed as 0.
 NEGLIGIBLE = 1e-10
-
-_ABSOLUTE_FOLDER = re.compile(r"(?<![\w:/.>~])(?:[A-Za-z]:)?[/\\](?:[^\s/\\:']+[/\\])+")
-_ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
 
 
 def leaderboard(store: Store) -> str:
@@ -330,12 +327,3 @@ def value_text(value: float, unit: str, scale: float) -> str:
 def shown_unit(unit: str) -> str:
     """Return the unit that stands beside values of `value_text`."""
     return "" if unit in TIMES else unit
-
-
-def public_text(message: str) -> str:
-    """Return a reason without the folders and addresses of one machine.
-
-    >>> public_text("/data/emps/DATA_EMPS.mat: not on this machine. See https://example.org/a/b.html")
-    'DATA_EMPS.mat: not on this machine. See https://example.org/a/b.html'
-    """
-    return _ADDRESS.sub("0x…", _ABSOLUTE_FOLDER.sub("", message))

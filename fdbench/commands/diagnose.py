@@ -42,11 +42,11 @@ def diagnose(
     """Say where the gap between a model and records lies, which effect causes it, and how far it shrinks."""
     from rich.console import Console
 
-    from fdbench.gap.diagnose import diagnose as find
-    from fdbench.gap.nominal import load_nominal
-    from fdbench.gap.summary import summary
+    from fdbench.diagnosis.diagnose import diagnose as find
+    from fdbench.diagnosis.model.nominal import load_nominal
     from fdbench.reading import read_record
     from fdbench.record import Record
+    from fdbench.report.diagnosis_text import summary
 
     def read(path: Path) -> Record:
         return read_record(path, data if path.suffix.lower() == ".toml" else None)
@@ -62,12 +62,12 @@ def diagnose(
         fitted, judged = ([read(path) for path in paths] for paths in (records, holdout or ()))
         heads = None
         if rehearse:
-            from fdbench.gap.trial.rehearsal import rehearsed
+            from fdbench.trials.machine_calibration import rehearsed
 
             heads = rehearsed(nominal, fitted, judged, rehearse, status.update)
         found = find(nominal, fitted, judged, status.update, heads)
     if next_experiment is not None:
-        from fdbench.gap.next_experiment import write_proposed
+        from fdbench.diagnosis.experiment.proposal import write_proposed
 
         found = write_proposed(found, next_experiment)
         if found.answer["next_experiment"] is None:
@@ -79,7 +79,7 @@ def diagnose(
 
         write_diagnosis(found, html)
     if write_model is not None:
-        from fdbench.gap.repaired import write_repaired
+        from fdbench.diagnosis.repaired import write_repaired
 
         write_repaired(found, write_model)
     if str(json_) == "-":

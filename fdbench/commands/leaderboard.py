@@ -20,7 +20,7 @@ def leaderboard(
     """Write leaderboard.md from a folder of results."""
     from fdbench.benchmark import leaderboard as rankings
     from fdbench.benchmark.store import Store
-    from fdbench.gap.trial.board import board, published
+    from fdbench.trials.board import board, published
 
     text = rankings.leaderboard(Store(existing(folder, "scores.parquet"))) + board(published())
     if not check:

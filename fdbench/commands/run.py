@@ -104,8 +104,8 @@ def run(
     from fdbench.benchmark.run import select
     from fdbench.benchmark.store import SKIPPED, Store
     from fdbench.commands._written import write_changed
-    from fdbench.gap.trial.board import board, published
     from fdbench.report import write_report
+    from fdbench.trials.board import board, published
 
     add_effects(effect)
     chosen = scenario or in_suite(suite)

@@ -33,8 +33,8 @@ def trial_make(
     """Draw axes with withheld effects, record them, and seal what was planted."""
     from rich.console import Console
 
-    from fdbench.gap.trial.make import make
-    from fdbench.gap.trial.tiers import Tier
+    from fdbench.trials.make import make
+    from fdbench.virtual_axes.cases import Tier
 
     if tier.upper() not in list(Tier):
         raise SpecError(f"tier: unknown tier '{tier}'.{did_you_mean(tier.upper(), list(Tier))}")
@@ -52,8 +52,8 @@ def trial_answer(
     """Diagnose every case from its records and model alone; write the answers and their SHA-256."""
     from rich.console import Console
 
-    from fdbench.gap.trial.answer import answer
-    from fdbench.gap.trial.diagnoser import diagnosers
+    from fdbench.trials.answer import answer
+    from fdbench.trials.diagnoser import diagnosers
 
     with Console(stderr=True).status("answering") as status:
         found = answer(folder, diagnosers.resolve(diagnoser), output, status.update)
@@ -69,7 +69,7 @@ def trial_score(
     json_: Json = False,
 ) -> None:
     """Check every seal and print the score sheet, with bootstrap intervals over cases."""
-    from fdbench.gap.trial.score import score, text
+    from fdbench.trials.score import score, text
 
     found = score(folder, answers, key)
     if json_:
@@ -87,7 +87,7 @@ def trial_learn(
     """Learn from a trial of tier L how far the diagnosis can be trusted; its probabilities are drawn from that."""
     from rich.console import Console
 
-    from fdbench.gap.trial.learn import KINDS, learn
+    from fdbench.trials.learn import KINDS, learn
 
     with Console(stderr=True).status("learning") as status:
         found = learn(folder, key, output, status.update)

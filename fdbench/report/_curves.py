@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from fdbench.gap import summary as words
-from fdbench.gap.diagnose import Diagnosis
-from fdbench.gap.replay import Replay
-from fdbench.gap.runs import Run
+from fdbench.diagnosis.diagnose import Diagnosis
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.runs import Run
 from fdbench.record import FloatArray
 from fdbench.report._figures import (
     AFTER,
@@ -26,13 +25,11 @@ from fdbench.report._figures import (
     labelled,
     layout,
     line,
-    quantity,
-    scaled,
     stack,
-    unit_text,
 )
 from fdbench.report._page import Block, Figure, Section, note
 from fdbench.report._series import MOST_POINTS, opening_range, peak, thinned
+from fdbench.wording import percent, quantity, scaled, unit_text
 
 MOST_RUNS = 6
 POINTS_OF_ALL_RUNS = 12_000
@@ -86,9 +83,7 @@ class Curves:
         for index, run in enumerate(runs[:MOST_RUNS]):
             panels = [panel for channel in self.channels for panel in self._panels(index, channel, n_points)]
             held_out = float(self.found.split.held_out[index].mean())
-            caption = (
-                f"Dashed: twice the noise floor. Not fitted, but judged on: {words.percent(held_out)} of the samples."
-            )
+            caption = f"Dashed: twice the noise floor. Not fitted, but judged on: {percent(held_out)} of the samples."
             yield stack(Path(run.name).name, panels, "time (s)", caption)
 
     def _panels(self, index: int, channel: str, n_points: int) -> Iterator[Panel]:

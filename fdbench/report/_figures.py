@@ -12,7 +12,6 @@ from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.run import NULL
 from fdbench.regression import FloatArray
 from fdbench.report._page import Figure, Html, Trace, tag
-from fdbench.units import UNITS, split_unit
 
 # What is drawn for comparison only and would hide the rest; a click on its name shows it.
 HIDDEN = (NULL,)
@@ -26,9 +25,6 @@ INK, SOFT, GRID, TRUTH = "var(--ink)", "var(--soft)", "var(--grid)", "var(--trut
 N_COLOURS = 16
 DASHES = ("solid", "dash", "dot")
 SYMBOLS = ("circle", "square", "diamond")
-
-PREFIXES = {3: "k", 0: "", -3: "m", -6: "µ", -9: "n", -12: "p"}
-TAKES_PREFIX = {"m", "N", "A", "V", "W", "Pa", "rad", "N m", "m/s", "m/s^2", "m/s^3", "rad/s", "N/s"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,40 +69,6 @@ def named(name: str, style: Style) -> Html:
     """Return the name of an estimator behind its colour."""
     swatch = Html(f'<span class="swatch {style.symbol}" style="background:{style.colour}"></span>')
     return Html(swatch + tag("span", name))
-
-
-# ---- units ----
-
-
-def unit_text(unit: str) -> str:
-    """Return a unit as it is printed.
-
-    >>> unit_text("N s^2/m^2"), unit_text("us")
-    ('N s²/m²', 'µs')
-    """
-    return unit.replace("^2", "²").replace("^3", "³") if unit != "us" else "µs"
-
-
-def scaled(unit: str, peak: float) -> tuple[float, str]:
-    """Return the factor and the unit in which values up to ``peak`` have one to three digits before the point.
-
-    >>> scaled("m/s", 4e-5), scaled("N s/m", 4e-5)
-    ((1000000.0, 'µm/s'), (1.0, 'N s/m'))
-    """
-    if unit not in TAKES_PREFIX or not 0.0 < peak < np.inf:
-        return 1.0, unit_text(unit)
-    exponent = int(np.clip(3 * np.floor(np.log10(peak) / 3.0), min(PREFIXES), max(PREFIXES)))
-    return 10.0**-exponent, PREFIXES[exponent] + unit_text(unit)
-
-
-def quantity(name: str) -> tuple[str, str]:
-    """Return what a column or parameter is called and its unit.
-
-    >>> quantity("motor_force_N"), quantity("beta_1")
-    (('motor force', 'N'), ('beta_1', ''))
-    """
-    stem, suffix = split_unit(name)
-    return (stem.replace("_", " "), UNITS[suffix]) if suffix else (name, "")
 
 
 def labelled(text: str, unit: str) -> str:

@@ -25,14 +25,13 @@ from fdbench.report._figures import (
     band,
     labelled,
     line,
-    quantity,
-    scaled,
     stack,
 )
 from fdbench.report._page import Block, Figure, Html, Trace, note
 from fdbench.report._series import POINTS_FOR_A_BOUND, envelope, gaps, opening_range, peak, thinned
 from fdbench.report._spectrum import spectrum
 from fdbench.scenario import Scenario, Truth, load_scenario
+from fdbench.wording import quantity, scaled
 
 TIME = "time (s)"
 

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from fdbench.benchmark.leaderboard import public_text
-from fdbench.gap import summary as words
-from fdbench.gap.diagnose import Diagnosis
-from fdbench.report._figures import AFTER, BEFORE, SOFT, Style, bars, dots, quantity
+from fdbench.diagnosis.answer import judged_on
+from fdbench.diagnosis.diagnose import Diagnosis
+from fdbench.report import diagnosis_text as words
+from fdbench.report._figures import AFTER, BEFORE, SOFT, Style, bars, dots
 from fdbench.report._page import Block, Figure, Grid, Html, Section, note, paragraph, table, tag
+from fdbench.wording import percent, probability_text, public_text, quantity, si_text
 
 PARTITIONS = {
     "motion": "Phase of motion",
@@ -46,7 +47,7 @@ def noise_floors(answer: Mapping[str, Any]) -> Html:
     rows = [
         [
             quantity(name)[0],
-            words.si_text(floor["value"], floor["unit"]),
+            si_text(floor["value"], floor["unit"]),
             "measured from repeats" if floor["measured_from_repeats"] else "assumed from the quietest parts",
         ]
         for name, floor in answer["noise_floor"].items()
@@ -96,7 +97,7 @@ def _causes(found: Diagnosis) -> Iterator[Block]:
         [*(cause["effect"] for cause in added), "not explained", "noise"],
         [*(cause["share"] for cause in added), words.unexplained(answer), noise],
         "share of the mean squared gap after re-calibration",
-        f"Judged on {words.judged_on(answer)}. What effects share is split by the mean over all orders.",
+        f"Judged on {judged_on(answer)}. What effects share is split by the mean over all orders.",
     )
     if answer["next_experiment"] is not None:
         yield from _experiment(answer["next_experiment"])
@@ -109,7 +110,7 @@ def _causes(found: Diagnosis) -> Iterator[Block]:
         for number, (name, value) in enumerate(cause["parameters"].items()):
             text, _ = quantity(name)
             known = "typical, not fitted" if name in fixed else _interval(value)
-            shown = words.si_text(value["value"], value["unit"])
+            shown = si_text(value["value"], value["unit"])
             rows.append([cause["effect"] if number == 0 else "", text, shown, known])
     yield table(["effect", "parameter", "value", "95 % interval"], rows, "llrl")
     yield table(
@@ -117,9 +118,9 @@ def _causes(found: Diagnosis) -> Iterator[Block]:
         [
             [
                 cause["effect"],
-                words.probability_text(cause["probability"]),
-                words.percent(cause["share"]),
-                words.percent(words.unique(cause)),
+                probability_text(cause["probability"]),
+                percent(cause["share"]),
+                percent(words.unique(cause)),
                 ", ".join(cause["indistinguishable_from"]) or "–",
             ]
             for cause in causes
@@ -135,17 +136,17 @@ def _experiment(experiment: Mapping[str, Any]) -> Iterator[Block]:
     yield paragraph(f"Next experiment, to separate {pair}: {motion}{file}")
     if "separates" not in experiment:
         return
-    low, high = (words.si_text(bound, "m") for bound in experiment["position_m"])
+    low, high = (si_text(bound, "m") for bound in experiment["position_m"])
     chance = experiment["expected_probability"]
     rows = [
         ["where", f"{low} to {high}"],
-        ["amplitude", words.si_text(experiment["amplitude_m"], "m")],
-        ["fastest", words.si_text(experiment["velocity_m_per_s"], "m/s")],
-        ["hardest", words.si_text(experiment["acceleration_m_per_s2"], "m/s²")],
-        ["lasts", words.si_text(experiment["duration_s"], "s")],
+        ["amplitude", si_text(experiment["amplitude_m"], "m")],
+        ["fastest", si_text(experiment["velocity_m_per_s"], "m/s")],
+        ["hardest", si_text(experiment["acceleration_m_per_s2"], "m/s²")],
+        ["lasts", si_text(experiment["duration_s"], "s")],
         [
             "probability of the true cause, expected",
-            f"{words.probability_text(chance['now'])} now, {words.probability_text(chance['after'])} after it",
+            f"{probability_text(chance['now'])} now, {probability_text(chance['after'])} after it",
         ],
         ["gain for each second of the machine", f"{experiment['expected_gain_per_s']:.2g}"],
         *(
@@ -159,7 +160,7 @@ def _experiment(experiment: Mapping[str, Any]) -> Iterator[Block]:
 def _interval(value: Mapping[str, Any]) -> str:
     if value["ci95"] is None:
         return "not computed"
-    return " to ".join(words.si_text(bound, value["unit"]) for bound in value["ci95"])
+    return " to ".join(si_text(bound, value["unit"]) for bound in value["ci95"])
 
 
 def _shrinkage(answer: Mapping[str, Any]) -> Iterator[Block]:
@@ -172,18 +173,15 @@ def _shrinkage(answer: Mapping[str, Any]) -> Iterator[Block]:
     bounds = np.array([none, none, *intervals, none])
     styles = {name: AFTER if name.startswith("+") else BEFORE for name in names} | {"noise alone": Style(colour=SOFT)}
     title = "Mean squared gap in units of the noise floor"
-    caption = f"Judged on {words.judged_on(answer)}. Bars: 95 % of resampled stretches of time, for the step alone."
+    caption = f"Judged on {judged_on(answer)}. Bars: 95 % of resampled stretches of time, for the step alone."
     figure = dots(title, names, values, bounds, styles, "mean squared gap / noise floor")
     yield Figure(title=title, traces=figure.traces, layout=figure.layout, height_px=figure.height_px, caption=caption)
     yield tag("ul", *(tag("li", sentence) for sentence in words.shrinkage(answer)))
     rows = [
         [
             quantity(name)[0],
-            *(
-                words.si_text(channel[key], channel["unit"])
-                for key in ("before", "recalibrated", "repaired", "noise_floor")
-            ),
-            words.percent(channel["reduction"]),
+            *(si_text(channel[key], channel["unit"]) for key in ("before", "recalibrated", "repaired", "noise_floor")),
+            percent(channel["reduction"]),
         ]
         for name, channel in answer["gap"]["channels"].items()
     ]

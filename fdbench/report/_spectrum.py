@@ -10,10 +10,11 @@ from fdbench.metrics import Outcome
 from fdbench.metrics._series import no_white_floor
 from fdbench.metrics._spectrum import FEWEST_ROWS, ORDERS, folded, n_rows_in_window, residual_density, segment_length
 from fdbench.regression import FloatArray
-from fdbench.report._figures import FIRST_RANK, HIDDEN, INK, SOFT, Style, axis, layout, line, unit_text
+from fdbench.report._figures import FIRST_RANK, HIDDEN, INK, SOFT, Style, axis, layout, line
 from fdbench.report._page import Block, Figure, Trace, note
 from fdbench.report._series import gaps
 from fdbench.scenario import Scenario
+from fdbench.wording import unit_text
 
 # Share of an axis that the label of a line takes.
 ROOM_FOR_A_LABEL = 0.02

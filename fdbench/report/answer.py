@@ -6,9 +6,9 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple, cast
 
+from fdbench.diagnosis.diagnose import Diagnosis
 from fdbench.effects import Effect, effects
 from fdbench.errors import FdbenchError
-from fdbench.gap.diagnose import Diagnosis
 from fdbench.report._page import Block, Section, note, paragraph, table, write_page
 from fdbench.report._sections import lead, noise_floors, sections
 

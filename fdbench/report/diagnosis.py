@@ -3,15 +3,15 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from fdbench.gap import summary as words
-from fdbench.gap.diagnose import Diagnosis
-from fdbench.gap.hypothesis import calibrations
-from fdbench.gap.repaired import model_text
-from fdbench.gap.search import SMALLEST_GAIN, Stage
+from fdbench.diagnosis.diagnose import Diagnosis
+from fdbench.diagnosis.model.hypothesis import calibrations
+from fdbench.diagnosis.repaired import model_text
+from fdbench.diagnosis.search.search import SMALLEST_GAIN, Stage
 from fdbench.report._curves import Curves
 from fdbench.report._figures import bars
 from fdbench.report._page import Block, Section, folded, note, paragraph, table, tag, write_page
 from fdbench.report._sections import lead, noise_floors, sections
+from fdbench.wording import percent, si_text
 
 SEEN_RIVALS = 8
 
@@ -42,7 +42,7 @@ def write_diagnosis(found: Diagnosis, path: str | Path) -> None:
 def _rivals(stages: Sequence[Stage]) -> Iterator[Block]:
     yield note(
         "Each round tries every effect of the library on top of those found before; bars show which share of the gap "
-        f"beyond the noise it removes on what was not fitted. Below {words.percent(SMALLEST_GAIN)} none is added. Only "
+        f"beyond the noise it removes on what was not fitted. Below {percent(SMALLEST_GAIN)} none is added. Only "
         "the best are refined in closed loop; the others are estimated from one simulation."
     )
     for number, stage in enumerate(stages, start=1):
@@ -57,7 +57,7 @@ def _rivals(stages: Sequence[Stage]) -> Iterator[Block]:
         rows = [
             [
                 rival.kind.name,
-                words.percent(gain) if gain > -1.0 else "much worse",
+                percent(gain) if gain > -1.0 else "much worse",
                 f"{rival.misfit:.4g}",
                 "yes" if rival.refined else "no",
             ]
@@ -74,9 +74,9 @@ def _basis(found: Diagnosis) -> Iterator[Block]:
             Path(run.name).name,
             str(run.repeats),
             str(run.n_samples),
-            words.si_text(run.period_s, "s"),
-            "–" if run.lap is None else words.si_text(run.lap * run.period_s, "s"),
-            words.percent(float(out.mean())),
+            si_text(run.period_s, "s"),
+            "–" if run.lap is None else si_text(run.lap * run.period_s, "s"),
+            percent(float(out.mean())),
         ]
         for run, out in zip(found.split.runs, found.split.held_out, strict=True)
     ]

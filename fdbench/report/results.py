@@ -13,7 +13,6 @@ from fdbench.benchmark.leaderboard import (
     check_mergeable,
     interval_text,
     number_text,
-    public_text,
     seeds_of,
     shown_unit,
     unranked_text,
@@ -35,12 +34,13 @@ from fdbench.benchmark.statistics import (
 )
 from fdbench.benchmark.store import FAILED, OK, PROVENANCE, SKIPPED, STATUSES, Store
 from fdbench.metrics import metrics
-from fdbench.report._figures import Style, dots, labelled, legend, named, quantity, styles_of, unit_text
+from fdbench.report._figures import Style, dots, labelled, legend, named, styles_of
 from fdbench.report._page import Block, Grid, Html, Section, breakable, folded, note, paragraph, table, tag, write_page
 from fdbench.report._scenario import known_scenario, pictures
 from fdbench.report._series import points_of_a_series
 from fdbench.scenario import TRACKS
 from fdbench.units import time_text, unit_of
+from fdbench.wording import public_text, quantity, unit_text
 
 if TYPE_CHECKING:
     import pandas as pd

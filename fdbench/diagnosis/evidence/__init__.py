@@ -1,0 +1,1 @@
+"""What records and simulations differ by, in units of the noise."""

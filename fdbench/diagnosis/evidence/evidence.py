@@ -1,0 +1,274 @@
+"""Evidence: responses of variants beside the gap, summed over segments; every fit is made on these sums."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.diagnosis.evidence.run_to_run import Change
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.noise_model import Floor
+from fdbench.diagnosis.records.runs import Run
+from fdbench.record import FloatArray
+
+MODEL_ERROR = 0.03
+EXPLAINED_ERROR = 1e-3  # of what effects explain, which are not exactly of the library's form
+SEGMENT_S = 0.25
+HUGE = 1e30  # reading of a simulation that diverges, while its square is still a number
+DIVERGED = 1e6  # gap, in units of the floor, of a simulation that diverges
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Split:
+    """Runs, and which samples of each are judged on instead of fitted."""
+
+    runs: Sequence[Run]
+    held_out: Sequence[NDArray[np.bool_]]
+    floors: Mapping[str, Floor]
+    changes: Sequence[Change | None] = ()
+    explained: Sequence[Mapping[str, FloatArray]] = ()
+
+    @property
+    def plain(self) -> "Split":
+        """The split in which what changes from run to run is noise as any other: that gaps are reported in."""
+        return Split(
+            runs=self.runs,
+            held_out=self.held_out,
+            floors={name: floor.whole for name, floor in self.floors.items()},
+        )
+
+    def scaled(self, place: int, signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return signals (n_signals, n_samples) of each channel of a run in units of the noise of their mean.
+
+        What changes from run to run is shrunk to the size of the noise.
+        """
+        run = self.runs[place]
+        found = {name: values * (np.sqrt(run.repeats) / self.floors[name].rms) for name, values in signals.items()}
+        if self.changes and (change := self.changes[place]) is not None:
+            change.take_out(list(found.values()))
+        return found
+
+    def gap(self, place: int, simulated: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return what a simulation leaves of each channel of a run, (n_samples,), in the same units."""
+        left = {name: (measured - simulated[name])[None] for name, measured in self.runs[place].channels.items()}
+        return {name: values[0] for name, values in self.scaled(place, left).items()}
+
+    def beside(self, evidence: "Evidence") -> "Split":
+        """Return the split with the gaps of a model without effects, which is what effects explain at most."""
+        explained = [
+            {
+                name: evidence.gaps[(evidence.run == place) & (evidence.channel == index)]
+                for index, name in enumerate(run.channels)
+            }
+            for place, run in enumerate(self.runs)
+        ]
+        return dataclasses.replace(self, explained=explained)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evidence:
+    r"""Products of the gap (column 0) and of responses (other columns) in units of the floor.
+
+    Attributes
+    ----------
+    products : (n_segments, n_columns, n_columns) array
+        Weighted by :math:`w = 1 / (1 + \kappa (g - 1) + \kappa_0 (g_0 - 1))` with the segment's gap g in units of the
+        floor, and that of the model without effects: an error of the responses in proportion to the gap, or of
+        effects in proportion to what they explain, is not read as evidence.
+    gaps : (n_segments,) array
+        Squared gap without weights.
+    counts : (n_segments,) array
+        Samples.
+    weights : (n_segments,) array
+    held_out : (n_segments,) array of bool
+    group : (n_segments,) array of int
+        The same stretch of time has one group over all channels, for the bootstrap.
+    run, channel : (n_segments,) array of int
+        Place in those of the split, and in those of the run.
+    """
+
+    products: FloatArray
+    gaps: FloatArray
+    counts: FloatArray
+    weights: FloatArray
+    held_out: NDArray[np.bool_]
+    group: NDArray[np.intp]
+    run: NDArray[np.intp]
+    channel: NDArray[np.intp]
+
+    def misfits(self, held_out: bool) -> FloatArray:
+        r"""Return the misfit of the base and of each variant on one part, (n_columns,).
+
+        .. math:: M = 1 + \sum_s w_s (g_s - n_s) / \sum_s n_s
+
+        so that 1 is noise alone, and nothing exceeds :math:`1 + 1 / \kappa`.
+        """
+        part = self.held_out == held_out
+        sums = self.products[part].sum(axis=0)
+        own = np.diagonal(sums).copy()
+        own[0] = 0.0
+        return misfit(sums[0, 0] - 2.0 * np.r_[0.0, sums[0, 1:]] + own, self.weights[part], self.counts[part])
+
+    def worst(self) -> float:
+        """Return the mean squared gap of the stretch of time in which it is largest, over all channels."""
+        _, place = np.unique(self.group, return_inverse=True)
+        return float(np.max(np.bincount(place, self.gaps) / np.bincount(place, self.counts)))
+
+    def sizes(self, split: Split) -> FloatArray:
+        """Return the mean square of each column in the run where that is most, in units of what repeats differ by."""
+        within = np.array([(floor.rms / floor.total) ** 2 for floor in split.floors.values()])[self.channel]
+        repeats = np.array([run.repeats for run in split.runs])[self.run]
+        squares = np.diagonal(self.products, axis1=1, axis2=2) * (within / self.weights / repeats)[:, None]
+        runs, place = np.unique(self.run, return_inverse=True)
+        sums = np.zeros((len(runs), squares.shape[1]))
+        np.add.at(sums, place, squares)
+        return np.asarray((sums / np.bincount(place, self.counts)[:, None]).max(axis=0))
+
+
+def misfit(squares: FloatArray | float, weights: FloatArray, counts: FloatArray) -> FloatArray:
+    """Return the misfit of weighted squares that are summed over segments."""
+    return np.asarray(1.0 + (squares - np.sum(weights * counts)) / max(float(counts.sum()), 1.0))
+
+
+def silenced(signals: Mapping[str, FloatArray]) -> NDArray[np.bool_]:
+    """Set to zero, in place and in all channels, what diverges of gaps and changes; return which rows these are."""
+    lost = np.asarray(~np.logical_and.reduce([(np.abs(values) < HUGE).all(axis=1) for values in signals.values()]))
+    for values in signals.values():
+        values[lost] = 0.0
+    return lost
+
+
+def gather(
+    replay: Replay, split: Split, base: Hypothesis, variants: Sequence[Hypothesis], fitted_only: bool = False
+) -> Evidence:
+    """Simulate the base and its variants on every run, and sum the products over segments.
+
+    ``fitted_only`` leaves out the runs of which nothing is fitted. A variant that diverges counts as the base.
+    """
+    lanes = [base.variant(), *(item.variant() for item in variants)]
+    products, gaps, counts, outs, groups, owners, channels, known = [], [], [], [], [], [], [], []
+    offset = 0
+    for number, (run, out) in enumerate(zip(split.runs, split.held_out, strict=True)):
+        if fitted_only and out.all():
+            continue
+        simulated = replay.simulate(run, lanes)
+        length = max(8, round(SEGMENT_S / run.period_s))
+        n_segments = -(-run.n_samples // length)
+        count = np.full(n_segments, float(length))
+        count[-1] -= n_segments * length - run.n_samples
+        for name, measured in run.channels.items():
+            simulated[name][1:] -= simulated[name][0]
+            simulated[name][0] = measured - simulated[name][0]
+        lost = silenced(simulated)
+        scaled = split.scaled(number, simulated)
+        if lost[0]:
+            for values in scaled.values():
+                values[0] = DIVERGED
+        for place, (name, found) in enumerate(scaled.items()):
+            signals = np.zeros((len(lanes), n_segments * length))
+            signals[:, : run.n_samples] = found
+            pieces = signals.reshape(len(lanes), n_segments, length).transpose(1, 0, 2)
+            products.append(pieces @ pieces.transpose(0, 2, 1))
+            gaps.append(products[-1][:, 0, 0].copy())
+            counts.append(count)
+            outs.append(out[np.arange(n_segments) * length])
+            groups.append(offset + np.arange(n_segments))
+            owners.append(np.full(n_segments, number))
+            channels.append(np.full(n_segments, place))
+            known.append(split.explained[number][name] if split.explained else count)
+        offset += n_segments
+    gap, count = np.concatenate(gaps), np.concatenate(counts)
+    excess, explained = (np.maximum(item / count - 1.0, 0.0) for item in (gap, np.concatenate(known)))
+    weight = 1.0 / (1.0 + MODEL_ERROR * excess + EXPLAINED_ERROR * explained)
+    return Evidence(
+        products=np.concatenate(products) * weight[:, None, None],
+        gaps=gap,
+        counts=count,
+        weights=weight,
+        held_out=np.concatenate(outs),
+        group=np.concatenate(groups),
+        run=np.concatenate(owners),
+        channel=np.concatenate(channels),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """Coefficients of the chosen columns, found on the training segments.
+
+    Attributes
+    ----------
+    coefficients : (n_chosen,) array
+    train, misfit : float
+        On the training and on the held-out segments; 1 is noise alone.
+    squares : float
+        Weighted squared distance on the training segments.
+    penalty : float
+        Squared distance of the values on paper in standard deviations.
+    """
+
+    coefficients: FloatArray
+    train: float
+    misfit: float
+    squares: float
+    penalty: float
+
+
+class Scores:
+    """Fits on sums over training segments, judged on sums over held-out segments.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    priors : mapping of int to float
+        Columns with unit prior, and where they stand before the fit, in standard deviations.
+    """
+
+    def __init__(self, evidence: Evidence, priors: Mapping[int, float]) -> None:
+        self.priors = dict(priors)
+        inside = ~evidence.held_out
+        self.train, self.test = evidence.products[inside].sum(axis=0), evidence.products[~inside].sum(axis=0)
+        self._parts = [(evidence.weights[part], evidence.counts[part]) for part in (inside, ~inside)]
+
+    def fit(self, columns: Sequence[int]) -> Fit:
+        """Fit the columns by regularised least squares."""
+        chosen = list(columns)
+        normal, right = self.normal(chosen), self.train[chosen, 0].copy()
+        for place, column in enumerate(chosen):
+            right[place] -= self.priors.get(column, 0.0)
+        theta = solved(normal, right)
+        fitted, judged = (distance(sums, chosen, theta) for sums in (self.train, self.test))
+        return Fit(
+            coefficients=theta,
+            train=float(misfit(fitted, *self._parts[0])),
+            misfit=float(misfit(judged, *self._parts[1])),
+            squares=fitted,
+            penalty=self._penalty(chosen, theta),
+        )
+
+    def normal(self, columns: Sequence[int]) -> FloatArray:
+        """Return the normal matrix of the columns, priors included."""
+        chosen = list(columns)
+        normal: FloatArray = self.train[np.ix_(chosen, chosen)].copy()
+        normal[np.diag_indices(len(chosen))] += [float(column in self.priors) for column in chosen]
+        return normal
+
+    def _penalty(self, chosen: list[int], theta: FloatArray) -> float:
+        moved = dict(zip(chosen, theta.tolist(), strict=True))
+        return float(sum((stand + moved.get(column, 0.0)) ** 2 for column, stand in self.priors.items()))
+
+
+def solved(normal: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the solution of normal equations, or of each of a stack of them, scaled and held off singularity."""
+    scale = np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 1e-30))
+    held = normal / (scale[..., :, None] * scale[..., None, :]) + 1e-9 * np.eye(scale.shape[-1])
+    return np.asarray(np.linalg.solve(held, (right / scale)[..., None])[..., 0] / scale)
+
+
+def distance(sums: FloatArray, columns: Sequence[int], theta: FloatArray) -> float:
+    """Return the squared distance of the gap, column 0, from columns with the coefficients theta."""
+    inner = sums[np.ix_(columns, columns)]
+    return float(sums[0, 0] - 2.0 * theta @ sums[columns, 0] + theta @ inner @ theta)

@@ -1,0 +1,169 @@
+"""Preparation: records aligned with their model, split into what is fitted and what is judged on."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fdbench.diagnosis.evidence.evidence import Split
+from fdbench.diagnosis.evidence.run_to_run import Repeatability
+from fdbench.diagnosis.evidence.sensor_artefacts import Mark, bridged, grid_mark, held_mark, mean_energy
+from fdbench.diagnosis.model.hypothesis import Hypothesis, start
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.virtual_controller import prepared
+from fdbench.diagnosis.records.noise_model import Floor, floors, raised
+from fdbench.diagnosis.records.plausibility import check_alignment, check_record
+from fdbench.diagnosis.records.runs import Run, merged, prepare, same_command
+from fdbench.errors import RecordError
+from fdbench.record import Record
+
+HELD_OUT_SHARE = 1.0 / 3.0
+SMALLEST_ARTEFACT = 0.04  # mean square of a sensor artefact, in units of the noise, that is worth a cause
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Aligned:
+    """Records beside their model, before anything is explained.
+
+    Attributes
+    ----------
+    nominal : Nominal
+        As given, or with a virtual controller.
+    runs : list of Run
+        Of the records and then of the held-out ones; samples that the logger held are bridged.
+    replay : Replay
+    split : Split
+    judged_on : str
+    marks : list of Mark
+    warnings : list of str
+    """
+
+    nominal: Nominal
+    runs: list[Run]
+    replay: Replay
+    split: Split
+    judged_on: str
+    marks: list[Mark]
+    warnings: list[str]
+
+
+def aligned(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Aligned:
+    """Return records as they are compared with their model; see `diagnose` for parameters and errors."""
+    if not records:
+        raise RecordError("no records: at least one is needed, better three repeats of several motions.")
+    records, holdouts, copies = without_copies(records, holdouts)
+    nominal, raw_runs, warnings = prepared(nominal, [*records, *holdouts])
+    warnings = [*copies, *warnings]
+    drive = nominal.drive
+    check_alike(raw_runs)
+    for run in raw_runs:
+        check_record(run, drive)
+    replay, paper = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
+    runs, counts = [], []
+    for run in raw_runs:
+        on_paper = {name: values[0] for name, values in replay.simulate(run, [paper.variant()]).items()}
+        warnings += check_alignment(run, on_paper)
+        mended, n_held = bridged(run, on_paper)
+        runs.append(mended.beside(on_paper))
+        counts.append(n_held)
+    split, judged_on = split_runs(runs[: len(records)], runs[len(records) :], floors(runs))
+    held = held_mark(raw_runs, runs, counts)
+    marks = [] if held is None else [held]
+    if (grid := grid_mark(runs, replay)) is not None and mean_energy(grid, split.floors) > SMALLEST_ARTEFACT:
+        split = dataclasses.replace(split, floors=raised(split.floors, grid.energy))
+        marks.append(grid)
+    return Aligned(
+        nominal=nominal,
+        runs=runs,
+        replay=replay,
+        split=split,
+        judged_on=judged_on,
+        marks=marks,
+        warnings=warnings,
+    )
+
+
+def without_copies(
+    records: Sequence[Record], holdouts: Sequence[Record]
+) -> tuple[list[Record], list[Record], list[str]]:
+    """Return records and held-out ones without those that have the samples of one before them, and what to say."""
+    found: tuple[list[Record], list[Record]] = ([], [])
+    warnings = []
+    for given, kept in zip((records, holdouts), found, strict=True):
+        for record in given:
+            first = next((other for other in (*found[0], *found[1]) if other == record), None)
+            if first is None:
+                kept.append(record)
+            else:
+                warnings.append(
+                    f"{record.source}: a copy of {first.source}. It tells nothing of noise and is left out."
+                )
+    return *found, warnings
+
+
+def steadied(replay: Replay, ready: Aligned, calibrated: Hypothesis) -> Split:
+    """Return the split in which what changes from run to run, about the re-calibrated model, is told from noise."""
+    found = Repeatability(replay, calibrated, ready.runs)
+    noise: Mapping[str, Floor] = found.floors
+    for mark in ready.marks:
+        if not mark.bridged:
+            noise = raised(noise, mark.energy)
+    changes = [found.change(run, noise) for run in ready.split.runs]
+    return dataclasses.replace(ready.split, floors=noise, changes=changes)
+
+
+def split_runs(records: Sequence[Run], holdouts: Sequence[Run], found: Mapping[str, Floor]) -> tuple[Split, str]:
+    """Return what is fitted and what is judged on.
+
+    With held-out records these are judged on; else the last laps of records that repeat themselves, else the last of
+    repeated records, else the last third of each record.
+    """
+    if holdouts:
+        fitted, judged = merged(records), merged(holdouts)
+        masks = [np.zeros(run.n_samples, dtype=np.bool_) for run in fitted]
+        masks += [np.ones(run.n_samples, dtype=np.bool_) for run in judged]
+        return Split(runs=[*fitted, *judged], held_out=masks, floors=found), "held-out"
+    last = [run for index, run in enumerate(records) if _is_last_repeat(records, index)]
+    if last:
+        return split_runs([run for run in records if run not in last], last, found)[0], "held-out repeats"
+    masks = []
+    for run in records:
+        mask = np.zeros(run.n_samples, dtype=np.bool_)
+        if run.lap is not None:
+            laps = max(1, round(run.n_samples / run.lap * 0.5))
+            mask[laps * run.lap :] = True
+        else:
+            mask[round(run.n_samples * (1.0 - HELD_OUT_SHARE)) :] = True
+        masks.append(mask)
+    by = "held-out laps" if all(run.lap is not None for run in records) else "held-out last third of each record"
+    return Split(runs=records, held_out=masks, floors=found), by
+
+
+def _is_last_repeat(runs: Sequence[Run], index: int) -> bool:
+    repeats_before = any(same_command(runs[index], other) for other in runs[:index])
+    return repeats_before and not any(same_command(runs[index], other) for other in runs[index + 1 :])
+
+
+def check_alike(runs: Sequence[Run]) -> None:
+    """Raise a RecordError unless all runs have the same channels and clock."""
+    first = runs[0]
+    for run in runs[1:]:
+        if set(run.channels) != set(first.channels):
+            raise RecordError(
+                f"{run.name}: channels {sorted(run.channels)} differ from those of {first.name}, "
+                f"{sorted(first.channels)}; give records with the same columns."
+            )
+        if abs(run.period_s - first.period_s) > 1e-6 * first.period_s:
+            raise RecordError(
+                f"{run.name}: sampled every {run.period_s:g} s, {first.name} every {first.period_s:g} s; "
+                "give records with one clock."
+            )
+
+
+def merged_runs(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> tuple[Replay, Split]:
+    """Return the replay of a model and its runs, repeats merged, as they are without a look at their readings."""
+    runs, others = ([prepare(item, nominal.drive) for item in group] for group in (records, holdouts))
+    split, _ = split_runs(runs, others, floors([*runs, *others]))
+    replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
+    return replay.coarsened(split.runs, split.floors), split

@@ -1,0 +1,144 @@
+"""Repeatability: what changes from run to run as values on paper do, told from the noise within a run.
+
+Friction is never the same twice. Between repeats of one command it differs by a few per cent, which looks the same in
+every sample of a run: counted as noise, it would hide effects that are far smaller. It is estimated from the repeats,
+and counts in one direction of all samples of a run instead of in each of them.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.noise_model import SMALLEST, Floor, floors, spectrum_of
+from fdbench.diagnosis.records.runs import Run, deviations, repeated, same_command
+from fdbench.record import FloatArray
+
+ROUNDS = 3  # in which what changes and what is noise are told apart
+SMALLEST_CHANGE = 0.1  # standard deviation over a whole run, in units of its noise, that is worth a direction
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Change:
+    r"""Directions in which a run may differ from another of the same command.
+
+    What a run differs by has the covariance :math:`I + S S^T` in units of the noise, with
+    :math:`S = U \operatorname{diag}(s) V^T`. Its inverse root leaves what is across :math:`U` as it is, and shrinks
+    what is along it by :math:`1 / \sqrt{1 + s^2}`.
+
+    Attributes
+    ----------
+    directions : (n_directions, n_channels, n_samples) array
+        :math:`U^T`.
+    shrinkage : (n_directions,) array
+        :math:`1 - 1 / \sqrt{1 + s^2}`.
+    """
+
+    directions: FloatArray
+    shrinkage: FloatArray
+
+    def take_out(self, signals: Sequence[FloatArray]) -> None:
+        """Whiten signals in place: for each channel an array (n_signals, n_samples) in units of the noise."""
+        parts = list(zip(signals, self.directions.transpose(1, 0, 2), strict=True))
+        along = sum(own @ directions.T for own, directions in parts) * self.shrinkage
+        for own, directions in parts:
+            own -= along @ directions
+
+
+def within(floor: Floor, left: Sequence[FloatArray]) -> Floor:
+    """Return a floor whose noise within a run is half of what changes from run to run leave of the differences."""
+    spectrum = 0.5 * spectrum_of(left)
+    between = np.maximum(floor.spectrum - spectrum, 0.0)
+    return dataclasses.replace(floor, spectrum=spectrum, from_run_to_run=between)
+
+
+def responses(replay: Replay, model: Hypothesis, run: Run) -> FloatArray:
+    """Return what one standard deviation of each value on paper changes, (n_values, n_channels, n_samples)."""
+    simulated = replay.simulate(run, [item.variant() for item in (model, *model.moved_in_turn())])
+    return np.stack([simulated[name][1:] - simulated[name][0] for name in run.channels], axis=1)
+
+
+class Repeatability:
+    r"""What repeats of all commands tell of changes from run to run.
+
+    Each difference d of two repeats is explained by a difference of the values on paper,
+    :math:`\theta = (R R^T + I)^{-1} R d` with the responses R in units of the noise; what that leaves is noise, and
+    :math:`\tfrac12 \overline{\theta \theta^T}`, less what noise adds to it, is the covariance of the values from run to
+    run.
+
+    Parameters
+    ----------
+    replay : Replay
+    model : Hypothesis
+        About which responses are taken.
+    runs : sequence of Run
+        Before repeats are merged.
+
+    Attributes
+    ----------
+    floors : mapping of str to Floor
+        Noise of each channel; with repeated records, apart from what changes from run to run.
+    """
+
+    def __init__(self, replay: Replay, model: Hypothesis, runs: Sequence[Run]) -> None:
+        self._replay, self._model = replay, model
+        self._known: list[tuple[Run, FloatArray]] = []
+        self.floors = floors(runs)
+        self._root = np.zeros((len(model.shifts),) * 2)
+        pairs = repeated(runs)
+        if not pairs:
+            return
+        names = list(runs[0].channels)
+        differences = [
+            np.stack([deviations(later, name) - deviations(run, name) for name in names]) for run, later in pairs
+        ]
+        rms = np.array([floor.rms for floor in self.floors.values()])
+        for _ in range(ROUNDS):
+            thetas, left, by_noise = [], [], []
+            for (run, _), difference in zip(pairs, differences, strict=True):
+                moved = self._responses(run)
+                columns = (moved / rms[:, None]).reshape(len(moved), -1)
+                normal = columns @ columns.T + np.eye(len(moved))
+                thetas.append(np.linalg.solve(normal, columns @ (difference / rms[:, None]).ravel()))
+                by_noise.append(2.0 * np.linalg.solve(normal, np.linalg.solve(normal, columns @ columns.T).T))
+                left.append(difference - np.tensordot(thetas[-1], moved, 1))
+            mean_square = 0.5 * np.mean(np.concatenate(left, axis=1) ** 2, axis=1)
+            rms = np.maximum(np.sqrt(mean_square), SMALLEST)
+        size, axes = np.linalg.eigh(
+            0.5 * np.mean([np.outer(theta, theta) - own for theta, own in zip(thetas, by_noise, strict=True)], axis=0)
+        )
+        self._root = axes * np.sqrt(np.maximum(size, 0.0))
+        self.floors = {
+            name: within(floor, [parts[place] for parts in left])
+            for place, (name, floor) in enumerate(self.floors.items())
+        }
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of the values on paper from run to run, in their standard deviations, (n_values, n_values)."""
+        return np.asarray(self._root @ self._root.T)
+
+    def _responses(self, run: Run) -> FloatArray:
+        known = next((found for other, found in self._known if same_command(run, other)), None)
+        if known is None:
+            known = responses(self._replay, self._model, run)
+            self._known.append((run, known))
+        return known
+
+    def change(self, run: Run, noise: Mapping[str, Floor]) -> Change | None:
+        """Return the directions in which a run may differ from others of its command, if any."""
+        if not self._root.any():
+            return None
+        scale = np.array([floor.rms for floor in noise.values()])[:, None]
+        moved = np.tensordot(self._root.T, self._responses(run), 1) / scale
+        _, s, directions = np.linalg.svd(moved.reshape(len(moved), -1), full_matrices=False)
+        kept = s > SMALLEST_CHANGE
+        if not kept.any():
+            return None
+        return Change(
+            directions=directions[kept].reshape(-1, *moved.shape[1:]),
+            shrinkage=1.0 - 1.0 / np.sqrt(1.0 + s[kept] ** 2),
+        )

@@ -1,0 +1,192 @@
+"""What readings show by themselves: samples that the logger held, and positions that lie on a grid."""
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fdbench.diagnosis.model.replay import Replay, Variant
+from fdbench.diagnosis.records.noise_model import Floor
+from fdbench.diagnosis.records.runs import STRETCH, Run
+from fdbench.effects import Effect, Port, effects
+from fdbench.plants.feed_drive import FeedDrive
+from fdbench.record import FloatArray
+
+MOVES = 5.0  # times the noise that the model moves by where a repeated sample cannot be a coincidence
+FEWEST = 40  # differences of readings
+NEAREST, FURTHEST = 0.5, 3.5  # range of differences that are looked at, in steps of the grid
+COARSEST_M, RATIO, MOST_STEPS = 1e-4, 1.015, 700
+CELLS = 50  # for each step; a cell that many differences lie in counts once, so that no steady speed passes for a grid
+EXACT = 1e-6
+ON_GRID = 0.4  # distance from the grid, relative to that of numbers that know nothing of it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mark:
+    """An effect that is seen in the readings; what it does to them cannot be simulated sample by sample.
+
+    Attributes
+    ----------
+    kind : Effect class
+    probability : float
+    value, low, high : float
+        Its amplitude, with 95 % bounds.
+    energy : mapping of str to float
+        Mean square that it brings into each channel, in the channel's unit squared.
+    bridged : bool
+        Whether the readings that are compared are without it.
+    """
+
+    kind: type[Effect]
+    probability: float
+    value: float
+    low: float
+    high: float
+    energy: Mapping[str, float]
+    bridged: bool = False
+
+
+# ---- samples that were held ----
+
+
+def bridged(run: Run, simulated: Mapping[str, FloatArray]) -> tuple[Run, int]:
+    """Return the run with held samples replaced, and how many there were.
+
+    A sample counts as held where the model moves by far more than the noise while every channel repeats itself. The
+    gap to the model is interpolated over it.
+    """
+    if run.held is None or not run.held.any():
+        return run, 0
+    rough = {name: float(np.median(np.abs(np.diff(values, 2)))) / 1.65 for name, values in run.channels.items()}
+    moving = np.zeros(run.n_samples, dtype=np.bool_)
+    for name, values in simulated.items():
+        moving[1:] |= np.abs(np.diff(values)) > MOVES * rough[name]
+    held = run.held & moving
+    if not held.any():
+        return run, 0
+    time, fresh = np.arange(run.n_samples), ~held
+    channels = {
+        name: simulated[name] + np.interp(time, time[fresh], (values - simulated[name])[fresh])
+        for name, values in run.channels.items()
+    }
+    return dataclasses.replace(run, channels=channels, held=held), int(held.sum())
+
+
+def held_mark(raw: Sequence[Run], mended: Sequence[Run], counts: Sequence[int]) -> Mark | None:
+    """Return the effect of the logger, by how many samples it held; None where it held none or no effect is known."""
+    kinds = [kind for kind in map(effects.get, effects.names()) if kind.port is Port.LOGGING]
+    n_held, n_samples = sum(counts), sum(run.n_samples for run in raw)
+    if not kinds or n_held == 0:
+        return None
+    rate, half = n_held / n_samples, 1.96 * math.sqrt(n_held) / n_samples
+    energy = {
+        name: sum(float(np.sum((a.channels[name] - b.channels[name]) ** 2)) for a, b in zip(raw, mended, strict=True))
+        / n_samples
+        for name in raw[0].channels
+    }
+    return Mark(
+        kind=kinds[0],
+        probability=1.0 - math.exp(-float(n_held)),
+        value=rate,
+        low=max(rate - half, 0.0),
+        high=rate + half,
+        energy=energy,
+        bridged=True,
+    )
+
+
+# ---- readings on a grid ----
+
+
+def grid_mark(runs: Sequence[Run], replay: Replay) -> Mark | None:
+    """Return the effect of an encoder that leaves the differences between readings as they are, or None.
+
+    Such an effect moves every reading to a grid: applied once more, it changes nothing. The grid that the differences
+    of neighbouring samples lie nearest to is taken, at the coarsest step.
+    """
+    best: tuple[float, Effect] | None = None
+    for kind in replay.library:
+        if kind.port in (Port.MOTOR_ENCODER, Port.TABLE_SCALE) and not kind.states:
+            readings = list(_readings(runs, replay.drive, kind.port))
+            if not readings:
+                continue
+            differences = np.concatenate([np.abs(np.diff(values)) for values in readings])
+            found = _coarsest_grid(kind, np.sort(differences[differences > 0.0]))
+            if found is not None and (best is None or found[0] < best[0]):
+                best = found
+    if best is None:
+        return None
+    distance, effect = best
+    value = float(getattr(effect, effect.amplitude))
+    return Mark(
+        kind=type(effect),
+        probability=1.0 / (1.0 + math.exp(20.0 * (distance - ON_GRID))),
+        value=value,
+        low=value / RATIO,
+        high=value * RATIO,
+        energy=_energy(runs, replay, effect),
+    )
+
+
+def _readings(runs: Sequence[Run], drive: FeedDrive, port: Port) -> Iterator[FloatArray]:
+    own = drive.controller.uses_table == (port is Port.TABLE_SCALE)
+    for run in runs:
+        if own:
+            yield run.channels["position_m"]
+        elif STRETCH in run.channels:
+            sign = 1.0 if port is Port.MOTOR_ENCODER else -1.0
+            yield run.channels["position_m"] + sign * run.channels[STRETCH]
+
+
+def _coarsest_grid(kind: type[Effect], differences: FloatArray) -> tuple[float, Effect] | None:
+    """Return the distance from the coarsest grid that the differences lie on, and the effect; None without one."""
+    bounds = next(item for item in kind.parameters() if item.name == kind.amplitude)
+    steps = min(COARSEST_M, bounds.high) * RATIO ** -np.arange(MOST_STEPS)
+    anything = np.linspace(NEAREST, FURTHEST, int((FURTHEST - NEAREST) * CELLS))
+    found: tuple[float, Effect] | None = None
+    for step in steps[steps > differences[0]].tolist() if len(differences) else []:
+        first, last = np.searchsorted(differences, (NEAREST * step, FURTHEST * step))
+        if last - first < FEWEST:
+            continue
+        effect = kind.typical(**{kind.amplitude: step})
+        moved = _after(effect, anything * step)
+        if np.abs(_after(effect, moved) - moved).max() > EXACT * step:
+            return None
+        cells = np.unique(np.round(differences[first:last] * (CELLS / step))) * (step / CELLS)
+        distance = _median(_after(effect, cells) - cells) / _median(moved - anything * step)
+        if distance < (ON_GRID if found is None else found[0]):
+            found = distance, effect
+        elif found is not None:
+            return found
+    return found
+
+
+def _after(effect: Effect, readings: FloatArray) -> FloatArray:
+    """Return readings as they leave an encoder with an effect."""
+    kernel, values = type(effect).kernel, effect.values()
+    return np.array([kernel(0.0, 1e-3, 0.0, 0.0, reading, *values)[0] for reading in readings.tolist()])
+
+
+def _median(values: FloatArray) -> float:
+    return float(np.median(np.abs(values)))
+
+
+def _energy(runs: Sequence[Run], replay: Replay, effect: Effect) -> dict[str, float]:
+    sums = dict.fromkeys(runs[0].channels, 0.0)
+    for run in runs:
+        pair = [Variant(plant=replay.drive), Variant(plant=replay.drive, extra=(effect,))]
+        for name, values in replay.simulate(run, pair).items():
+            sums[name] += float(np.sum((values[1] - values[0]) ** 2))
+    return {name: total / sum(run.n_samples for run in runs) for name, total in sums.items()}
+
+
+def energies(mark: Mark, floors: Mapping[str, Floor]) -> FloatArray:
+    """Return the mean square that an effect brings into each channel, in units of the floor."""
+    return np.array([mark.energy[name] / floor.rms**2 for name, floor in floors.items()])
+
+
+def mean_energy(mark: Mark, floors: Mapping[str, Floor]) -> float:
+    """Return the mean square that an effect brings into the channels, in units of the floor."""
+    return float(np.mean(energies(mark, floors)))

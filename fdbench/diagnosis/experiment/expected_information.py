@@ -1,0 +1,286 @@
+"""The forecast: what a motion is expected to show of the causes that compete.
+
+The motion is simulated with each candidate as the truth, and the others are fitted again to the old records and the
+new one together; the misfits that this leaves are read as those of the records are. Candidates are the rivals of the
+verdict and, with the probability that it leaves, every other effect of the library, as large as the records may have
+hidden. Probabilities before and after are read in the same way, as the verdict would read them.
+"""
+
+import itertools
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.diagnosis.evidence.evidence import MODEL_ERROR, Split, gather, solved
+from fdbench.diagnosis.experiment.trajectory import Trajectory
+from fdbench.diagnosis.judge import probability_models as confidence
+from fdbench.diagnosis.judge.probability_models import Heads
+from fdbench.diagnosis.judge.verdict import alike, divided
+from fdbench.diagnosis.model.candidates import candidates, middle_of_each
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.search.search import EFFECTIVE_SAMPLES, NOISE_ALONE, Rival, Stage
+from fdbench.record import FloatArray
+from fdbench.units import time_text
+
+MOST_RIVALS = 6
+SMALLEST_PROBABILITY = 0.02
+OVERLOOKED = 0.1  # least probability that the cause is an effect that the records gave no reason to consider
+PRICE_PER_S = 3e-4  # probability that a second of machine time has to bring, once a machine is set up for a motion
+SPLIT_LOG_ODDS = 3.0  # 20 to 1
+CERTAIN = 1e-12  # smallest probability that log odds tell from none
+NOTHING, OTHER = "no further effect", "any other effect"
+FOLLOWED = 0.1  # share of the stroke by which the simulated axis may miss the command
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reader:
+    """Reads a stage as the verdict does.
+
+    Attributes
+    ----------
+    heads : Heads
+        What probabilities are drawn from.
+    unknown : float
+        Probability of an unknown cause: where nothing was found, it is not probable that there is nothing.
+    """
+
+    heads: Heads = field(default_factory=confidence.heads)
+    unknown: float = 0.0
+
+    def told(self, stage: Stage) -> dict[str, float]:
+        """Return the probabilities that the verdict gives to rivals and to none; what lacks to 1 is what it doubts."""
+        own = stage.probabilities()
+        none = max(1.0 - sum(own), 0.0)
+        best = int(np.argmax(own))
+        kind = stage.rivals[best].kind
+        if own[best] > none:
+            same = alike(stage, kind)
+            chance = self.heads.effect.probability(confidence.of_effect(stage, kind, same))
+        else:
+            same = []
+            chance = min(self.heads.suspect.probability(confidence.of_effect(stage, kind)), own[best])
+        found = divided(stage, kind, same, chance)
+        most = 1.0 if stage.base.effects else 1.0 - self.unknown
+        return {**found, NOTHING: min(none, most, 1.0 - sum(found.values()))}
+
+    def serious(self, stage: Stage) -> Stage:
+        """Return a stage with its most probable rivals alone."""
+        belief = self.told(stage)
+        every = sorted(stage.rivals, key=lambda rival: -belief.get(rival.kind.name, 0.0))[:MOST_RIVALS]
+        likely = (rival for rival in every if belief.get(rival.kind.name, 0.0) >= SMALLEST_PROBABILITY)
+        return replace(stage, rivals=tuple(likely))
+
+
+def overlooked(serious: Stage) -> list[Rival]:
+    """Return the effects of the library beside the rivals of a stage: of typical size, with nothing explained yet."""
+    known = {rival.kind for rival in serious.rivals}
+    others = middle_of_each(item for item in candidates(serious.base) if item.kind not in known)
+    return [
+        Rival(
+            kind=item.kind,
+            hypothesis=item.hypotheses(serious.base)[0],
+            misfit=serious.misfit,
+            penalty=serious.penalty,
+            refined=False,
+            size=0.0,
+        )
+        for item in others
+    ]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Forecast:
+    """What a motion is expected to show.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+    names : list of str
+        Candidates: the rivals of a stage, other effects under one name and, last, none of them.
+    now : (n_candidates,) array
+        How probable it is that each is the truth.
+    before : (n_candidates,) array
+        What the verdict gives to each without the motion.
+    after : (n_candidates, n_candidates) array
+        What it gives to each column with the motion, if the row's candidate is the truth.
+    """
+
+    trajectory: Trajectory
+    names: list[str]
+    now: FloatArray
+    before: FloatArray
+    after: FloatArray
+
+    def gain(self) -> float:
+        """Return by how much the expected probability of the truth rises."""
+        return float(self.now @ (np.diag(self.after) - self.before))
+
+    def utility(self) -> float:
+        """Return the gain less the price of the machine's time."""
+        return self.gain() - PRICE_PER_S * self.trajectory.duration_s
+
+    def log_odds(self, a: int, b: int) -> float:
+        """Return by which the true one of two candidates is expected to gain on the other, in nats."""
+        before, after = (np.log(np.maximum(p, CERTAIN)) for p in (self.before, self.after))
+        gains = [
+            after[true, true] - after[true, other] - before[true] + before[other] for true, other in ((a, b), (b, a))
+        ]
+        return float(np.average(gains, weights=np.maximum(self.now[[a, b]], CERTAIN)))
+
+    def answer(self) -> dict[str, Any]:
+        """Return what the diagnosis says of it; see `fdbench.diagnosis.experiment.proposal.propose`."""
+        pairs: dict[tuple[str, str], list[tuple[int, int]]] = {}
+        for a, b in itertools.combinations(range(len(self.names)), 2):
+            if self.names[a] != self.names[b]:
+                pairs.setdefault((self.names[a], self.names[b]), []).append((a, b))
+        mistaken = self.now[:, None] * (self.before - self.after)
+        mistaken += mistaken.T
+        first = max(pairs, key=lambda pair: sum(mistaken[own] for own in pairs[pair]))
+        chance = {name: self.now[[other == name for other in self.names]].sum() for name in self.names}
+        likely = [pair for pair in pairs if min(map(chance.__getitem__, pair)) >= SMALLEST_PROBABILITY]
+        odds = {pair: float(np.mean([self.log_odds(*own) for own in pairs[pair]])) for pair in (first, *likely)}
+        return {
+            "to_separate": list(first),
+            "trajectory": f"{self.trajectory.words}; {time_text(self.trajectory.duration_s)}",
+            "expected_log_odds": odds[first],
+            "separates": [
+                {"effects": list(pair), "expected_log_odds": gain}
+                for pair, gain in odds.items()
+                if gain >= SPLIT_LOG_ODDS or pair == first
+            ],
+            "expected_probability": {
+                "now": float(self.now @ self.before),
+                "after": float(self.now @ np.diag(self.after)),
+            },
+            "expected_gain_per_s": self.gain() / self.trajectory.duration_s,
+            **self.trajectory.sizes(),
+        }
+
+
+class Forecaster:
+    """Forecasts for the serious rivals of one stage, and for the effects that its records may have hidden.
+
+    Parameters
+    ----------
+    replay : Replay
+    split : Split
+    stage : Stage
+    reader : Reader
+    """
+
+    def __init__(self, replay: Replay, split: Split, stage: Stage, reader: Reader) -> None:
+        known = reader.serious(stage)
+        hidden = overlooked(known)
+        self.replay, self.split, self.reader = replay, split, reader
+        self.stage = replace(known, rivals=(*known.rivals, *hidden))
+        belief = reader.told(stage)
+        own, none = [belief.get(rival.kind.name, 0.0) for rival in known.rivals], belief[NOTHING]
+        left = max(1.0 - sum(own) - none, OVERLOOKED)
+        weights = np.array([*own, *(left / len(hidden) for _ in hidden), none])
+        self.now = weights / weights.sum()
+        self.names = [*(rival.kind.name for rival in known.rivals), *(OTHER for _ in hidden), NOTHING]
+        shifted = stage.base.moved_in_turn()
+        self.n_shifts = len(shifted)
+        self.variants = [*shifted, *(rival.hypothesis for rival in self.stage.rivals)]
+        evidence = gather(replay, split, stage.base, self.variants, fitted_only=True)
+        inside = ~evidence.held_out
+        self.known = evidence.products[inside].sum(axis=0)
+        self.count = float(evidence.counts[inside].sum())
+        self.changes = evidence.sizes(split)[self._columns]
+        self.alone, now = self._fits(self.known)
+        # What would have shown at its typical size is smaller, if it is there.
+        shown = [self._fits(self._as_gap(self.known, column))[0][-1] for column in self._columns[len(known.rivals) :]]
+        largest = np.sqrt((NOISE_ALONE - 1.0) * self.count / np.maximum(shown, 1e-12))
+        self.sizes = np.concatenate((np.ones(len(known.rivals)), np.minimum(largest, 1.0)))
+        self.before = self._read(self._judged(np.zeros(len(self.names)), self.changes * now**2, 0.0))
+        self.most_missed_m = FOLLOWED * float(np.ptp(np.concatenate([run.reference[:, 0] for run in split.runs])))
+
+    @property
+    def _columns(self) -> range:
+        """Columns of the responses of the rivals."""
+        return range(1 + self.n_shifts, 1 + len(self.variants))
+
+    def forecast(self, trajectory: Trajectory) -> Forecast | None:
+        """Return what a motion is expected to show, or None if the axis would not follow it."""
+        run = self._recorded(trajectory)
+        if run is None:
+            return None
+        # What changes from run to run is not known of another motion, and counts as noise.
+        alike = Split(runs=[run], held_out=[np.zeros(run.n_samples, dtype=np.bool_)], floors=self.split.plain.floors)
+        evidence = gather(self.replay, alike, self.stage.base, self.variants)
+        count, changes = float(evidence.counts.sum()), np.maximum(self.changes, evidence.sizes(alike)[self._columns])
+        after = []
+        for truth, size in zip((*self._columns, 0), (*self.sizes, 0.0), strict=True):
+            excess = np.maximum(size**2 * evidence.products[:, truth, truth] / evidence.counts - 1.0, 0.0)
+            sums = np.einsum("s,sij->ij", 1.0 / (1.0 + MODEL_ERROR * excess), evidence.products)
+            left, fitted = self._fits(self.known + self._as_gap(sums, truth, size))
+            after.append(self._read(self._judged(left - self.alone, changes * fitted**2, count)))
+        return Forecast(
+            trajectory=trajectory, names=self.names, now=self.now, before=self.before, after=np.array(after)
+        )
+
+    def _recorded(self, trajectory: Trajectory) -> Run | None:
+        """Return what the base of the stage would do."""
+        reference = np.ascontiguousarray(trajectory.reference)
+        names = self.split.runs[0].channels
+        still = np.full(len(reference), reference[0, 0])
+        run = Run(
+            name=trajectory.words,
+            period_s=trajectory.period_s,
+            reference=reference,
+            channels=dict.fromkeys(names, still),
+            lap=None,
+        )
+        channels = {name: each[0] for name, each in self.replay.simulate(run, [self.stage.base.variant()]).items()}
+        missed = np.abs(channels["position_m"] - reference[:, 0]).max()
+        follows = all(np.isfinite(each).all() for each in channels.values()) and missed <= self.most_missed_m
+        return replace(run, channels=channels) if follows else None
+
+    @staticmethod
+    def _as_gap(sums: FloatArray, truth: int, size: float = 1.0) -> FloatArray:
+        """Return sums in which the response of column ``truth``, times ``size``, is the gap."""
+        columns = [truth, *range(1, len(sums))]
+        scale = np.array([size, *np.ones(len(sums) - 1)])
+        return np.asarray(sums[np.ix_(columns, columns)] * np.outer(scale, scale))
+
+    def _fits(self, sums: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what each rival, and last the base, leaves of the gap re-calibrated, and each rival's best size."""
+        shifts = np.arange(1, 1 + self.n_shifts)
+        rivals = np.array([[*shifts, column] for column in self._columns], dtype=np.intp)
+        (left, fitted), (alone, _) = self._fit(sums, rivals), self._fit(sums, shifts[None])
+        return np.concatenate((left, alone)), fitted[:, -1]
+
+    def _fit(self, sums: FloatArray, columns: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """Return what each row of columns leaves of the gap, and its coefficients."""
+        normal, right = sums[columns[:, :, None], columns[:, None, :]], sums[columns, 0]
+        priors = np.arange(self.n_shifts)
+        normal[:, priors, priors] += 1.0
+        right[:, priors] -= self.stage.base.shifts
+        fitted = solved(normal, right)
+        return np.asarray(sums[0, 0] - np.sum(right * fitted, axis=1)), fitted
+
+    def _read(self, stage: Stage) -> FloatArray:
+        """Return the probability of each rival and, last, of none, as the verdict gives them."""
+        found = self.reader.told(stage)
+        return np.array([*(found.get(rival.kind.name, 0.0) for rival in stage.rivals), found[NOTHING]])
+
+    def _judged(self, added: FloatArray, sizes: FloatArray, count: float) -> Stage:
+        """Return the stage with the misfits that old records and new one have together, and the sizes of its rivals."""
+        whole = self.count + count
+
+        def together(misfit: float, more: float) -> float:
+            return (self.count * misfit + count + max(more, 0.0)) / whole
+
+        rivals = [
+            replace(rival, misfit=together(rival.misfit, more), size=size)
+            for rival, more, size in zip(self.stage.rivals, added[:-1].tolist(), sizes.tolist(), strict=True)
+        ]
+        return replace(
+            self.stage,
+            misfit=together(self.stage.misfit, float(added[-1])),
+            rivals=tuple(rivals),
+            effective=min(self.stage.effective * whole / self.count, EFFECTIVE_SAMPLES),
+        )

@@ -1,0 +1,70 @@
+"""The second witness: how far rivals explain the forces that the gap asks for.
+
+Simulated signatures, the first witness, pass through the controller on paper. The force balances on motor and table
+hold for whatever controller: they tell a cause from what a wrong loop makes of it.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fdbench.diagnosis.evidence.evidence import Split, distance, silenced, solved
+from fdbench.diagnosis.judge.localise import PHASES, phase_of
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.search.periods import balances
+from fdbench.diagnosis.search.search import Stage
+from fdbench.effects import Effect
+from fdbench.record import FloatArray
+
+CUTOFF_HZ = 60.0  # above which derivatives of the position are noise
+MOVING = PHASES.index("acceleration")  # first of the phases in which the friction that holds an axis plays no part
+MARGIN_S = 0.05  # at either end of a run, which the filter does not know
+
+
+def forces_removed(replay: Replay, split: Split, contest: Stage) -> dict[type[Effect], float]:
+    """Return the share of the squared held-out force balances that each rival of a contest removes.
+
+    Their sizes and the values on paper are fitted anew, to the balances of the training segments and linearly from
+    paper: what a wrong loop made of them does not count. Samples at rest and near reversals do not either, where
+    friction is whatever holds the axis.
+    """
+    rivals, on_paper = contest.rivals, (0.0,) * len(contest.base.shifts)
+    base, *others = (replace(item, shifts=on_paper) for item in (contest.base, *(own.hypothesis for own in rivals)))
+    shifted = base.moved_in_turn()
+    lanes = [base, *shifted, *others]
+    sums = np.zeros((2, len(lanes), len(lanes)))
+    for run, out in zip(split.runs, split.held_out, strict=True):
+        simulated = replay.simulate(run, [item.variant() for item in lanes])
+        changes = {name: values - values[0] for name, values in simulated.items()}
+        for name, measured in run.channels.items():
+            changes[name][0] = measured - simulated[name][0]
+        silenced(changes)
+        forces = smoothed(balances(run, changes, split.floors, base.nominal.drive), run.period_s)
+        margin = round(MARGIN_S / run.period_s)
+        inside = phase_of(run)[1:-2] >= MOVING
+        inside[:margin] = inside[len(inside) - margin :] = False
+        for part, judged in enumerate((~out[1:-2] & inside, out[1:-2] & inside)):
+            chosen = forces[:, :, judged]
+            sums[part] += run.repeats * np.einsum("bin,bjn->ij", chosen, chosen)
+    nuisances = list(range(1, 1 + len(shifted)))
+    alone = _left(sums, nuisances, len(shifted))
+    left = [_left(sums, [*nuisances, 1 + len(shifted) + place], len(shifted)) for place in range(len(rivals))]
+    return {rival.kind: 1.0 - own / alone if alone > 0.0 else 0.0 for rival, own in zip(rivals, left, strict=True)}
+
+
+def _left(sums: FloatArray, columns: list[int], n_priors: int) -> float:
+    """Return what the columns, fitted on the first sums, leave of the second."""
+    normal, right = sums[0][np.ix_(columns, columns)], sums[0][columns, 0]
+    normal[range(n_priors), range(n_priors)] += 1.0
+    return distance(sums[1], columns, solved(normal, right))
+
+
+def smoothed(forces: FloatArray, period_s: float) -> FloatArray:
+    """Return forces low-passed without delay by a Gaussian that is down by 3 dB at ``CUTOFF_HZ``."""
+    n = forces.shape[-1]
+    return np.asarray(np.fft.irfft(np.fft.rfft(forces) * low_pass(n, period_s), n))
+
+
+def low_pass(n_samples: int, period_s: float) -> FloatArray:
+    """Return the gains of that filter at the frequencies of a real spectrum, (n_samples / 2 + 1,)."""
+    return np.asarray(np.exp(-0.5 * np.log(2.0) * (np.fft.rfftfreq(n_samples, period_s) / CUTOFF_HZ) ** 2))

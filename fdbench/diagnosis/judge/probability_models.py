@@ -1,0 +1,152 @@
+"""Confidence: how often what the search shows has turned out right, as logistic models learned on simulated trials."""
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from fdbench.diagnosis.model.hypothesis import adjustables
+from fdbench.diagnosis.search.search import Stage
+from fdbench.effects import Effect
+from fdbench.specification import load_toml, read
+
+FILE = Path(__file__).with_name("probability_models.toml")
+SMALLEST_SIZE, SMALLEST_MISFIT = 1e-3, 0.3
+
+Signs = Mapping[str, float]
+"""What speaks for a claim, by name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sign:
+    """One sign in a logistic model: its mean and scatter in the trials that were learned from, and its weight."""
+
+    centre: float
+    scatter: float
+    weight: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Head:
+    r"""Probability that a claim is right, :math:`p = 1 / (1 + e^{-z})`, :math:`z = b + \sum_i w_i (s_i - c_i) / d_i`.
+
+    Attributes
+    ----------
+    bias : float
+        :math:`b`.
+    signs : mapping of str to Sign
+        Centre :math:`c`, scatter :math:`d` and weight :math:`w` of each.
+    claims, right : int
+        How many claims were learned from, and how many of them were right.
+    """
+
+    bias: float
+    signs: Mapping[str, Sign]
+    claims: int
+    right: int
+
+    def probability(self, found: Signs) -> float:
+        """Return the probability of a claim; never surer than one claim more could contradict."""
+        z = self.bias + sum(
+            sign.weight * (found[name] - sign.centre) / sign.scatter for name, sign in self.signs.items()
+        )
+        surest = 1.0 / (self.claims + 2.0)
+        return min(max(1.0 / (1.0 + math.exp(-max(min(z, 50.0), -50.0))), surest), 1.0 - surest)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Heads:
+    """Heads for an effect, one that was nearly added, a value on paper, an unknown cause, no gap; and their origin."""
+
+    effect: Head
+    suspect: Head
+    value: Head
+    unknown: Head
+    none: Head
+    source: str
+
+
+@lru_cache(maxsize=1)
+def heads() -> Heads:
+    """Return the heads that the package was shipped with."""
+    return read(Heads, load_toml(FILE), FILE.name)
+
+
+def of_effect(contest: Stage, kind: type[Effect], alike: Collection[str] = ()) -> dict[str, float]:
+    """Return the signs of an effect, or of one of several that cannot be told apart.
+
+    What an effect changes counts beside the evidence for it: machines have traces of every effect, and forms that are
+    not quite the library's look like further effects that are small. What else the contest shows (misfits, steadiness
+    over time, what it removes of the force balances) told nothing more.
+
+    Parameters
+    ----------
+    contest : Stage
+        The model without the effect, and what rivals make of that.
+    kind : Effect class
+    alike : collection of str
+        Names of the rivals that cannot be told from it.
+    """
+    own = next(rival for rival in contest.rivals if rival.kind is kind)
+    effect = next(item for item in own.hypothesis.effects if type(item) is kind)
+    different = (rival for rival in contest.rivals if rival.kind is not kind and rival.kind.name not in alike)
+    others = [contest.log_evidence(rival.misfit, rival.penalty) for rival in different]
+    best = max([contest.log_evidence(contest.misfit, contest.penalty), *others])
+    return {
+        "margin": math.asinh(contest.log_evidence(own.misfit, own.penalty) - best),
+        "numbers": float(len(adjustables(effect))),
+        "size": math.log10(max(own.size, SMALLEST_SIZE)),
+    }
+
+
+def of_value(distance: float, closed: float, misfit: float) -> dict[str, float]:
+    """Return the signs of a value on paper that is off by more than it should.
+
+    Parameters
+    ----------
+    distance : float
+        Standard deviations by which it moved.
+    closed, misfit : float
+        Mean squared held-out gap that its correction closes, and what is left, in units of what repeats differ by.
+    """
+    return {
+        "distance": math.log(max(distance, 0.1)),
+        "size": math.log10(max(closed, SMALLEST_SIZE)),
+        "misfit": math.log(max(misfit, SMALLEST_MISFIT)),
+    }
+
+
+def of_unknown(misfit: float, worst: float) -> dict[str, float]:
+    """Return the signs of an unknown cause.
+
+    Parameters
+    ----------
+    misfit : float
+        Weighted misfit that is left beside all effects that were found.
+    worst : float
+        Mean squared gap that is left in the stretch of time where that is most, in units of the noise within a run.
+    """
+    return {
+        "misfit": math.log(max(misfit, SMALLEST_MISFIT)),
+        "worst": math.log(max(worst, SMALLEST_MISFIT)),
+    }
+
+
+def of_none(misfit: float, moved: float, size: float) -> dict[str, float]:
+    """Return the signs of no gap.
+
+    Parameters
+    ----------
+    misfit : float
+        Weighted misfit after re-calibration.
+    moved : float
+        Largest distance of a value on paper, in standard deviations.
+    size : float
+        Of the largest effect that was found or nearly so: see `fdbench.diagnosis.search.search.Rival`.
+    """
+    return {
+        "misfit": math.log(max(misfit, SMALLEST_MISFIT)),
+        "moved": math.log(max(moved, 0.1)),
+        "size": math.log10(max(size, SMALLEST_SIZE)),
+    }

@@ -1,0 +1,142 @@
+"""How far the gap shrinks as effects are added, and which part of it each one explains."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.diagnosis.evidence.evidence import Split, gather
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.effects import Effect
+from fdbench.record import FloatArray
+
+RESAMPLES = 1000
+MEASURABLE = 1.5  # mean squared gap in units of the floor below which its explained fraction means nothing
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Closure:
+    """Mean squared gaps on the held-out segments, in units of the floor, of the model and every subset of effects.
+
+    Attributes
+    ----------
+    subsets : list of tuple of int
+        Which of the effects are added; the first is empty, the last has all.
+    by_segment : (n_segments, n_subsets) array
+        Squared gap of each held-out segment.
+    counts : (n_segments,) array
+    groups : (n_segments,) array of int
+    channel : (n_segments,) array of int
+        Place of the segment's channel in those of the runs.
+    """
+
+    subsets: list[tuple[int, ...]]
+    by_segment: FloatArray
+    counts: FloatArray
+    groups: FloatArray
+    channel: NDArray[np.intp]
+
+    def of_channel(self, place: int) -> FloatArray:
+        """Return the mean squared gap of each subset in one channel."""
+        inside = self.channel == place
+        return np.asarray(self.by_segment[inside].sum(axis=0) / self.counts[inside].sum())
+
+    def mean(self, draws: FloatArray | None = None) -> FloatArray:
+        """Return the mean squared gap of each subset, or of each bootstrap draw and subset."""
+        if draws is None:
+            return np.asarray(self.by_segment.sum(axis=0) / self.counts.sum())
+        return np.asarray((draws @ self.by_segment) / (draws @ self.counts)[:, None])
+
+    def draws(self, seed: int = 0) -> FloatArray:
+        """Return how often each segment is drawn, (n_resamples, n_segments); a stretch of time is drawn whole."""
+        names, place = np.unique(self.groups, return_inverse=True)
+        rng = np.random.default_rng(seed)
+        picked = rng.multinomial(len(names), np.full(len(names), 1.0 / len(names)), size=RESAMPLES)
+        return np.asarray(picked[:, place], dtype=np.float64)
+
+
+def explained_fraction(before: float, after: float) -> float | None:
+    """Return the fraction of a mean squared gap beyond the noise that goes, both in units of the noise floor.
+
+    None where there is too little of it to say.
+
+    >>> explained_fraction(11.0, 3.0), explained_fraction(1.2, 1.0)
+    (0.8, None)
+    """
+    return 1.0 - (after - 1.0) / (before - 1.0) if before > MEASURABLE else None
+
+
+def channel_gaps(replay: Replay, split: Split, hypothesis: Hypothesis) -> FloatArray:
+    """Return the mean squared held-out gap of each channel in units of the floor, (n_channels,)."""
+    evidence = gather(replay, split, hypothesis, ())
+    out, n = evidence.held_out, len(split.floors)
+    squares = np.bincount(evidence.channel[out], weights=evidence.gaps[out], minlength=n)
+    return np.asarray(squares / np.maximum(np.bincount(evidence.channel[out], evidence.counts[out], n), 1.0))
+
+
+def closure(replay: Replay, split: Split, base: Hypothesis, final: Hypothesis) -> Closure:
+    """Simulate every subset of the final effects at their final values; each is re-calibrated on its own.
+
+    Re-calibration is linear around the final hypothesis and made on the training segments, and that of the model
+    without effects is ``base``; the gaps are those of the held-out segments.
+    """
+    effects = list(final.effects)
+    subsets = [c for n in range(len(effects) + 1) for c in itertools.combinations(range(len(effects)), n)]
+    variants = [_subset(base, final, [effects[index] for index in subset]) for subset in subsets]
+    shifted = final.moved_in_turn()
+    evidence = gather(replay, split, variants[0], [*variants, *shifted])
+    outside = evidence.held_out
+    train = evidence.products[~outside].sum(axis=0)
+    n, m = len(subsets), len(shifted)
+    responses = np.zeros((m, 1 + n + m))
+    responses[:, 1 + n :] = np.eye(m)
+    responses[:, n] -= 1.0
+    gaps = []
+    for place, variant in enumerate(variants):
+        residual = np.zeros(1 + n + m)
+        residual[0], residual[1 + place] = 1.0, -1.0
+        normal = responses @ train @ responses.T + np.eye(m)
+        right = responses @ train @ residual - np.asarray(variant.shifts)
+        combined = residual - np.linalg.solve(normal, right) @ responses if subsets[place] else residual
+        squares = np.einsum("i,sij,j->s", combined, evidence.products[outside], combined)
+        gaps.append(squares / evidence.weights[outside])
+    return Closure(
+        subsets=subsets,
+        by_segment=np.array(gaps).T,
+        counts=evidence.counts[outside],
+        groups=evidence.group[outside].astype(np.float64),
+        channel=evidence.channel[outside],
+    )
+
+
+def _subset(base: Hypothesis, final: Hypothesis, effects: Sequence[Effect]) -> Hypothesis:
+    if not effects:
+        return base
+    hypothesis = final
+    for effect in final.effects:
+        if effect not in effects:
+            hypothesis = hypothesis.without_effect(type(effect))
+    return hypothesis
+
+
+def shapley(values: dict[tuple[int, ...], float], n: int) -> list[float]:
+    """Return the Shapley value of each of n players for a function of subsets.
+
+    >>> shapley({(): 0.0, (0,): 1.0, (1,): 2.0, (0, 1): 4.0}, 2)
+    [1.5, 2.5]
+    """
+    result = []
+    for player in range(n):
+        others = [index for index in range(n) if index != player]
+        total = 0.0
+        for size in range(n):
+            weight = math.factorial(size) * math.factorial(n - size - 1) / math.factorial(n)
+            for subset in itertools.combinations(others, size):
+                joined = tuple(sorted((*subset, player)))
+                total += weight * (values[joined] - values[subset])
+        result.append(total)
+    return result

@@ -1,0 +1,129 @@
+"""Of what type the rest is: nameless functions of the motion, fitted to what no listed effect explains.
+
+A cause that the library lacks has no name, but what it depends on narrows it down: a function of speed is friction, one
+of position a property of the way, one of time a drift.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.diagnosis.evidence.evidence import Split
+from fdbench.diagnosis.records.runs import Run
+from fdbench.plants.feed_drive import FeedDrive
+from fdbench.record import FloatArray
+
+CELLS = 24
+SHRINKAGE = 50.0  # samples that a cell counts for too few by
+SMALLEST = 0.02  # share of the rest that is worth mentioning
+NOISE = 0.1  # mean square beyond the noise, in units of it, below which there is no rest
+
+Cells = NDArray[np.intp]
+
+
+def types(split: Split, simulated: Sequence[Mapping[str, FloatArray]], drive: FeedDrive) -> list[dict[str, object]]:
+    """Return what the rest depends on, the share of it that such a function removes, and where most; best first.
+
+    The function is a mean in each of 24 cells (48 where it may differ by direction), fitted on the training samples of
+    each channel and judged on the held-out ones; shares are of the squared rest beyond the noise, and do not add up.
+    ``most`` is where the force differs most, as far as it is half of that or more, and by how much the motor gives more
+    there than the final model, on average.
+
+    Parameters
+    ----------
+    split : Split
+    simulated : sequence of mappings
+        Channels of each run as the final model has them.
+    drive : FeedDrive
+
+    Examples
+    --------
+    ``[{"function_of": "velocity", "share": 0.31, "most": {"from": 0.0, "to": 0.01, "unit": "m/s", "force_N": -3.0}}]``
+    """
+    rest = [split.gap(place, own) for place, own in enumerate(simulated)]
+    found: list[dict[str, object]] = []
+    for words, kind in _kinds(drive).items():
+        values = [kind.places(run) for run in split.runs]
+        cells = _cells(values, kind.root)
+        if kind.by_direction:
+            cells = [2 * own + (run.reference[:, 1] < 0.0) for own, run in zip(cells, split.runs, strict=True)]
+        share = _share(split, rest, cells)
+        if share >= SMALLEST:
+            found.append({"function_of": words, "share": share})
+            if not kind.by_direction:
+                found[-1]["most"] = {**_most(split, rest, values, cells), "unit": kind.unit}
+    return sorted(found, key=lambda item: -float(str(item["share"])))
+
+
+def _most(
+    split: Split, rest: Sequence[Mapping[str, FloatArray]], values: Sequence[FloatArray], cells: Sequence[Cells]
+) -> dict[str, float]:
+    """Return from where to where the force differs most, and its mean there; speeds are as they are commanded."""
+    value, cell = np.concatenate(values), np.concatenate(cells)
+    force = np.concatenate(
+        [own["motor_force_N"] / np.sqrt(run.repeats) for own, run in zip(rest, split.runs, strict=True)]
+    )
+    counts = np.bincount(cell, minlength=CELLS)
+    mean = np.bincount(cell, weights=force, minlength=CELLS) / np.maximum(counts, 1)
+    first = last = int(np.argmax(np.abs(mean) * counts / (counts + SHRINKAGE)))
+    enough = mean * np.sign(mean[first]) >= 0.5 * abs(mean[first])
+    while first > 0 and enough[first - 1]:
+        first -= 1
+    while last < CELLS - 1 and enough[last + 1]:
+        last += 1
+    there = (cell >= first) & (cell <= last)
+    mean_N = split.floors["motor_force_N"].rms * float(force[there].mean())
+    return {"from": float(value[there].min()), "to": float(value[there].max()), "force_N": mean_N}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A function that is tried: of what, in what unit, on roots or not, and whether both directions have their own."""
+
+    places: Callable[[Run], FloatArray]
+    unit: str
+    root: bool = False
+    by_direction: bool = False
+
+
+def _kinds(drive: FeedDrive) -> dict[str, Kind]:
+    """Return the functions that are tried, by what they are functions of."""
+    kinds = {
+        "velocity": Kind(lambda run: run.reference[:, 1], "m/s", root=True),
+        "position": Kind(lambda run: run.channels["position_m"], "m"),
+        "position_by_direction": Kind(lambda run: run.channels["position_m"], "m", by_direction=True),
+        "acceleration": Kind(lambda run: run.reference[:, 2], "m/s^2"),
+        "motor_force": Kind(lambda run: run.channels["motor_force_N"], "N"),
+        "time": Kind(lambda run: np.asarray(np.arange(run.n_samples) * run.period_s, dtype=np.float64), "s"),
+    }
+    lead = getattr(drive.motor, "lead_m", None)
+    if lead is not None:
+        kinds["position_within_a_lead"] = Kind(lambda run: np.asarray(np.mod(run.channels["position_m"], lead)), "m")
+    return kinds
+
+
+def _cells(values: Sequence[FloatArray], root: bool) -> list[Cells]:
+    """Return the cells, of equal width, or with roots of the values of equal width, which resolves slow motion."""
+    scaled = [np.sign(item) * np.sqrt(np.abs(item)) if root else item for item in values]
+    low, high = min(float(item.min()) for item in scaled), max(float(item.max()) for item in scaled)
+    width = max(high - low, 1e-30) / CELLS
+    return [np.minimum(((item - low) / width).astype(np.intp), CELLS - 1) for item in scaled]
+
+
+def _share(split: Split, rest: Sequence[Mapping[str, FloatArray]], cells: Sequence[Cells]) -> float:
+    before = after = 0.0
+    n_judged = 0
+    for name in split.floors:
+        sums, counts = np.zeros(2 * CELLS), np.zeros(2 * CELLS)
+        for own, place, out in zip(rest, cells, split.held_out, strict=True):
+            sums += np.bincount(place[~out], weights=own[name][~out], minlength=2 * CELLS)
+            counts += np.bincount(place[~out], minlength=2 * CELLS)
+        mean = sums / (counts + SHRINKAGE)
+        for own, place, out in zip(rest, cells, split.held_out, strict=True):
+            judged = own[name][out]
+            n_judged += len(judged)
+            before += float(np.sum(judged**2) - len(judged))
+            after += float(np.sum((judged - mean[place[out]]) ** 2) - len(judged))
+    return 1.0 - after / before if before > NOISE * n_judged else 0.0

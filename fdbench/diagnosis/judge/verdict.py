@@ -1,0 +1,358 @@
+"""The verdict: causes with probabilities, shares and intervals, and the chances of an unknown cause and of no gap."""
+
+import dataclasses
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fdbench.diagnosis.evidence.evidence import gather
+from fdbench.diagnosis.evidence.sensor_artefacts import Mark, energies
+from fdbench.diagnosis.judge import probability_models as confidence
+from fdbench.diagnosis.judge.force_balance_check import forces_removed
+from fdbench.diagnosis.judge.probability_models import Heads, Signs
+from fdbench.diagnosis.judge.reduction import Closure, channel_gaps, shapley
+from fdbench.diagnosis.model.candidates import candidates, middle_of_each
+from fdbench.diagnosis.model.hypothesis import Hypothesis, adjustables, calibrations
+from fdbench.diagnosis.search.search import SMALLEST_GAIN, Search, Stage, numbers_of
+from fdbench.effects import Effect
+from fdbench.record import FloatArray
+
+ALIKE = 0.9  # a rival that removes this share of what the best removes cannot be told apart
+BEYOND_DOUBT = 1.5  # standard deviations of a value on paper below which it is no cause
+NAMED = 0.5  # probability above which causes stand first
+FEWEST = 0.01  # probability of a rival that is worth mentioning
+HIDDEN = 0.05  # of its typical size: standard deviation of an effect that is not named
+OR = " or "  # between the names of one claim
+LEVEL = 0.9  # probability with which the cause is one of a set
+ENOUGH = 0.5  # share of the gap that everything named must explain to be believed
+UNREPEATED = 10.0  # floors that the mean square of one run may come to by chance, where three repeats gave the floor
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Findings:
+    """What the search came to, from which the verdict is drawn.
+
+    Attributes
+    ----------
+    search : Search
+    paper, base, final : Hypothesis
+        The model as given, what the search began with, and with effects.
+    stages, contests : sequences of Stage
+        Of the search, and for each final effect the model without it beside its rivals.
+    shut : Closure
+    marks : sequence of Mark
+        Effects that are seen in the readings themselves.
+    """
+
+    search: Search
+    paper: Hypothesis
+    base: Hypothesis
+    final: Hypothesis
+    stages: Sequence[Stage]
+    contests: Sequence[Stage]
+    shut: Closure
+    marks: Sequence[Mark]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Verdict:
+    """Part of the answer, and the signs that its probabilities were drawn from.
+
+    Attributes
+    ----------
+    answer : mapping
+        ``causes``, ``suspects``, ``unknown_probability``, ``no_gap_probability``, ``probabilities_from``.
+    signs : mapping
+        By the kind of claim (see `fdbench.diagnosis.judge.probability_models.Heads`) and the name
+        of what is claimed; names of effects that cannot be told apart are joined by " or ".
+    """
+
+    answer: Mapping[str, Any]
+    signs: Mapping[str, Mapping[str, Signs]] = field(default_factory=dict)
+
+
+class Shares:
+    """Shares of a gap; a channel counts by the root mean square of its gap beyond the noise.
+
+    Parameters
+    ----------
+    gaps : (n_channels,) array
+        Mean squared held-out gap in units of the floor.
+    bridged : (n_channels,) array
+        What was taken out of the readings beforehand.
+    """
+
+    def __init__(self, gaps: FloatArray, bridged: FloatArray) -> None:
+        self.total = gaps + bridged
+        weights = np.sqrt(np.maximum(self.total - 1.0, 0.0))
+        self.weights = weights / weights.sum() if weights.sum() > 0.0 else np.full(len(weights), 1.0 / len(weights))
+
+    def of(self, closed: FloatArray) -> float:
+        """Return the share of mean squares that are closed in the channels, between 0 and 1."""
+        return float(np.clip(np.sum(self.weights * self.by_channel(closed)), 0.0, 1.0))
+
+    def by_channel(self, closed: FloatArray) -> FloatArray:
+        """Return the share in each channel."""
+        return np.asarray(np.clip(closed / np.maximum(self.total, 1e-12), 0.0, 1.0))
+
+
+def verdict(found: Findings, heads: Heads) -> Verdict:
+    """Return the verdict; see the contract for the answer.
+
+    Shares of effects are of the gap that re-calibration leaves, those of values on paper of the gap on paper.
+    """
+    search, shut = found.search, found.shut
+    plain = search.split.plain
+    floors = plain.floors
+    on_paper = channel_gaps(search.replay, plain, found.paper)
+    bridged = sum((energies(mark, floors) for mark in found.marks if mark.bridged), np.zeros(len(floors)))
+    recalibrated = np.array([shut.of_channel(place)[0] for place in range(len(floors))])
+    shares = Shares(recalibrated, bridged)
+    repaired = np.array([shut.of_channel(place)[-1] for place in range(len(floors))])
+    belief = credit(Shares(on_paper, bridged).of(np.maximum(repaired - UNREPEATED, 0.0)))
+    beside_twins = found.final.nominal.beside_twins
+    closed = [shut.of_channel(place)[0] - shut.of_channel(place) for place in range(len(floors))]
+    by_subset = {subset: np.array([gains[index] for gains in closed]) for index, subset in enumerate(shut.subsets)}
+    everything = tuple(range(len(found.final.effects)))
+    parts = [
+        shapley({subset: own[c] for subset, own in by_subset.items()}, len(everything)) for c in range(len(floors))
+    ]
+    bounds = intervals(search, found.final)
+    causes: list[dict[str, Any]] = []
+    effect_signs: dict[str, Signs] = {}
+    for index, (effect, contest) in enumerate(zip(found.final.effects, found.contests, strict=True)):
+        alone = tuple(other for other in everything if other != index)
+        same = alike(contest, type(effect))
+        signs = confidence.of_effect(contest, type(effect), same)
+        told = forces_removed(search.replay, search.split, contest)
+        effect_signs[OR.join((effect.name, *same))] = signs
+        odds = divided(contest, type(effect), same, heads.effect.probability(signs))
+        chances = {name: belief * p for name, p in odds.items()}
+        own = np.maximum([part[index] for part in parts], 0.0)
+        causes.append(
+            {
+                "effect": effect.name,
+                "probability": chances[effect.name],
+                "share": shares.of(own),
+                "share_of_channel": dict(zip(floors, shares.by_channel(own).tolist(), strict=True)),
+                "unique_share": shares.of(np.maximum(by_subset[everything] - by_subset[alone], 0.0)),
+                "parameters": parameters(effect, bounds[index]),
+                "indistinguishable_from": beside_twins([effect.name, *same])[1:],
+                "alternatives": {name: p for name, p in chances.items() if name != effect.name},
+                "one_of": beside_twins(one_of(chances)),
+                "instead": instead(contest, type(effect), same),
+                "force_balances": second_witness(told, type(effect), same),
+            }
+        )
+    corrected = Shares(on_paper, bridged).of(np.maximum(on_paper - recalibrated, 0.0))
+    values, value_signs, moved = off_paper(search, found.final, corrected, heads)
+    causes += [{**value, "probability": belief * value["probability"]} for value in values]
+    causes += [marked(mark, shares.of(energies(mark, floors))) for mark in found.marks]
+    causes.sort(key=lambda cause: (cause["probability"] <= NAMED, -float(cause["share"])))
+    suspect, suspect_signs = suspected(found, heads, belief)
+    before = search.compared(found.base, [(Effect, found.final, True)])
+    left = gather(search.replay, search.split, found.final, ())
+    unknown = confidence.of_unknown(before.rivals[0].misfit, left.worst())
+    rivals = [rival.size for stage in (*found.contests, *found.stages[-1:]) for rival in stage.rivals[:1]]
+    none = confidence.of_none(before.misfit, moved, max(rivals, default=0.0))
+    surest = max((float(cause["probability"]) for cause in causes), default=0.0)
+    answer = {
+        "causes": causes,
+        "suspects": suspect,
+        "unknown_probability": max(heads.unknown.probability(unknown), 1.0 - belief),
+        "no_gap_probability": min(heads.none.probability(none), 1.0 - surest),
+        "probabilities_from": heads.source,
+    }
+    claims = {"effect": effect_signs, "suspect": suspect_signs, "value": value_signs}
+    return Verdict(answer=answer, signs={**claims, "unknown": {"unknown": unknown}, "none": {"none": none}})
+
+
+def credit(left: float) -> float:
+    """Return by how much to believe what is named, from the share of the gap on paper that it surely leaves.
+
+    It is believed in full from where it explains half of the gap: little of a large gap may be a value or an effect
+    that stands in for a cause that the library lacks.
+
+    >>> credit(0.3), credit(0.75)
+    (1.0, 0.5)
+    """
+    return min(1.0, (1.0 - left) / ENOUGH)
+
+
+def marked(mark: Mark, share: float) -> dict[str, Any]:
+    """Return the cause that is seen in the readings themselves."""
+    amplitude = mark.kind.amplitude
+    unit = next(item.unit for item in mark.kind.parameters() if item.name == amplitude)
+    return {
+        "effect": mark.kind.name,
+        "probability": mark.probability,
+        "share": share,
+        "unique_share": share,
+        "parameters": {amplitude: {"value": mark.value, "ci95": [mark.low, mark.high], "unit": unit}},
+        "indistinguishable_from": [],
+    }
+
+
+def suspected(found: Findings, heads: Heads, belief: float) -> tuple[list[dict[str, Any]], dict[str, Signs]]:
+    """Return the effect that the search came closest to adding when it ended, if any, and its signs."""
+    last = found.stages[-1] if found.stages else None
+    named = {type(effect) for effect in found.final.effects}
+    if last is None or not last.rivals or last.rivals[0].kind in named:
+        return [], {}
+    best = last.rivals[0]
+    signs = confidence.of_effect(last, best.kind)
+    chance = belief * min(heads.suspect.probability(signs), NAMED)
+    return [{"effect": best.kind.name, "probability": chance}], {best.kind.name: signs}
+
+
+def intervals(search: Search, final: Hypothesis) -> list[dict[str, list[float]]]:
+    """Return the 95 % interval of each fitted parameter of each effect.
+
+    From the normal matrix and the scatter of its right-hand sides from segment to segment, which counts what is
+    left as it is, correlated in time or not (White 1980; segments as clusters). Every other effect of the library may
+    be there too, with a standard deviation of 5 % of its typical size, which the numbers may make up for.
+    """
+    numbers, others = numbers_of(final), one_of_each(final)
+    evidence = search.probed(final, others)
+    inside = ~evidence.held_out
+    n, n_all = len(numbers), len(numbers) + len(others)
+    prior = np.r_[[float(item.prior) for item in numbers], np.full(len(others), HIDDEN**-2)]
+    normal = evidence.products[inside].sum(axis=0)[1:, 1:] + np.diag(prior)
+    groups, place = np.unique(evidence.group[inside], return_inverse=True)
+    sums = np.zeros((len(groups), n_all))
+    np.add.at(sums, place, evidence.products[inside, 0, 1:])
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+    inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
+    spread = sums.T @ sums * len(groups) / max(len(groups) - n, 1)
+    deviations = 1.96 * np.sqrt(np.diag(inverse @ (spread + np.diag(prior)) @ inverse))
+    found, first = [], len(final.shifts)
+    for effect in final.effects:
+        items = adjustables(effect)
+        own: dict[str, list[float]] = {}
+        for item, deviation in zip(items, deviations[first : first + len(items)].tolist(), strict=True):
+            value = float(getattr(effect, item.name))
+            half = deviation * item.step
+            own[item.name] = [max(value - half, item.low), min(value + half, item.high)]
+        found.append(own)
+        first += len(items)
+    return found
+
+
+def one_of_each(final: Hypothesis) -> list[Hypothesis]:
+    """Return a hypothesis with each effect that it lacks, at a typical size and in the middle of its shapes."""
+    added = (item for item in candidates(final) if item.replaces is None)
+    return [item.hypotheses(final)[0] for item in middle_of_each(added)]
+
+
+def off_paper(
+    search: Search, final: Hypothesis, recalibrated: float, heads: Heads
+) -> tuple[list[dict[str, Any]], dict[str, Signs], float]:
+    """Return the effects whose size is a value on paper that moved further than it should be wrong, and their signs.
+
+    A kind of value that is corrected on both sides of the screw counts once, with the sum of its changes. The share of
+    the gap that re-calibration closes, ``recalibrated``, is divided in proportion to what each correction closes beside
+    all others. The third result is the largest distance that any of them moved, in standard deviations.
+    """
+    replay, split = search.replay, search.split.plain
+    scale = calibrations(final.nominal)
+    groups: dict[str, list[int]] = {}
+    for place, calibration in enumerate(scale):
+        groups.setdefault(f"{calibration.kind}_{calibration.index}", []).append(place)
+    closed = float(channel_gaps(replay, split, final).mean())
+    moves: list[tuple[str, float, float, float, str]] = []
+    for places in groups.values():
+        sizes = [scale[place].size(final.nominal.drive) for place in places]
+        change = sum(final.shifts[place] * size for place, size in zip(places, sizes, strict=True))
+        distance = abs(change) / max(math.hypot(*sizes), 1e-30)
+        shifts = tuple(0.0 if place in places else shift for place, shift in enumerate(final.shifts))
+        without = float(channel_gaps(replay, split, dataclasses.replace(final, shifts=shifts)).mean())
+        moves.append((scale[places[0]].cause(final.nominal), change, distance, without, scale[places[0]].unit))
+    total = max(sum(max(without - closed, 0.0) for _, _, _, without, _ in moves), 1e-12)
+    present = {item.name for item in final.effects}
+    found: list[dict[str, Any]] = []
+    all_signs: dict[str, Signs] = {}
+    for name, change, distance, without, unit in moves:
+        if distance <= BEYOND_DOUBT or not name or name in present or without - closed < SMALLEST_GAIN * without:
+            continue
+        share = recalibrated * (without - closed) / total
+        all_signs[name] = confidence.of_value(distance, without - closed, closed)
+        found.append(
+            {
+                "effect": name,
+                "probability": heads.value.probability(all_signs[name]),
+                "share": share,
+                "unique_share": share,
+                "parameters": {"change": {"value": change, "ci95": None, "unit": unit}},
+                "indistinguishable_from": [],
+                "parametric": True,
+            }
+        )
+    return found, all_signs, max((distance for _, _, distance, _, _ in moves), default=0.0)
+
+
+def alike(contest: Stage, kind: type[Effect]) -> list[str]:
+    """Return the names of rivals that explain nearly as much as an effect."""
+    gains = {rival.kind: contest.gain(rival) for rival in contest.rivals}
+    return [rival.name for rival, gain in gains.items() if rival is not kind and gain >= ALIKE * gains[kind]]
+
+
+def instead(contest: Stage, kind: type[Effect], same: Collection[str]) -> dict[str, Any] | None:
+    """Return the best effect that can be told from one, and the share of the held-out excess that each would remove.
+
+    It is the control against mere flexibility: a wrong effect, fitted just as well, should remove much less.
+    """
+    gains = {rival.kind.name: contest.gain(rival) for rival in contest.rivals}
+    others = {name: gain for name, gain in gains.items() if name != kind.name and name not in same}
+    if not others:
+        return None
+    best = max(others, key=lambda name: others[name])
+    return {"effect": best, "reduction": others[best], "reduction_of_named": gains[kind.name]}
+
+
+def second_witness(told: Mapping[type[Effect], float], kind: type[Effect], same: Collection[str]) -> dict[str, Any]:
+    """Return what an effect removes of the force balances, and the best other effect that can be told from it."""
+    others = {rival.name: share for rival, share in told.items() if rival is not kind and rival.name not in same}
+    best = max(others, key=lambda name: others[name], default=None)
+    rival = None if best is None else {"effect": best, "reduction": others[best]}
+    return {"reduction": told[kind], "instead": rival}
+
+
+def divided(contest: Stage, kind: type[Effect], same: Collection[str], probability: float) -> dict[str, float]:
+    """Return the probabilities of an effect and its rivals.
+
+    The effect and those that cannot be told from it divide ``probability`` as the contest has it. The others divide
+    the chance that it is another or none, but keep their odds against these.
+    """
+    chances = {rival.kind.name: p for rival, p in zip(contest.rivals, contest.probabilities(), strict=True)}
+    together = sum(p for name, p in chances.items() if name == kind.name or name in same)
+    if together <= 0.0:
+        return {kind.name: probability}
+    own = probability / together
+    other = min((1.0 - probability) / (1.0 - together), own) if together < 1.0 else 0.0
+    found = {name: p * (own if name == kind.name or name in same else other) for name, p in chances.items()}
+    return {name: p for name, p in found.items() if p >= FEWEST or name == kind.name}
+
+
+def one_of(chances: Mapping[str, float]) -> list[str]:
+    """Return the fewest effects that hold the cause with a probability of at least 0.9, or all where that is less.
+
+    >>> one_of({"backlash": 0.8, "dead_time": 0.05, "axial_compliance": 0.12})
+    ['backlash', 'axial_compliance']
+    """
+    found: list[str] = []
+    for name in sorted(chances, key=lambda name: -chances[name]):
+        if sum(chances[item] for item in found) >= LEVEL:
+            break
+        found.append(name)
+    return found
+
+
+def parameters(effect: Effect, bounds: Mapping[str, list[float]]) -> dict[str, Any]:
+    """Return the parameters of an effect with units; those that no fit moves have no interval."""
+    return {
+        item.name: {"value": getattr(effect, item.name), "ci95": bounds.get(item.name), "unit": item.unit}
+        for item in type(effect).parameters()
+    }

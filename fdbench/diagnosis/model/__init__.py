@@ -1,0 +1,1 @@
+"""The nominal model, hypotheses about it, and their simulation along a record."""

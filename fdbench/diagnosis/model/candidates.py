@@ -1,0 +1,138 @@
+"""Candidates: every effect of the library at every point of its shape grid, as variants of a hypothesis."""
+
+import itertools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from fdbench.diagnosis.model.hypothesis import Hypothesis, calibrations
+from fdbench.effects import Effect, Port
+
+QUARTER_TURN = math.pi / 2.0
+LARGEST_CHANGE = 4.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """One effect at one point of its shape, added to a hypothesis.
+
+    Attributes
+    ----------
+    members : tuple of Effect
+        One effect, two a quarter of a turn apart where a phase is free, or one for each of several amplitudes; their
+        responses are combined linearly.
+    replaces : int or None
+        Index of the known effect that it takes the place of; a coefficient of 1 is then the whole replacement.
+    """
+
+    members: tuple[Effect, ...]
+    replaces: int | None = None
+
+    @property
+    def kind(self) -> type[Effect]:
+        """Class of the effect."""
+        return type(self.members[0])
+
+    @property
+    def name(self) -> str:
+        """Registered name of the effect."""
+        return self.kind.name
+
+    def hypotheses(self, base: Hypothesis) -> list[Hypothesis]:
+        """Return the base with each member added."""
+        return [base.with_effect(member, self.replaces) for member in self.members]
+
+    def scaled(self, coefficients: Sequence[float]) -> "Candidate | None":
+        """Return the candidate at the fitted amplitudes and phase, as one effect; None where a bound is broken."""
+        effect, kind = self.members[0], self.kind
+        if self.replaces is not None:
+            return self if 0.1 < coefficients[0] < 3.0 else None
+        changes: dict[str, float] = {}
+        phase = phase_of(kind)
+        members = list(self.members)
+        if phase is not None and len(members) > 1 + len(kind.further_amplitudes):
+            turned = getattr(effect, phase) + math.atan2(coefficients[1], coefficients[0])
+            changes[phase] = math.remainder(turned, 2.0 * math.pi)
+            coefficients = [math.hypot(*coefficients[:2]), *coefficients[2:]]
+            del members[1]
+        bounds = {item.name: item for item in kind.parameters()}
+        for name, member, coefficient in zip(amplitudes(kind), members, coefficients, strict=False):
+            size = math.copysign(min(abs(coefficient), LARGEST_CHANGE), coefficient)
+            value = size * getattr(member, name)
+            if value < bounds[name].low:
+                return None
+            changes[name] = min(value, bounds[name].high)
+        return Candidate(members=(effect.changed(**changes),))
+
+    def sizes(self, shares: Sequence[float]) -> "list[Candidate]":
+        """Return one effect at shares of its size; a replacement has no other size."""
+        if self.replaces is not None:
+            return [self]
+        return [Candidate(members=(self.members[0].scaled(share),)) for share in shares]
+
+
+def middle_of_each(items: Iterable[Candidate]) -> list[Candidate]:
+    """Return of each class of effect the candidate in the middle of its shapes."""
+    found: dict[type[Effect], list[Candidate]] = {}
+    for item in items:
+        found.setdefault(item.kind, []).append(item)
+    return [shapes[len(shapes) // 2] for shapes in found.values()]
+
+
+def amplitudes(kind: type[Effect]) -> tuple[str, ...]:
+    """Return the parameters in which an effect is linear: its amplitude and further ones."""
+    return (kind.amplitude, *kind.further_amplitudes)
+
+
+def phase_of(kind: type[Effect]) -> str | None:
+    """Return the name of the phase of an effect, if it has one."""
+    return next((item.name for item in kind.parameters() if item.phase), None)
+
+
+def candidates(base: Hypothesis, located: Mapping[str, Sequence[float]] | None = None) -> list[Candidate]:
+    """Return all candidates that may be added to a hypothesis.
+
+    Not those whose size is a value on paper: re-calibration moves it in every hypothesis.
+
+    Parameters
+    ----------
+    located : mapping, optional
+        Values found in the residual for parameters to be located: see `fdbench.diagnosis.search.periods`.
+        Without, they are typical.
+    """
+    drive = base.nominal.drive
+    present = {type(effect) for effect in (*base.effects, *drive.effects)}
+    covered = {item.cause(base.nominal) for item in calibrations(base.nominal)}
+    found: list[Candidate] = []
+    for kind in base.nominal.library:
+        unseen = drive.screw is None and (kind.port is Port.TABLE_SCALE or kind.needs_screw)
+        if kind not in present and kind.name not in covered and not unseen:
+            found += _of_kind(base, kind, located)
+    return found
+
+
+def _of_kind(base: Hypothesis, kind: type[Effect], located: Mapping[str, Sequence[float]] | None) -> list[Candidate]:
+    axes = []
+    for item in kind.parameters():
+        values: Sequence[float] = item.grid
+        if item.locate:
+            values = (item.typical,) if located is None else located.get(item.locate, ())
+        if item.locate or values:
+            axes.append([(item.name, value) for value in values if item.low <= value <= item.high])
+    phase, further = phase_of(kind), kind.further_amplitudes
+    found = []
+    for point in itertools.product(*axes):
+        shape = kind.shape(dict(point))
+        for index, known in enumerate(base.nominal.drive.effects):
+            replacement = None if index in base.replaced else kind.in_place_of(known)
+            if replacement is not None:
+                found.append(Candidate(members=(replacement.changed(**shape),), replaces=index))
+        effect = kind.typical(**shape, **dict.fromkeys(further, 0.0))
+        members = [effect]
+        if phase is not None and phase not in shape:
+            members = [effect.changed(**{phase: angle}) for angle in (0.0, QUARTER_TURN)]
+        silent = effect.changed(**{kind.amplitude: 0.0})
+        typical = kind.typical(**shape)
+        members += [silent.changed(**{name: getattr(typical, name)}) for name in further]
+        found.append(Candidate(members=tuple(members)))
+    return found

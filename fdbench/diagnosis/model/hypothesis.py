@@ -1,0 +1,239 @@
+"""A hypothesis: the model on paper, re-calibrated, with some effects added; and how it becomes a drive."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.replay import Variant
+from fdbench.effects import Effect
+from fdbench.plants.feed_drive import FeedDrive, RotaryMotor, Table
+from fdbench.record import FloatArray
+
+SMALLEST_RATIO = 0.05
+FREEDOM = 3.0  # degrees of freedom of a value on paper: most are nearly right, a few are far off
+LINE_STEP = 3e-4  # relative; a record holds hundreds of periods
+
+
+@dataclass(frozen=True, kw_only=True)
+class Adjustable:
+    """One number of a hypothesis that a fit may move.
+
+    Attributes
+    ----------
+    name : str
+        A value on paper, or ``effect.parameter``.
+    step : float
+        Change that counts as 1: the standard deviation of a value on paper, or a share of an effect's typical size.
+    low, high : float
+        Bounds.
+    prior : bool
+        Whether leaving the value on paper is punished.
+    """
+
+    name: str
+    step: float
+    low: float
+    high: float
+    prior: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hypothesis:
+    """Values on paper moved by ``shifts`` standard deviations, and effects beyond the model.
+
+    Attributes
+    ----------
+    nominal : Nominal
+    shifts : tuple of float
+        In the order of `calibrations`.
+    effects : tuple of Effect
+    replaced : tuple of int
+        Known effects of the drive that one of ``effects`` takes the place of.
+    """
+
+    nominal: Nominal
+    shifts: tuple[float, ...]
+    effects: tuple[Effect, ...] = ()
+    replaced: tuple[int, ...] = ()
+
+    def variant(self) -> Variant:
+        """Return the drive that is simulated."""
+        drive = self.nominal.drive
+        offsets: tuple[Effect, ...] = ()
+        for calibration, shift in zip(calibrations(self.nominal), self.shifts, strict=True):
+            if shift != 0.0:
+                drive, extra = calibration.apply(drive, shift)
+                offsets += extra
+        for index in self.replaced:
+            drive = without(drive, index)
+        return Variant(plant=drive, extra=merged(offsets, self.effects))
+
+    def penalty(self) -> float:
+        """Return the squared distance from the values on paper, in standard deviations."""
+        return float(sum(shift**2 for shift in self.shifts))
+
+    def surprise(self) -> float:
+        r"""Return :math:`\sum_i (\nu + 1) \ln(1 + s_i^2 / \nu)`, minus twice the log prior of Student's t."""
+        return float(sum((FREEDOM + 1.0) * math.log1p(shift**2 / FREEDOM) for shift in self.shifts))
+
+    def moved(self, change: Sequence[float] | FloatArray) -> "Hypothesis":
+        """Return the hypothesis with its values on paper moved further; what follows in ``change`` is not for them."""
+        shifts = tuple(float(old + new) for old, new in zip(self.shifts, change, strict=False))
+        return dataclasses.replace(self, shifts=shifts)
+
+    def moved_in_turn(self) -> "list[Hypothesis]":
+        """Return for each value on paper the hypothesis with that one moved by a standard deviation."""
+        return [self.moved(row) for row in np.eye(len(self.shifts))]
+
+    def with_effect(self, effect: Effect, replaces: int | None = None) -> "Hypothesis":
+        """Return the hypothesis with one more effect, or with another one of the same class."""
+        others = tuple(item for item in self.effects if type(item) is not type(effect))
+        replaced = self.replaced if replaces is None else tuple(sorted({*self.replaced, replaces}))
+        return dataclasses.replace(self, effects=(*others, effect), replaced=replaced)
+
+    def without_effect(self, kind: type[Effect]) -> "Hypothesis":
+        """Return the hypothesis without the effect of a class; a known effect that it replaced comes back."""
+        effects = tuple(item for item in self.effects if type(item) is not kind)
+        replaced = tuple(
+            index
+            for index in self.replaced
+            if any(item.in_place_of(self.nominal.drive.effects[index]) is not None for item in effects)
+        )
+        return dataclasses.replace(self, effects=effects, replaced=replaced)
+
+
+def merged(offsets: Sequence[Effect], effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Return the effects with the offsets of re-calibration added to those of the same class."""
+    result = list(effects)
+    for offset in offsets:
+        kind = type(offset)
+        place = next((index for index, item in enumerate(result) if type(item) is kind), None)
+        if place is None:
+            result.append(offset)
+        else:
+            total = getattr(result[place], kind.amplitude) + getattr(offset, kind.amplitude)
+            result[place] = result[place].changed(**{kind.amplitude: total})
+    return tuple(result)
+
+
+def without(drive: FeedDrive, index: int) -> FeedDrive:
+    """Return the drive with one of its known effects at zero amplitude."""
+    return _with_known(drive, index, 0.0)
+
+
+def _with_known(drive: FeedDrive, index: int, ratio: float) -> FeedDrive:
+    known = drive.effects[index]
+    amplitude = type(known).amplitude
+    changed = known.changed(**{amplitude: getattr(known, amplitude) * ratio})
+    return dataclasses.replace(drive, effects=(*drive.effects[:index], changed, *drive.effects[index + 1 :]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibration:
+    """A value on paper that every hypothesis may move, with its standard deviation.
+
+    Attributes
+    ----------
+    name : str
+    kind : str
+        ``mass``, ``viscous``, ``known_effects`` or ``force_offset``.
+    side : str
+        ``motor`` or ``table`` for masses and viscous friction.
+    index : int
+        Of the known effect.
+    deviation : float
+        Relative, but N s/m for viscous friction and N for the force offset.
+    effect : Effect class or None
+        That carries a force offset.
+    """
+
+    name: str
+    kind: str
+    deviation: float
+    side: str = ""
+    index: int = -1
+    effect: type[Effect] | None = None
+
+    def apply(self, drive: FeedDrive, shift: float) -> tuple[FeedDrive, tuple[Effect, ...]]:
+        """Return the drive moved by ``shift`` standard deviations, and an effect that has to be added for it."""
+        change = shift * self.deviation
+        if self.effect is not None:
+            return drive, (self.effect.typical(**{self.effect.amplitude: change}),)
+        if self.kind == "known_effects":
+            return _with_known(drive, self.index, max(1.0 + change, 0.0)), ()
+        part = drive.motor if self.side == "motor" else drive.table
+        if part is None:
+            return drive, ()
+        if self.kind == "mass":
+            field = "inertia_kg_m2" if isinstance(part, RotaryMotor) else "mass_kg"
+            changes = {field: getattr(part, field) * max(1.0 + change, SMALLEST_RATIO)}
+        else:
+            changes = {"viscous_friction_N_s_per_m": max(part.viscous_friction_N_s_per_m + change, 0.0)}
+        part = dataclasses.replace(part, **changes)
+        if isinstance(part, Table):
+            return dataclasses.replace(drive, table=part), ()
+        return dataclasses.replace(drive, motor=part), ()
+
+    def size(self, drive: FeedDrive) -> float:
+        """Return one standard deviation in the unit of the value: kg, N s/m or N."""
+        if self.kind == "known_effects":
+            known = drive.effects[self.index]
+            return abs(float(getattr(known, type(known).amplitude))) * self.deviation
+        part = drive.motor if self.side == "motor" else drive.table
+        return self.deviation * part.mass_kg if self.kind == "mass" and part is not None else self.deviation
+
+    @property
+    def unit(self) -> str:
+        """Unit of `size`."""
+        return {"mass": "kg", "viscous": "N s/m"}.get(self.kind, "N")
+
+    def cause(self, nominal: Nominal) -> str:
+        """Return the name of the effect that a large change of this value is, or an empty text."""
+        if self.kind == "known_effects":
+            return nominal.drive.effects[self.index].name
+        return next((kind.name for kind in nominal.library if kind.calibrates == self.kind), "")
+
+
+def calibrations(nominal: Nominal) -> tuple[Calibration, ...]:
+    """Return what every hypothesis may re-calibrate: masses, viscous friction, known effects, a force offset."""
+    drive, doubt = nominal.drive, nominal.uncertainty
+    sides = ("motor", "table") if drive.screw is not None else ("motor",)
+    viscous = max(drive.viscous_friction_N_s_per_m, 1e-3 * drive.mass_kg) * doubt.viscous
+    lever = 1.0 if drive.screw is not None else drive.mass_kg / drive.motor.mass_kg
+    found = [Calibration(name=f"{side}_mass", kind="mass", side=side, deviation=doubt.mass * lever) for side in sides]
+    found += [Calibration(name=f"{side}_viscous", kind="viscous", side=side, deviation=viscous) for side in sides]
+    found += [
+        Calibration(name=f"known_{known.name}", kind="known_effects", index=index, deviation=doubt.known_effects)
+        for index, known in enumerate(drive.effects)
+    ]
+    offsets = [kind for kind in nominal.library if kind.calibrates == "force_offset"]
+    found += [
+        Calibration(name="force_offset", kind="force_offset", deviation=doubt.force_offset_N, effect=kind)
+        for kind in offsets[:1]
+        if doubt.force_offset_N > 0.0
+    ]
+    return tuple(found)
+
+
+def start(nominal: Nominal) -> Hypothesis:
+    """Return the model on paper as a hypothesis."""
+    return Hypothesis(nominal=nominal, shifts=(0.0,) * len(calibrations(nominal)))
+
+
+def adjustables(effect: Effect) -> list[Adjustable]:
+    """Return what a fit may move in an effect: its amplitude, phases, and the shape parameters that are searched."""
+    found = []
+    for item in type(effect).parameters():
+        is_amplitude = item.name in (type(effect).amplitude, *type(effect).further_amplitudes)
+        if item.whole or not (is_amplitude or item.phase or item.grid or item.locate):
+            continue
+        value = getattr(effect, item.name)
+        share = LINE_STEP if item.locate else 0.1
+        step = 0.3 if item.phase else share * (abs(value) or abs(item.typical))
+        low, high = (-math.inf, math.inf) if item.phase else (item.low, item.high)
+        found.append(Adjustable(name=item.name, step=step, low=low, high=high, prior=False))
+    return found

@@ -1,0 +1,161 @@
+"""Replay: simulate the command of a run on many variants of the model at once, with one stepper of all effects."""
+
+import copy
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from fdbench.diagnosis.records.noise_model import Floor
+from fdbench.diagnosis.records.runs import STRETCH, Run
+from fdbench.effects import Effect
+from fdbench.plants.feed_drive import FeedDrive
+from fdbench.record import FloatArray
+from fdbench.simulate import layout
+from fdbench.simulate.axis import ROW
+from fdbench.simulate.compose import block_rows, compose, slots
+
+COARSER = (3, 4, 5, 6, 8)  # substeps that are tried where the model has more
+MISSED = 0.1  # of the noise, root mean square, by which coarser substeps may move a reading
+WIDTH = 8  # few effects in a block beat many lanes in it
+PIECE = 4096  # samples simulated at once, which bounds the memory
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """One lane: a plant, perhaps re-calibrated, with effects that the model on paper lacks."""
+
+    plant: FeedDrive
+    extra: tuple[Effect, ...] = field(default=())
+
+    def kinds(self) -> frozenset[type[Effect]]:
+        """Return the classes of the extra effects."""
+        return frozenset(type(effect) for effect in self.extra)
+
+
+@lru_cache(maxsize=4096)
+def _mechanics_rows(plant: FeedDrive, h: float) -> tuple[FloatArray, FloatArray, Mapping[str, float]]:
+    mechanics = plant.mechanics()
+    scalars = {
+        "STIFFNESS": mechanics.stiffness_N_per_m,
+        "DAMPING": mechanics.damping_N_s_per_m,
+        "RIGID": float(mechanics.rigid),
+        "POSITION_LIMIT": np.inf,
+        "VELOCITY_LIMIT": np.inf,
+        "LOGGED_PER_N": 1.0,
+        **plant.controller.rows(),
+    }
+    return mechanics.propagators(h / 2), mechanics.propagators(h), scalars
+
+
+@lru_cache(maxsize=1)
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(os.cpu_count(), "replay")
+
+
+class Replay:
+    """Simulator of variants of one nominal drive.
+
+    Parameters
+    ----------
+    drive : FeedDrive
+        The nominal plant; variants differ from it in values only.
+    library : sequence of Effect classes
+        Effects that variants may have in addition, at most one of a class.
+    substeps : int
+    """
+
+    def __init__(self, drive: FeedDrive, library: Sequence[type[Effect]], substeps: int) -> None:
+        self.library = tuple(library)
+        self.substeps = substeps
+        self.drive = drive
+        self.kinds = (*(type(effect) for effect in drive.effects), *library)
+        self._slots = slots(self.kinds)
+        self._rows = block_rows(self.kinds)
+        self._uniform = max(1, sum(kind.random for kind in self.kinds))
+        self._advance = {width: compose(self.kinds, width) for width in (1, WIDTH)}
+
+    def simulate(self, run: Run, variants: Sequence[Variant]) -> dict[str, FloatArray]:
+        """Return each channel of the run as simulated, (n_variants, n_samples); not finite where a variant diverges.
+
+        Readings are free of noise; every variant starts from the measured position and velocity.
+        """
+        order = sorted(range(len(variants)), key=lambda index: sorted(kind.name for kind in variants[index].kinds()))
+        result = {name: np.empty((len(variants), run.n_samples)) for name in run.channels}
+        blocks = [order[first : first + WIDTH] for first in range(0, len(order), WIDTH)]
+
+        def advance(lanes: list[int]) -> None:
+            width = 1 if len(lanes) == 1 else WIDTH
+            columns = self._block(run, [variants[index] for index in lanes], width)
+            for name in run.channels:
+                result[name][lanes] = columns[name][:, : len(lanes)].T
+
+        if len(blocks) == 1:
+            advance(blocks[0])
+        else:
+            list(_threads().map(advance, blocks))
+        return result
+
+    def coarsened(self, runs: Sequence[Run], floors: Mapping[str, Floor]) -> "Replay":
+        """Return the simulator with the fewest substeps that move no reading by a tenth of the noise within a run."""
+        plain = [Variant(plant=self.drive)]
+        fine = [self.simulate(run, plain) for run in runs]
+        n_samples = sum(run.n_samples for run in runs)
+        for substeps in COARSER:
+            if substeps >= self.substeps:
+                break
+            coarse = copy.copy(self)
+            coarse.substeps = substeps
+            both = [(own, coarse.simulate(run, plain)) for own, run in zip(fine, runs, strict=True)]
+            moved = {name: sum(float(np.sum((a[name] - b[name]) ** 2)) for a, b in both) for name in floors}
+            if all(moved[name] <= n_samples * (MISSED * floor.rms) ** 2 for name, floor in floors.items()):
+                return coarse
+        return self
+
+    def _block(self, run: Run, variants: Sequence[Variant], width: int) -> dict[str, FloatArray]:
+        block = np.zeros((1, self._rows, width))
+        n_known = len(self.drive.effects)
+        where = dict(zip(self.library, self._slots[n_known:], strict=True))
+        active = np.zeros(max(len(self.kinds), 1), dtype=np.bool_)
+        active[:n_known] = True
+        position, velocity = run.start()
+        for lane in range(width):
+            variant = variants[min(lane, len(variants) - 1)]
+            half, full, scalars = _mechanics_rows(variant.plant, run.period_s / self.substeps)
+            block[0, ROW["HALF_0"] : ROW["HALF_0"] + 24, lane] = half
+            block[0, ROW["FULL_0"] : ROW["FULL_0"] + 24, lane] = full
+            for name, value in scalars.items():
+                block[0, ROW[name], lane] = value
+            for name, samples_ago in (("X_M", 0), ("X_T", 0), ("BACK_1", 1), ("BACK_2", 2)):
+                block[0, ROW[name], lane] = position - samples_ago * run.period_s * velocity
+            block[0, ROW["V_M"], lane] = block[0, ROW["V_T"], lane] = velocity
+            for slot, effect in zip(self._slots[:n_known], variant.plant.effects, strict=True):
+                self._set(block[0], slot.flag, effect, lane)
+            for effect in variant.extra:
+                slot = where[type(effect)]
+                active[n_known + self.library.index(type(effect))] = True
+                self._set(block[0], slot.flag, effect, lane)
+        out = np.empty((1, run.n_samples, layout.OUT_COLUMNS, width))
+        reference = np.ascontiguousarray(run.reference)
+        normal = np.zeros((1, PIECE, layout.NORMAL_COLUMNS, width))
+        uniform = np.ones((1, PIECE, self._uniform, width))
+        for start in range(0, run.n_samples, PIECE):
+            n = min(PIECE, run.n_samples - start)
+            part = np.empty((1, n, layout.OUT_COLUMNS, width))
+            flat = block.reshape(1, -1)
+            self._advance[width](flat, 0, n, self.substeps, run.period_s, active, reference, normal, uniform, part)
+            out[:, start : start + n] = part
+        feedback = layout.OUT_TABLE if self.drive.controller.uses_table else layout.OUT_MOTOR
+        return {
+            "motor_force_N": out[0, :, layout.OUT_FORCE],
+            "position_m": out[0, :, feedback],
+            STRETCH: out[0, :, layout.OUT_MOTOR] - out[0, :, layout.OUT_TABLE],
+        }
+
+    @staticmethod
+    def _set(block: FloatArray, flag: int, effect: Effect, lane: int) -> None:
+        block[flag, lane] = 1.0
+        block[flag + 1 : flag + 1 + len(effect.values()), lane] = effect.values()

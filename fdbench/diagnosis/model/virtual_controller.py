@@ -1,0 +1,202 @@
+r"""Diagnosis without the controller: the model follows the measured motion under a virtual controller of our own.
+
+The virtual controller is a proportional cascade, :math:`F = K_v [v_r - v + K_x (x_r - x)]`. Its command is made such
+that along the measured motion it gives the measured force, sample by sample:
+
+.. math:: x_r = x + (F / K_v + v - v_r) / K_x
+
+So the record is one of a known loop, and is simulated as any other. A model that is complete moves as measured and
+needs no other force. Of one that lacks a force d, force and position differ by T d and S P d, with the complementary
+sensitivity T = 1 - S of the loop and the plant P: what lies above the bandwidth is no gap.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.records.plausibility import check_content, check_sizes, roughness
+from fdbench.diagnosis.records.runs import (
+    COMMAND,
+    SAME_COMMAND,
+    SAME_MOTION,
+    SIDES,
+    Run,
+    channels_of,
+    lap_length,
+    position_column,
+    prepare,
+)
+from fdbench.errors import RecordError, SpecError
+from fdbench.plants.feed_drive import FeedDrive, Following
+from fdbench.record import FloatArray, Record, held_samples
+
+SLOWER = 0.8
+LOWEST_HZ, QUIETEST_HZ = 1.0, 5.0  # that has to hold the axis, and that is slow enough for any noise
+HIGHEST_PEAK = 1.5  # of the complementary sensitivity
+FREQUENCIES = 400
+REACTION = 0.02  # of the measured force that the noise of the position may cause, unless the force is as noisy itself
+SMOOTHED = 3.0  # times the bandwidth up to which velocity and acceleration are kept
+
+
+def prepared(nominal: Nominal, records: Sequence[Record]) -> tuple[Nominal, list[Run], list[str]]:
+    """Return the runs of records, the model to simulate them with, and warnings in words.
+
+    Where the model has a controller and every record its command, the model stays as it is. Else the controller becomes
+    a virtual one, and the runs follow the measured motion.
+
+    Raises
+    ------
+    RecordError
+        If a record lacks the force or the position, has impossible values, or none of them shows a motion.
+    """
+    for item in records:
+        check_sizes(item)
+    drive = nominal.drive
+    known = not isinstance(drive.controller, Following)
+    silent = [item.source for item in records if COMMAND not in item]
+    if known and not silent:
+        runs = [prepare(item, drive) for item in records]
+        check_content(runs)
+        return nominal, runs, []
+    controller = virtual_controller(drive, records)
+    drive = dataclasses.replace(drive, controller=controller)
+    runs = [follow(item, drive) for item in records]
+    check_content(runs)
+    why = f"{silent[0]}: no column {COMMAND}" if known else "No controller was given in [plant.controller]"
+    warning = (
+        f"{why}: the model was made to follow the measured motion by a virtual controller of "
+        f"{controller.bandwidth_Hz:.3g} Hz, and the force that it needs compared with the measured one; the gap of "
+        "position_m is that of this loop. What the real controller does by itself (its delay, filters, limits) cannot "
+        "be seen, errors of the encoder only by the force that they cost, and little of what lies far above "
+        f"{controller.bandwidth_Hz:.3g} Hz."
+    )
+    return dataclasses.replace(nominal, plant=drive), runs, [warning]
+
+
+def virtual_controller(drive: FeedDrive, records: Sequence[Record]) -> Following:
+    """Return the fastest virtual controller, at most as fast as asked for, that neither rings nor is loud.
+
+    It must hold the model on paper (`holds`), and its reaction to the noise of the position must be small.
+    """
+    controller = drive.controller if isinstance(drive.controller, Following) else Following()
+    side = _side(drive, records[0])
+    period = records[0].sampling_time_s
+    forces = [drive.motor_force(item) for item in records]
+    controller = dataclasses.replace(
+        controller,
+        mass_kg=drive.mass_kg,
+        feedback=side,
+        greatest_force_N=max(float(np.abs(force).max()) for force in forces) or None,
+    )
+    noise_m = max(roughness(item[_column(item, drive, controller)]) for item in records)
+    quiet_N = max(max(roughness(force), REACTION * float(np.std(force))) for force in forces)
+    while not holds(drive, controller, period):
+        controller = _slower(controller)
+        if controller.bandwidth_Hz < LOWEST_HZ:
+            raise SpecError(
+                f"plant: no virtual controller holds this axis at one sample each {period:.4g} s. Check that time_s is "
+                "in seconds, masses and stiffness, or give the real controller as [plant.controller]."
+            )
+    while loudness(controller, period) * noise_m > quiet_N and controller.bandwidth_Hz > QUIETEST_HZ:
+        controller = _slower(controller)
+    return controller
+
+
+def _slower(controller: Following) -> Following:
+    return dataclasses.replace(controller, bandwidth_Hz=SLOWER * controller.bandwidth_Hz)
+
+
+def loudness(controller: Following, period_s: float) -> float:
+    """Return the force per metre of white position noise, by the velocity that is differenced from it."""
+    return controller.velocity_gain_N_s_per_m * math.sqrt(2.0) / (controller.difference_span * period_s)
+
+
+def _side(drive: FeedDrive, record: Record) -> str:
+    """Return which side's position is followed: the motor's, where it was measured."""
+    if drive.screw is None or SIDES[0] in record:
+        return "motor"
+    if SIDES[1] in record:
+        return "table"
+    if isinstance(drive.controller, Following):
+        raise RecordError(
+            f"{record.source}: no column {SIDES[0]} or {SIDES[1]}. The model has a screw, so say on which side "
+            "of it the position was measured: map the column to one of these names."
+        )
+    return "table" if drive.controller.uses_table else "motor"
+
+
+def _column(record: Record, drive: FeedDrive, controller: Following) -> str:
+    own = SIDES[controller.uses_table]
+    return own if own in record else position_column(record, drive)
+
+
+def holds(drive: FeedDrive, controller: Following, period_s: float) -> bool:
+    """Return whether the sampled loop of the linear part is stable and its complementary sensitivity has a low peak."""
+    flow = drive.mechanics().propagators(period_s).reshape(4, 6)
+    # Motor and table of a rigid axis are one: its second pair of states repeats the first.
+    n = 2 if drive.screw is None else 4
+    closed, b, gain = np.zeros((n + 2, n + 2)), np.zeros(n + 2), np.zeros(n + 2)
+    own = 2 if controller.uses_table and n == 4 else 0
+    closed[:n, :n], b[:n] = flow[:n, :n], flow[:n, 4]
+    closed[n, own] = closed[n + 1, n] = 1.0  # the readings one and two samples ago
+    rate = 1.0 / (controller.difference_span * period_s)
+    gain[own], gain[n + controller.difference_span - 1] = controller.position_gain_per_s + rate, -rate
+    gain *= controller.velocity_gain_N_s_per_m
+    closed -= np.outer(b, gain)
+    if np.abs(np.linalg.eigvals(closed)).max() >= 1.0:
+        return False
+    z = np.exp(1j * np.pi * np.geomspace(1e-3, 1.0, FREQUENCIES))
+    states = np.linalg.solve(z[:, None, None] * np.eye(n + 2) - closed, np.tile(b[:, None], (FREQUENCIES, 1, 1)))
+    return bool(np.abs(states[:, :, 0] @ gain).max() < HIGHEST_PEAK)
+
+
+def follow(record: Record, drive: FeedDrive) -> Run:
+    """Return the run of a record whose command is made from its measured motion and force.
+
+    Parameters
+    ----------
+    record : Record
+    drive : FeedDrive
+        With its virtual controller.
+    """
+    controller, period = drive.controller, record.sampling_time_s
+    if not isinstance(controller, Following):
+        raise SpecError("plant.controller: a motion is followed with a controller of kind following.")
+    channels = channels_of(record, drive, _column(record, drive, controller))
+    held = held_samples(record)
+    position, force = (_bridged(channels[name], held) for name in ("position_m", "motor_force_N"))
+    motion = smoothed(position, period, controller.bandwidth_Hz)
+    run = Run(name=record.source, period_s=period, reference=motion, channels=channels, lap=None, held=held)
+    start, slope = run.start()
+    span = controller.difference_span
+    back = np.concatenate((start - slope * period * np.arange(span, 0, -1), position[:-span]))
+    velocity = (position - back) / (span * period)
+    reference = motion.copy()
+    lead = force / controller.velocity_gain_N_s_per_m + velocity - motion[:, 1]
+    reference[:, 0] = position + lead / controller.position_gain_per_s
+    command = record.get(COMMAND)
+    own, same = (motion[:, 0], SAME_MOTION) if command is None else (command, SAME_COMMAND)
+    return dataclasses.replace(run, reference=reference, lap=lap_length(own, period, same), motion=(own, same))
+
+
+def _bridged(values: FloatArray, held: NDArray[np.bool_]) -> FloatArray:
+    """Return the values with held samples interpolated."""
+    time = np.arange(len(values))
+    return np.interp(time, time[~held], values[~held])
+
+
+def smoothed(position: FloatArray, period_s: float, bandwidth_Hz: float) -> FloatArray:
+    """Return position, velocity and acceleration by cubics over a sliding window (Savitzky and Golay 1964), (n, 3).
+
+    A window of 2 h + 1 samples keeps what is below 0.62 / h of the sampling frequency.
+    """
+    from scipy.signal import savgol_filter
+
+    half = max(2, round(0.62 / (SMOOTHED * bandwidth_Hz * period_s)))
+    width = min(2 * half + 1, (len(position) - 1) // 2 * 2 + 1)
+    orders = range(3)
+    return np.column_stack([savgol_filter(position, width, min(3, width - 1), order, period_s) for order in orders])

@@ -1,0 +1,150 @@
+"""The noise floor: what repeats of one command differ by, so that nobody explains noise."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from fdbench.diagnosis.records.runs import Run, differences
+from fdbench.record import FloatArray
+
+ASSUMED_QUANTILE = 0.25
+PIECE = 256  # samples
+LONG_PIECE = 1024  # of what repeats differ by
+BAND = 9  # frequencies
+SMALLEST = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Floor:
+    """Noise of one channel.
+
+    Attributes
+    ----------
+    spectrum : (n_frequencies,) array
+        Mean square at frequencies from 0 Hz to half the sampling rate, in the squared unit of the channel.
+    measured : bool
+        Whether it comes from repeats; else it is assumed, see `assumed`.
+    from_run_to_run : (n_frequencies,) array or None
+        The same of what differs from run to run beside it: see `fdbench.diagnosis.evidence.run_to_run`.
+    """
+
+    spectrum: FloatArray
+    measured: bool
+    from_run_to_run: FloatArray | None = None
+
+    @cached_property
+    def rms(self) -> float:
+        """Standard deviation of a sample within a run, in the unit of the channel."""
+        return max(math.sqrt(float(self.spectrum.sum())), SMALLEST)
+
+    @cached_property
+    def total(self) -> float:
+        """Root mean square of what repeats differ by, over the root of two."""
+        return self.rms if self.from_run_to_run is None else self.whole.rms
+
+    @property
+    def whole(self) -> "Floor":
+        """The floor in which what changes from run to run counts as noise."""
+        if self.from_run_to_run is None:
+            return self
+        return Floor(spectrum=self.spectrum + self.from_run_to_run, measured=self.measured)
+
+    def shares(self, edges: Sequence[float]) -> FloatArray:
+        """Return the shares of the noise within a run in bands of frequency, (n_edges - 1,).
+
+        Parameters
+        ----------
+        edges : sequence of float
+            Ascending, in units of half the sampling rate.
+
+        Examples
+        --------
+        >>> white(1.0, measured=True).shares((0.0, 0.1, 1.0)).round(3).tolist()
+        [0.1, 0.9]
+        """
+        n = len(self.spectrum)
+        ends = np.clip((np.arange(n + 1) - 0.5) / (n - 1), 0.0, 1.0)
+        below = np.concatenate(([0.0], np.cumsum(self.spectrum)))
+        return np.asarray(np.diff(np.interp(edges, ends, below)) / max(below[-1], SMALLEST**2))
+
+
+def white(rms: float, measured: bool) -> Floor:
+    """Return a floor that is alike at all frequencies."""
+    spectrum = np.ones(PIECE // 2 + 1)
+    spectrum[[0, -1]] = 0.5
+    return Floor(spectrum=spectrum * (rms**2 / spectrum.sum()), measured=measured)
+
+
+def noise_floor(runs: Sequence[Run], channel: str) -> Floor:
+    """Return the floor of a channel.
+
+    With repeats (of records, or of laps within one) it is half of what they differ by, drift from repeat to repeat
+    included. Without, it is `assumed`.
+    """
+    found = differences(runs, channel)
+    if found:
+        return Floor(spectrum=0.5 * spectrum_of(found), measured=True)
+    left = [run.channels[channel] if run.left is None else run.left[channel] for run in runs]
+    return Floor(spectrum=assumed(left), measured=False)
+
+
+def spectrum_of(signals: Sequence[FloatArray]) -> FloatArray:
+    """Return the mean square of signals at frequencies from 0 Hz to half the sampling rate, (n_frequencies,).
+
+    By Welch's method (1967): pieces that overlap by half, Hann's window; scaled to the mean square of all samples.
+    """
+    length = PIECE if min(len(values) for values in signals) < LONG_PIECE else LONG_PIECE
+    power = _powers(signals, length).mean(axis=0)
+    power[1:-1] *= 2.0
+    mean_square = sum(float(values @ values) for values in signals) / sum(len(values) for values in signals)
+    return np.asarray(power * (mean_square / max(float(power.sum()), SMALLEST**2)))
+
+
+def assumed(signals: Sequence[FloatArray]) -> FloatArray:
+    r"""Return the mean square at each frequency of the noise in what a model leaves, without repeats to tell it.
+
+    Noise is what is there all the time and at no frequency in particular: of the spectra of all pieces of 256 samples
+    (overlapping by half, without their trend) the quietest quarter counts, at each frequency, and of neighbouring
+    frequencies the median. A gap that comes and goes with the motion, and lines, are left out; what is steady and
+    broad is not told from noise, and noise slower than a piece is not seen. A quartile of the power of Gaussian noise
+    is its mean times :math:`\ln 4/3`.
+    """
+    power = _powers(signals, PIECE, np.linspace(-1.0, 1.0, PIECE))
+    quiet = np.quantile(power, ASSUMED_QUANTILE, axis=0)[1:-1] / -math.log(1.0 - ASSUMED_QUANTILE)
+    smooth = np.median(sliding_window_view(np.pad(quiet, BAND // 2, mode="edge"), BAND), axis=1)
+    return np.concatenate(([0.0], 2.0 / PIECE * smooth, [0.0]))
+
+
+def _powers(signals: Sequence[FloatArray], length: int, trend: FloatArray | None = None) -> FloatArray:
+    """Return the squared spectrum of each piece, (n_pieces, length / 2 + 1); without its mean and trend, if given."""
+    window = np.hanning(length)
+    every = [sliding_window_view(_long_enough(values, length), length)[:: length // 2] for values in signals]
+    pieces = np.concatenate(every)
+    if trend is not None:
+        pieces = pieces - pieces.mean(axis=1, keepdims=True)
+        pieces -= np.outer(pieces @ trend / (trend @ trend), trend)
+    return np.asarray(np.abs(np.fft.rfft(pieces * window)) ** 2 / np.sum(window**2))
+
+
+def _long_enough(values: FloatArray, length: int) -> FloatArray:
+    missing = length - len(values)
+    return np.pad(values, (0, missing), mode="reflect") if missing > 0 else values
+
+
+def floors(runs: Sequence[Run]) -> Mapping[str, Floor]:
+    """Return the floor of each channel."""
+    return {channel: noise_floor(runs, channel) for channel in runs[0].channels}
+
+
+def raised(found: Mapping[str, Floor], energy: Mapping[str, float]) -> Mapping[str, Floor]:
+    """Return floors that mean squares are added to, of what cannot be simulated sample by sample."""
+    result = {}
+    for name, floor in found.items():
+        level = np.full(len(floor.spectrum), energy[name] / len(floor.spectrum))
+        result[name] = dataclasses.replace(floor, spectrum=floor.spectrum + level)
+    return result

@@ -1,0 +1,217 @@
+"""Runs: records prepared for comparison with a simulation of the same command."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.errors import RecordError
+from fdbench.plants.feed_drive import FeedDrive
+from fdbench.record import FloatArray, Record, held_samples
+
+COMMAND = "reference_position_m"
+SIDES = ("motor_position_m", "table_position_m")
+STRETCH = "motor_minus_table_position_m"
+SAME_COMMAND = 1e-5  # largest difference between the commands of repeats, relative to their range
+SAME_MOTION = 1e-3  # the same between measured motions
+SUDDEN = 20.0  # times the next bend of a command that counts as a step of its rate
+SHORTEST_LAP_S = 0.5
+START_SAMPLES = 5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Run:
+    """One record as the diagnosis sees it.
+
+    Attributes
+    ----------
+    name : str
+    period_s : float
+    reference : (n_samples, 3) array
+        Commanded position, velocity, acceleration.
+    channels : mapping of str to (n_samples,) array
+        What is compared: the motor force, the position that closes the loop, and with two position sensors the
+        distance between motor and table.
+    lap : int or None
+        Samples after which the command repeats, where it does within the record.
+    held : (n_samples,) array of bool or None
+        Samples that repeat the last one in every measured channel.
+    repeats : int
+        How many records of one command the channels are the mean of.
+    motion : pair of (n_samples,) array and float, or None
+        Where the reference is made from the measured motion (`fdbench.diagnosis.model.virtual_controller`): the
+        position by which repeats are recognised, and how far it may differ between them, relative to its range.
+    left : mapping of str to (n_samples,) array or None
+        What the model on paper leaves of the channels, once it has been simulated.
+    """
+
+    name: str
+    period_s: float
+    reference: FloatArray
+    channels: dict[str, FloatArray]
+    lap: int | None
+    held: NDArray[np.bool_] | None = None
+    repeats: int = 1
+    motion: tuple[FloatArray, float] | None = None
+    left: Mapping[str, FloatArray] | None = None
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples."""
+        return len(self.reference)
+
+    def start(self) -> tuple[float, float]:
+        """Return position (m) and velocity (m/s) at the first sample, by a line through the first few."""
+        first = self.channels["position_m"][:START_SAMPLES]
+        slope, offset = np.polyfit(np.arange(len(first)) * self.period_s, first, 1)
+        return float(offset), float(slope)
+
+    def beside(self, on_paper: Mapping[str, FloatArray]) -> "Run":
+        """Return the run with what the model on paper leaves of it."""
+        left = {name: values - on_paper[name] for name, values in self.channels.items()}
+        return dataclasses.replace(self, left=left)
+
+
+def prepare(record: Record, drive: FeedDrive) -> Run:
+    """Return the run of a record with its command, to be simulated with the controller on paper.
+
+    Raises
+    ------
+    RecordError
+        If the record lacks the command, the motor's force or the position that closes the loop.
+    """
+    if COMMAND not in record:
+        raise RecordError(
+            f"{record.source}: no column {COMMAND}; the command is needed to simulate the same motion. "
+            "Log the controller's position reference, or map it from the column that holds it."
+        )
+    period = record.sampling_time_s
+    position = record[COMMAND]
+    velocity = record.get("reference_velocity_m_per_s")
+    velocity = rate(position, period) if velocity is None else velocity
+    acceleration = record.get("reference_acceleration_m_per_s2")
+    acceleration = rate(velocity, period) if acceleration is None else acceleration
+    return Run(
+        name=record.source,
+        period_s=period,
+        reference=np.column_stack((position, velocity, acceleration)),
+        channels=channels_of(record, drive, position_column(record, drive)),
+        lap=lap_length(position, period),
+        held=held_samples(record),
+    )
+
+
+def rate(values: FloatArray, period_s: float) -> FloatArray:
+    """Return the rate of change of a command, to second order and sharp where it changes suddenly.
+
+    Central differences, but where the command bends at a sample it is the rate from that sample on.
+
+    >>> rate(np.array([0.0, 0.0, 0.0, 1.0, 2.0, 3.0]), 1.0).tolist()
+    [0.0, 0.0, 1.0, 1.0, 1.0, 1.0]
+    """
+    found = np.gradient(values, period_s)
+    bend = np.abs(np.diff(values, 2))
+    # Sample k + 1 is in the middle of bend k, and at the start of bend k + 1.
+    sudden = 1 + np.flatnonzero(bend[:-1] > SUDDEN * bend[1:])
+    found[sudden] = (4.0 * values[sudden + 1] - 3.0 * values[sudden] - values[sudden + 2]) / (2.0 * period_s)
+    return found
+
+
+def channels_of(record: Record, drive: FeedDrive, position: str) -> dict[str, FloatArray]:
+    """Return what is compared: force, position of the loop, and the stretch where both positions were measured."""
+    channels = {"motor_force_N": drive.motor_force(record), "position_m": record[position]}
+    if set(SIDES) <= set(record):
+        channels[STRETCH] = record[SIDES[0]] - record[SIDES[1]]
+    return {name: np.asarray(values, dtype=np.float64) for name, values in channels.items()}
+
+
+def position_column(record: Record, drive: FeedDrive) -> str:
+    """Return the column of the position that closes the loop: position_m, or that of the controller's side."""
+    other, own = SIDES if drive.controller.uses_table else SIDES[::-1]
+    # On a rigid axis both sides move alike.
+    allowed = ["position_m", own, *([other] if drive.screw is None else [])]
+    for name in allowed:
+        if name in record:
+            return name
+    others = f" It has {other}, but the controller's feedback is the other side." if other in record else ""
+    raise RecordError(
+        f"{record.source}: no column position_m or {own}.{others} Map the position that closes the loop to position_m."
+    )
+
+
+def lap_length(position: FloatArray, period_s: float, same: float = SAME_COMMAND) -> int | None:
+    """Return after how many samples a position repeats itself, or None if it does not within the record."""
+    n = len(position)
+    span = float(np.ptp(position))
+    if span == 0.0:
+        return None
+    centred = position - position.mean()
+    spectrum = np.fft.rfft(centred, 2 * n)
+    correlation = np.fft.irfft(spectrum * spectrum.conj())[:n]
+    energy = np.concatenate(([0.0], np.cumsum(centred**2)))
+    lags = np.arange(n)
+    distance = (energy[n - lags] + energy[n] - energy[lags] - 2.0 * correlation) / (n - lags)
+    first, last = max(2, round(SHORTEST_LAP_S / period_s)), int(0.7 * n)
+    inside = distance[first:last]
+    valleys = first + 1 + np.flatnonzero((inside[1:-1] <= inside[:-2]) & (inside[1:-1] < inside[2:]))
+    for lap in valleys[distance[valleys] <= (same * span) ** 2].tolist():
+        if np.max(np.abs(position[lap:] - position[:-lap])) <= same * span:
+            return int(lap)
+    return None
+
+
+def same_command(a: Run, b: Run) -> bool:
+    """Return whether two runs are repeats of one command."""
+    if a.n_samples != b.n_samples or a.period_s != b.period_s:
+        return False
+    (own, share), (other, _) = (run.motion or (run.reference[:, 0], SAME_COMMAND) for run in (a, b))
+    return bool(np.max(np.abs(own - other)) <= share * max(float(np.ptp(own)), 1e-12))
+
+
+def repeated(runs: Sequence[Run]) -> list[tuple[Run, Run]]:
+    """Return each run that is repeated, and the next run of its command."""
+    found = []
+    for index, run in enumerate(runs):
+        later = next((other for other in runs[index + 1 :] if same_command(run, other)), None)
+        if later is not None:
+            found.append((run, later))
+    return found
+
+
+def differences(runs: Sequence[Run], channel: str) -> list[FloatArray]:
+    """Return what is left of a channel between repeats: records of one command, or else laps within a record.
+
+    Each difference has twice the variance of the noise. Where motions are followed, it is that of what the model on
+    paper leaves: the force that a motion needs differs as the motion does.
+    """
+    pairs = repeated(runs)
+    if pairs:
+        return [deviations(later, channel) - deviations(run, channel) for run, later in pairs]
+    laps = [(deviations(run, channel), run.lap) for run in runs if run.lap is not None]
+    return [values[lap:] - values[:-lap] for values, lap in laps]
+
+
+def deviations(run: Run, channel: str) -> FloatArray:
+    """Return a channel as repeats are compared in it: where motions are followed, what the model leaves of it."""
+    return run.channels[channel] if run.left is None or run.motion is None else run.left[channel]
+
+
+def merged(runs: Sequence[Run]) -> list[Run]:
+    """Return one run for each command, the mean of its repeats; their noise is lower by the root of their number."""
+    groups: list[list[Run]] = []
+    for run in runs:
+        group = next((group for group in groups if same_command(group[0], run)), None)
+        if group is None:
+            groups.append([run])
+        else:
+            group.append(run)
+    return [_mean(group) for group in groups]
+
+
+def _mean(group: Sequence[Run]) -> Run:
+    first = group[0]
+    channels = {name: np.asarray(np.mean([run.channels[name] for run in group], axis=0)) for name in first.channels}
+    reference = first.reference if first.motion is None else np.mean([run.reference for run in group], axis=0)
+    return dataclasses.replace(first, reference=reference, channels=channels, repeats=len(group))

@@ -1,0 +1,163 @@
+"""The repaired model: the values on paper re-calibrated and the named effects added, as a model file."""
+
+import dataclasses
+import json
+import types
+import typing
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fdbench.diagnosis.answer import judged_on
+from fdbench.diagnosis.model.hypothesis import Hypothesis, calibrations
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.effects import Effect
+from fdbench.errors import FdbenchError
+from fdbench.specification import snake_case
+from fdbench.wording import less, probability_text, share_interval_text
+
+if TYPE_CHECKING:
+    from fdbench.diagnosis.diagnose import Diagnosis
+
+
+def write_repaired(found: "Diagnosis", path: str | Path) -> None:
+    """Write the repaired model of a diagnosis as TOML; `fdbench.diagnosis.model.nominal.load_nominal` reads it.
+
+    Raises
+    ------
+    FdbenchError
+        If the file cannot be written.
+    """
+    try:
+        Path(path).write_text(model_text(found), encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise FdbenchError(f"{path}: cannot be written: {error.strerror or error}.") from error
+
+
+def model_text(found: "Diagnosis") -> str:
+    """Return the repaired model as TOML, with what was changed as comments."""
+    lines = [*(f"# {line}" for line in _history(found)), *toml_lines(table_of(repaired(found.final), Nominal))]
+    return "\n".join(lines) + "\n"
+
+
+def repaired(hypothesis: Hypothesis) -> Nominal:
+    """Return a hypothesis as a model of its own: what it adds is known from now on, what it replaces is gone."""
+    variant = hypothesis.variant()
+    effects = [item for index, item in enumerate(variant.plant.effects) if index not in hypothesis.replaced]
+    for added in variant.extra:
+        place = next((index for index, item in enumerate(effects) if _adds_up(item, added)), None)
+        if place is None:
+            effects.append(added)
+        else:
+            effects[place] = _with_amplitude(added, _amplitude(effects[place]) + _amplitude(added))
+    plant = dataclasses.replace(variant.plant, effects=tuple(effects))
+    return dataclasses.replace(hypothesis.nominal, plant=plant)
+
+
+def _adds_up(known: Effect, added: Effect) -> bool:
+    """Return whether two effects of a re-calibrated kind are one with the sum of their amplitudes."""
+    kind = type(added)
+    if type(known) is not kind or not kind.calibrates or kind.further_amplitudes:
+        return False
+    item = next(item for item in kind.parameters() if item.name == kind.amplitude)
+    same = _with_amplitude(known, _amplitude(added)) == added
+    return same and item.low <= _amplitude(known) + _amplitude(added) <= item.high
+
+
+def _amplitude(effect: Effect) -> float:
+    return float(getattr(effect, type(effect).amplitude))
+
+
+def _with_amplitude(effect: Effect, value: float) -> Effect:
+    values = {item.name: getattr(effect, item.name) for item in effect.parameters()}
+    return type(effect)(**values | {type(effect).amplitude: value})
+
+
+def _history(found: "Diagnosis") -> Iterator[str]:
+    shrinkage, causes = found.answer["shrinkage"], {cause["effect"]: cause for cause in found.answer["causes"]}
+    yield "Repaired by fdbench diagnose: the model on paper, re-calibrated, with the effects that were named."
+    yield (
+        f"Judged on {judged_on(found.answer)}: after re-calibration the effects make the mean squared gap "
+        f"{less(shrinkage['total'])} ({share_interval_text(shrinkage['ci95'])})."
+    )
+    for effect in found.final.effects:
+        yield f"Added: {effect.name}, probability {probability_text(causes[effect.name]['probability'])}."
+    for item, shift in zip(calibrations(found.final.nominal), found.final.shifts, strict=True):
+        yield f"Re-calibrated: {item.name} by {shift:+.2f} of its standard deviations on paper."
+
+
+# ---- the inverse of fdbench.specification.read ----
+
+
+def table_of(specification: Any, hint: Any) -> dict[str, Any]:
+    """Return the TOML table that is read as a specification.
+
+    Parameters
+    ----------
+    specification : dataclass
+    hint : type
+        What the field is annotated with; where that leaves a choice, the table has a ``kind``.
+
+    Examples
+    --------
+    >>> from fdbench.plants.feed_drive import LinearMotor, RotaryMotor
+    >>> table_of(LinearMotor(mass_kg=2.0, viscous_friction_N_s_per_m=1.0), LinearMotor | RotaryMotor)
+    {'kind': 'linear_motor', 'mass_kg': 2.0, 'viscous_friction_N_s_per_m': 1.0}
+    """
+    cls = type(specification)
+    options = [option for option in typing.get_args(hint) if option is not type(None)] if _is_union(hint) else [hint]
+    kind = {} if options == [cls] else {"kind": getattr(cls, "name", snake_case(cls.__name__))}
+    hints = typing.get_type_hints(cls)
+    values = {field.name: getattr(specification, field.name) for field in dataclasses.fields(cls) if field.init}
+    return kind | {name: _value(value, hints[name]) for name, value in values.items() if value is not None}
+
+
+def _is_union(hint: Any) -> bool:
+    return typing.get_origin(hint) in (typing.Union, types.UnionType)
+
+
+def _value(value: Any, hint: Any) -> Any:
+    if dataclasses.is_dataclass(value):
+        return table_of(value, hint)
+    if isinstance(value, tuple):
+        inner = typing.get_args(hint)
+        return [_value(item, inner[0] if inner[-1] is Ellipsis else inner[i]) for i, item in enumerate(value)]
+    return value
+
+
+def toml_lines(table: Mapping[str, Any], path: str = "") -> Iterator[str]:
+    r"""Yield the lines of a TOML table: its values first, then the tables and lists of tables in it.
+
+    >>> print("\n".join(toml_lines({"a": {"b": 1e-3, "c": "x"}, "d": True, "e": [{"f": [1, 2]}]})))
+    d = true
+    <BLANKLINE>
+    [a]
+    b = 0.001
+    c = "x"
+    <BLANKLINE>
+    [[e]]
+    f = [1, 2]
+    """
+    inner = {key: value for key, value in table.items() if isinstance(value, Mapping) or _lists_tables(value)}
+    for key, value in table.items():
+        if key not in inner and value != []:
+            yield f"{key} = {_literal(value)}"
+    for key, value in inner.items():
+        name = f"{path}{key}"
+        for item in [value] if isinstance(value, Mapping) else value:
+            yield from ("", f"[{name}]" if isinstance(value, Mapping) else f"[[{name}]]")
+            yield from toml_lines(item, f"{name}.")
+
+
+def _lists_tables(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and isinstance(value[0], Mapping)
+
+
+def _literal(value: bool | int | float | str | Sequence[Any]) -> str:
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return repr(float(value) if isinstance(value, float) else value)
+    return f"[{', '.join(_literal(item) for item in value)}]"

@@ -1,0 +1,183 @@
+"""Locate periods: the strongest lines of what the model lacks, over time and over position."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fdbench.diagnosis.evidence.evidence import Split
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.noise_model import Floor
+from fdbench.diagnosis.records.runs import STRETCH, Run
+from fdbench.plants.feed_drive import FeedDrive
+from fdbench.record import FloatArray
+
+LINES, PITCHES = 2, 3
+LOWEST_HZ = 2.0
+NEAR, FAR = 4, 24  # bins beside a line that are its surroundings
+STANDS_OUT = 15.0  # power of a line against the highest of its surroundings
+SHORTEST_M, PER_TRAVEL = 4e-4, 0.9
+LONG = 10.0  # waves over the travel, below which a wave is long
+BIN_M, OVERSAMPLING = 1e-4, 8
+ORDERS = (1.0, 2.0, 6.0, 12.0, 24.0)  # of a turn, at which screws, couplings and poles repeat
+AROUND, ABOVE = 8, 3.0  # resolved wavenumbers around an order, and power above theirs that makes it worth a try
+
+
+def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list[float]]:
+    """Return the lines (Hz) and wavelengths (m) of what the model lacks; see `fdbench.effects.Parameter.locate`.
+
+    Over time the gap itself is looked at, over position the forces that it asks for, and these times the force of the
+    motor, in which what scales with it stands out whatever its sign.
+    """
+    simulated: list[dict[str, FloatArray]] = []
+    for run in split.runs:
+        found = {name: values[0] for name, values in replay.simulate(run, [base.variant()]).items()}
+        finite = np.logical_and.reduce([np.isfinite(values) for values in found.values()])
+        simulated.append({name: np.where(finite, values, run.channels[name]) for name, values in found.items()})
+    gaps = [
+        {name: measured - own[name] for name, measured in run.channels.items()}
+        for run, own in zip(split.runs, simulated, strict=True)
+    ]
+    scaled = [
+        np.stack([values for name, values in split.gap(place, own).items() if name != "position_m"])
+        for place, own in enumerate(simulated)
+    ]
+    turned = [gap * np.sign(run.reference[:, 1]) for gap, run in zip(scaled, split.runs, strict=True)]
+    lacking = [balances(run, own, split.floors, base.nominal.drive) for run, own in zip(split.runs, gaps, strict=True)]
+    lead_m = getattr(base.nominal.drive.motor, "lead_m", None)
+    times_force = [own * run.channels["motor_force_N"][1:-2] for own, run in zip(lacking, split.runs, strict=True)]
+    return {
+        "line": _lines_in_time(scaled, split.runs),
+        "line_of_motion": _lines_in_time(turned, split.runs),
+        "wavelength": _lines_in_position(lacking, split.runs, lead_m),
+        "wavelength_of_ratio": _lines_in_position(times_force, split.runs, lead_m),
+    }
+
+
+def balances(run: Run, gap: Mapping[str, FloatArray], floors: Mapping[str, Floor], drive: FeedDrive) -> FloatArray:
+    r"""Return the forces that the gap of a run asks for, (n_balances, ..., n_samples - 3), in units of their noise.
+
+    The gaps of two runs of one linear drive obey its equations of motion, so that what is left is what acts on the
+    motor side and on the table, at the time and the place where it acts, whatever the loop makes of it:
+
+    .. math::
+        d_m = \Delta F - m_m \Delta\ddot x_m - B_m \Delta\dot x_m - k \Delta s - c \Delta\dot s, \qquad
+        d_t = k \Delta s + c \Delta\dot s - m_t \Delta\ddot x_t - B_t \Delta\dot x_t
+
+    with the stretch :math:`s = x_m - x_t`; where it was not measured, the sum of both with one mass. Derivatives are
+    those in the middle between samples, where a force that is held acts on average.
+    """
+    h, force, position = run.period_s, gap["motor_force_N"][..., 1:-2], gap["position_m"]
+    noise = {name: floor.rms for name, floor in floors.items()}
+    motor, table, screw = drive.motor, drive.table, drive.screw
+
+    def inertia_and_drag(mass_kg: float, viscous: float, x: FloatArray) -> FloatArray:
+        acceleration = (x[..., 3:] - x[..., 2:-1] - x[..., 1:-2] + x[..., :-3]) / (2.0 * h**2)
+        return np.asarray(mass_kg * acceleration + viscous * (x[..., 2:-1] - x[..., 1:-2]) / h)
+
+    if screw is None or table is None or STRETCH not in gap:
+        left = force - inertia_and_drag(drive.mass_kg, drive.viscous_friction_N_s_per_m, position)
+        return np.asarray(left / math.hypot(noise["motor_force_N"], drive.mass_kg / h**2 * noise["position_m"]))[None]
+    stretch = gap[STRETCH]
+    x_t = position if drive.controller.uses_table else position - stretch
+    k, c = screw.stiffness_N_per_m, screw.damping_N_s_per_m
+    spring = k * 0.5 * (stretch[..., 1:-2] + stretch[..., 2:-1]) + c * (stretch[..., 2:-1] - stretch[..., 1:-2]) / h
+    spread = noise[STRETCH] * math.hypot(k / math.sqrt(2.0), c * math.sqrt(2.0) / h)
+    on_motor = force - inertia_and_drag(motor.mass_kg, motor.viscous_friction_N_s_per_m, x_t + stretch) - spring
+    on_table = spring - inertia_and_drag(table.mass_kg, table.viscous_friction_N_s_per_m, x_t)
+    jerky = noise["position_m"] / h**2
+    return np.stack(
+        [
+            on_motor / math.hypot(noise["motor_force_N"], motor.mass_kg * jerky, spread),
+            on_table / math.hypot(table.mass_kg * jerky, spread),
+        ]
+    )
+
+
+def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[float]:
+    """Return the lines that tower over the spectrum around them in any run, the sharpest first."""
+    found: list[tuple[float, float, float]] = []
+    for gap, run in zip(gaps, runs, strict=True):
+        centred = gap - gap.mean(axis=1, keepdims=True)
+        power = np.sum(np.abs(np.fft.rfft(centred * np.hanning(run.n_samples))) ** 2, axis=0)
+        frequency = np.asarray(np.fft.rfftfreq(run.n_samples, run.period_s), dtype=np.float64)
+        power[frequency < LOWEST_HZ] = 0.0
+        side = np.lib.stride_tricks.sliding_window_view(np.pad(power, FAR, mode="edge"), FAR - NEAR + 1).max(axis=1)
+        height = power / np.maximum(np.maximum(side[: len(power)], side[FAR + NEAR :]), 1e-30)
+        for peak in np.flatnonzero(height > STANDS_OUT).tolist():
+            found.append((float(height[peak]), _parabola(frequency, power, peak), NEAR * float(frequency[1])))
+    lines: list[float] = []
+    for _, line, width in sorted(found, reverse=True):
+        if all(abs(line - other) > width for other in lines):
+            lines.append(line)
+    return lines[:LINES]
+
+
+def _lines_in_position(gaps: Sequence[FloatArray], runs: Sequence[Run], lead_m: float | None) -> list[float]:
+    """Return the wavelengths that stand out in the profiles over position, and orders of the lead that may be there.
+
+    Each run and direction has a profile of its own: the loop shifts a wave by its lag, friction turns its sign. Motors
+    and screws repeat at known orders, where less is needed to be tried.
+    """
+    lowest = min(float(run.channels["position_m"].min()) for run in runs)
+    travel = max(float(run.channels["position_m"].max()) for run in runs) - lowest
+    if travel < 2.0 * SHORTEST_M:
+        return []
+    n_bins = max(64, round(travel / BIN_M))
+    wavenumber = np.asarray(np.fft.rfftfreq(OVERSAMPLING * n_bins, travel / n_bins), dtype=np.float64)
+    power = np.zeros(len(wavenumber))
+    for run, gap in zip(runs, gaps, strict=True):
+        inside = slice(1, 1 + gap.shape[1])
+        position, speed = run.channels["position_m"][inside], run.reference[inside, 1]
+        place = np.minimum(((position - lowest) * (n_bins / travel)).astype(np.intp), n_bins - 1)
+        for moving in (speed > 0.0, speed < 0.0):
+            visits = np.bincount(place[moving], minlength=n_bins)
+            for signal in gap:
+                sums = np.bincount(place[moving], weights=signal[moving], minlength=n_bins)
+                profile = sums / np.sqrt(np.maximum(visits, 1))
+                profile -= visits**0.5 * (sums.sum() / max(visits.sum(), 1))
+                power += np.abs(np.fft.rfft(profile, OVERSAMPLING * n_bins)) ** 2
+    resolved = max(3, round(2.0 / travel / float(wavenumber[1])))
+    # Slow changes along the way have more power than any pitch, which stands out of what is around it.
+    height = power / _around(power, resolved)
+    found: list[float] = []
+    for low, high, strength, most in (
+        (PER_TRAVEL / travel, LONG / travel, power, LINES),
+        (LONG / travel, 1.0 / SHORTEST_M, height, PITCHES),
+    ):
+        band = np.where((wavenumber >= low) & (wavenumber <= high), strength, 0.0)
+        for _ in range(most):
+            peak = int(np.argmax(band))
+            if band[peak] <= 0.0:
+                break
+            found.append(1.0 / _parabola(wavenumber, power, peak))
+            band[max(0, peak - resolved) : peak + resolved + 1] = 0.0
+    for pitch_m in () if lead_m is None else [lead_m / order for order in ORDERS]:
+        near = np.abs(wavenumber - 1.0 / pitch_m) < 0.5 * wavenumber[resolved]
+        if (
+            SHORTEST_M < pitch_m < travel / PER_TRAVEL
+            and height[near].max(initial=0.0) > ABOVE
+            and all(abs(1.0 / pitch_m - 1.0 / other) > wavenumber[resolved] for other in found)
+        ):
+            found.append(pitch_m)
+    return found
+
+
+def _around(power: FloatArray, resolved: int) -> FloatArray:
+    """Return the geometric mean of the power within some resolved wavenumbers of each, and not next to it."""
+    logs = np.pad(np.log(np.maximum(power, 1e-30)), AROUND * resolved, mode="reflect")
+    wide, near = (
+        np.convolve(logs, np.ones(2 * half + 1), "same")[AROUND * resolved : len(power) + AROUND * resolved]
+        for half in (AROUND * resolved, resolved)
+    )
+    return np.asarray(np.exp((wide - near) / (2 * (AROUND - 1) * resolved)))
+
+
+def _parabola(axis: FloatArray, power: FloatArray, peak: int) -> float:
+    if not 0 < peak < len(power) - 1:
+        return float(axis[peak])
+    left, middle, right = np.sqrt(power[peak - 1 : peak + 2])
+    bend = left - 2.0 * middle + right
+    offset = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+    return float(axis[peak] + min(max(offset, -1.0), 1.0) * (axis[1] - axis[0]))

@@ -1,0 +1,326 @@
+"""Search: add the effect that explains most, refine it in closed-loop simulation, look again at what is left."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fdbench.diagnosis.evidence.evidence import Evidence, Fit, Scores, Split, gather
+from fdbench.diagnosis.model.candidates import Candidate, candidates
+from fdbench.diagnosis.model.hypothesis import Adjustable, Hypothesis, adjustables, calibrations
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.search.periods import located
+from fdbench.effects import Effect
+from fdbench.record import FloatArray
+
+MOST_EFFECTS = 4
+RESCALED = 10  # classes that are simulated again at their fitted size
+SIZES = (1.0, 0.5)  # of that size: large effects are not proportional to it
+REFINED = 3  # classes that are refined in closed loop before one is chosen, at most
+SERIOUS = 0.5  # share of the best gain that makes a class worth refining
+SMALLEST_GAIN = 0.04  # share of the excess misfit that an effect must remove
+NOISE_ALONE = 1.05  # misfit below which nothing is left to explain
+EFFECTIVE_SAMPLES = 60.0  # independent samples that a misfit is worth at most, as far as probabilities go
+ITERATIONS = 8
+CONVERGED = 3e-4  # fall of the objective in units of its excess over noise below which a refinement ends
+SMALLEST_FALL = 2.0  # and fall that is no evidence of anything
+STEPS = (1.0, 0.3, 0.1)
+REVIEWS = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rival:
+    """A class of effect at one stage of the search.
+
+    Attributes
+    ----------
+    kind : Effect class
+    hypothesis : Hypothesis
+        The base of the stage with the effect.
+    misfit : float
+        On held-out segments, weighted, after the fit.
+    penalty : float
+        Minus twice the log prior of the values on paper.
+    refined : bool
+        Whether it was fitted in closed loop, and not only linearly.
+    size : float
+        Mean square of what it changes in the base, in the run where that is most, in units of what repeats differ by.
+    """
+
+    kind: type[Effect]
+    hypothesis: Hypothesis
+    misfit: float
+    penalty: float
+    refined: bool
+    size: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stage:
+    r"""One round: the misfit without another effect, and what each class would make of it, best first.
+
+    Attributes
+    ----------
+    base : Hypothesis
+    misfit, penalty : float
+        Of the base; all misfits of a stage have the weights of its base.
+    test_count : float
+        Weighted samples that are judged on.
+    rivals : tuple of Rival
+    effective : float
+        Independent samples :math:`n` that a misfit M is worth in the tempered log evidence
+        :math:`-\tfrac12 [n \ln M + \text{penalty}]`.
+    """
+
+    base: Hypothesis
+    misfit: float
+    penalty: float
+    test_count: float
+    rivals: tuple[Rival, ...]
+    effective: float = EFFECTIVE_SAMPLES
+
+    def gain(self, rival: Rival) -> float:
+        """Return the share of the excess misfit that a rival removes."""
+        return (self.misfit - rival.misfit) / max(self.misfit - 1.0, 1e-12)
+
+    def log_evidence(self, misfit: float, penalty: float) -> float:
+        """Return the tempered log evidence of a misfit."""
+        return -0.5 * (self.effective * math.log(max(misfit, 1e-9)) + penalty)
+
+    def probabilities(self) -> list[float]:
+        """Return the probability of each rival; what is missing to 1 is that there is none.
+
+        That one of the library is present is taken to be as likely beforehand as that none is.
+        """
+        logs = [self.log_evidence(rival.misfit, rival.penalty) for rival in self.rivals]
+        logs.append(self.log_evidence(self.misfit, self.penalty) + math.log(max(len(self.base.nominal.library), 1)))
+        weights = [math.exp(log - max(logs)) for log in logs]
+        return [weight / sum(weights) for weight in weights[:-1]]
+
+    def probability_of(self, kind: type[Effect]) -> float:
+        """Return the probability of one class."""
+        return next(p for p, rival in zip(self.probabilities(), self.rivals, strict=True) if rival.kind is kind)
+
+    def present(self) -> float:
+        """Return the probability that one of the rivals is there."""
+        return sum(self.probabilities())
+
+
+class Search:
+    """Search of one set of runs.
+
+    Parameters
+    ----------
+    replay : Replay
+    split : Split
+    progress : callable, optional
+        Told in words what is being done.
+    """
+
+    def __init__(self, replay: Replay, split: Split, progress: Callable[[str], None] | None = None) -> None:
+        self.replay = replay
+        self.split = split
+        self.progress = progress or (lambda text: None)
+
+    def run(self, base: Hypothesis) -> tuple[Hypothesis, list[Stage]]:
+        """Return the final hypothesis and the stages that led to it."""
+        stages: list[Stage] = []
+        while len(base.effects) < MOST_EFFECTS:
+            self.progress(f"looking for effect {len(base.effects) + 1}")
+            stage = self.stage(base)
+            if stage is None:
+                break
+            stages.append(stage)
+            if stage.present() < 0.5 or stage.gain(stage.rivals[0]) < SMALLEST_GAIN:
+                break
+            base = stage.rivals[0].hypothesis
+        return base, stages
+
+    def stage(self, base: Hypothesis) -> Stage | None:
+        """Rank all classes of effects as the next one; None where the base leaves noise alone."""
+        every = candidates(base, located(self.replay, self.split, base))
+        alone, fits = self._screen(base, every, fitted_only=True)
+        if alone.train < NOISE_ALONE:
+            return None
+        best = self._best_of_class(base, every, fits)
+        order = sorted(best, key=lambda kind: best[kind][1].train)[:RESCALED]
+        again = [size for kind in order for size in best[kind][0].sizes(SIZES)]
+        alone, fits = self._screen(base, again)
+        ranked = self._best_of_class(base, again, fits)
+        order = sorted(ranked, key=lambda kind: ranked[kind][1].misfit)
+        most = max((alone.misfit - fit.misfit for _, fit in ranked.values()), default=0.0)
+        hypotheses = []
+        for place, kind in enumerate(order):
+            candidate, fit = ranked[kind]
+            hypothesis = base.with_effect(candidate.members[0], candidate.replaces).moved(fit.coefficients)
+            serious = place < REFINED and alone.misfit - fit.misfit >= SERIOUS * most > 0.0
+            if serious:
+                self.progress(f"refining {kind.name}")
+                hypothesis = self.refine(hypothesis)
+            hypotheses.append((kind, hypothesis, serious))
+        return self.compared(base, hypotheses)
+
+    def compared(self, base: Hypothesis, hypotheses: Sequence[tuple[type[Effect], Hypothesis, bool]]) -> Stage:
+        """Judge hypotheses beside a base on the held-out segments, with the weights of the base."""
+        evidence = gather(self.replay, self.split, base, [hypothesis for _, hypothesis, _ in hypotheses])
+        alone, *misfits = evidence.misfits(held_out=True).tolist()
+        outside = evidence.held_out
+        sizes = evidence.sizes(self.split)[1:].tolist()
+        rivals = [
+            Rival(
+                kind=kind,
+                hypothesis=hypothesis,
+                misfit=misfit,
+                penalty=hypothesis.surprise(),
+                refined=refined,
+                size=size,
+            )
+            for (kind, hypothesis, refined), misfit, size in zip(hypotheses, misfits, sizes, strict=True)
+        ]
+        stage = Stage(
+            base=base,
+            misfit=alone,
+            penalty=base.surprise(),
+            test_count=float(np.sum(evidence.counts[outside])),
+            rivals=tuple(rivals),
+            effective=min(EFFECTIVE_SAMPLES, float(len(np.unique(evidence.group[outside])))),
+        )
+        rivals.sort(key=lambda rival: -stage.log_evidence(rival.misfit, rival.penalty))
+        return dataclasses.replace(stage, rivals=tuple(rivals))
+
+    def review(self, final: Hypothesis, stages: Sequence[Stage]) -> tuple[Hypothesis, list[Stage]]:
+        """Pit each effect against its rivals beside all others; what is superfluous goes, what is worse is replaced.
+
+        Returns
+        -------
+        final : Hypothesis
+        contests : list of Stage
+            One for each effect of the final hypothesis: the model without it, and what rivals make of that.
+        """
+        origin = {rival.kind: stage for stage in reversed(stages) for rival in stage.rivals}
+        contests = self._contests(final, origin)
+        for _ in range(REVIEWS):
+            weak = [item for item in contests if item.present() < 0.5]
+            beaten = [
+                contest
+                for contest, effect in zip(contests, final.effects, strict=True)
+                if contest.rivals[0].kind is not type(effect)
+            ]
+            if not weak and not beaten:
+                break
+            final = min(weak, key=Stage.present).base if weak else beaten[0].rivals[0].hypothesis
+            contests = self._contests(final, origin)
+        return final, contests
+
+    def _contests(self, final: Hypothesis, origin: Mapping[type[Effect], Stage]) -> list[Stage]:
+        return [self._contest(final, type(effect), origin[type(effect)]) for effect in final.effects]
+
+    def _contest(self, final: Hypothesis, kind: type[Effect], origin: Stage) -> Stage:
+        present = {type(effect) for effect in final.effects}
+        if {type(effect) for effect in origin.base.effects} == present - {kind}:
+            return origin
+        self.progress(f"doing without {kind.name}")
+        others = self.refine(final.without_effect(kind))
+        found = [(kind, final, True)]
+        for rival in origin.rivals:
+            if rival.refined and rival.kind not in present:
+                replaced = set(rival.hypothesis.replaced) - set(origin.base.replaced)
+                tried = others.with_effect(rival.hypothesis.effects[-1], *replaced)
+                found.append((rival.kind, self.refine(tried), True))
+        return self.compared(others, found)
+
+    def _screen(self, base: Hypothesis, every: Sequence[Candidate], fitted_only: bool = False) -> tuple[Fit, list[Fit]]:
+        shifted = base.moved_in_turn()
+        columns: list[tuple[int, ...]] = []
+        variants = list(shifted)
+        for candidate in every:
+            first = 1 + len(variants)
+            variants += candidate.hypotheses(base)
+            columns.append(tuple(range(first, 1 + len(variants))))
+        evidence = gather(self.replay, self.split, base, variants, fitted_only)
+        nuisances = list(range(1, 1 + len(shifted)))
+        scores = Scores(evidence, dict(zip(nuisances, base.shifts, strict=True)))
+        return scores.fit(nuisances), [scores.fit([*nuisances, *own]) for own in columns]
+
+    def _best_of_class(
+        self, base: Hypothesis, every: Sequence[Candidate], fits: Sequence[Fit]
+    ) -> dict[type[Effect], tuple[Candidate, Fit]]:
+        best: dict[type[Effect], tuple[Candidate, Fit]] = {}
+        for candidate, fit in zip(every, fits, strict=True):
+            scaled = candidate.scaled(fit.coefficients[len(base.shifts) :].tolist())
+            if scaled is not None and (candidate.kind not in best or fit.train < best[candidate.kind][1].train):
+                best[candidate.kind] = (scaled, fit)
+        return best
+
+    def refine(self, hypothesis: Hypothesis) -> Hypothesis:
+        """Fit all numbers of a hypothesis on the training segments by guarded Gauss-Newton steps in closed loop."""
+        evidence = self.probed(hypothesis)
+        for _ in range(ITERATIONS):
+            numbers = numbers_of(hypothesis)
+            columns = range(1, 1 + len(numbers))
+            fit = Scores(evidence, dict(enumerate(hypothesis.shifts, start=1))).fit(columns)
+            step = fit.coefficients * np.array([item.step for item in numbers])
+            inside = ~evidence.held_out
+            before = float(evidence.products[inside, 0, 0].sum()) + hypothesis.penalty()
+            excess = before - float((evidence.weights * evidence.counts)[inside].sum())
+            enough = max(CONVERGED * excess, SMALLEST_FALL)
+            if before - fit.squares - fit.penalty < enough:
+                return hypothesis
+            for share in STEPS:
+                trial = write(hypothesis, read(hypothesis) + share * step)
+                probed = self.probed(trial)
+                after = float((evidence.weights * probed.gaps)[inside].sum()) + trial.penalty()
+                if after < before:
+                    break
+            else:
+                return hypothesis
+            hypothesis, evidence = trial, probed
+            if before - after < enough:
+                return hypothesis
+        return hypothesis
+
+    def probed(self, hypothesis: Hypothesis, beside: Sequence[Hypothesis] = ()) -> Evidence:
+        """Return the responses to a step of each number of a hypothesis, on the runs of which something is fitted.
+
+        Those of the hypotheses ``beside`` it follow.
+        """
+        values = read(hypothesis)
+        probes = [write(hypothesis, values + row) for row in np.diag([item.step for item in numbers_of(hypothesis)])]
+        return gather(self.replay, self.split, hypothesis, [*probes, *beside], fitted_only=True)
+
+
+def numbers_of(hypothesis: Hypothesis) -> list[Adjustable]:
+    """Return what a fit may move: the shifts of the values on paper, then the numbers of each effect."""
+    found = [
+        Adjustable(name=item.name, step=1.0, low=-math.inf, high=math.inf, prior=True)
+        for item in calibrations(hypothesis.nominal)
+    ]
+    for effect in hypothesis.effects:
+        found += adjustables(effect)
+    return found
+
+
+def read(hypothesis: Hypothesis) -> FloatArray:
+    """Return the numbers of a hypothesis in the order of `numbers_of`."""
+    values = list(hypothesis.shifts)
+    for effect in hypothesis.effects:
+        values += [getattr(effect, item.name) for item in adjustables(effect)]
+    return np.array(values)
+
+
+def write(hypothesis: Hypothesis, values: FloatArray) -> Hypothesis:
+    """Return a hypothesis with other numbers, kept within the bounds of its effects."""
+    n = len(hypothesis.shifts)
+    place = n
+    effects = []
+    for effect in hypothesis.effects:
+        changes = {}
+        for item in adjustables(effect):
+            changes[item.name] = float(min(max(values[place], item.low), item.high))
+            place += 1
+        phases = {item.name for item in type(effect).parameters() if item.phase}
+        changes |= {name: math.remainder(changes[name], 2.0 * math.pi) for name in phases & changes.keys()}
+        effects.append(effect.changed(**changes))
+    return dataclasses.replace(hypothesis, shifts=tuple(values[:n].tolist()), effects=tuple(effects))

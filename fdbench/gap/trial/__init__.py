@@ -1,1 +1,0 @@
-"""Blind trials of the diagnosis: make records whose causes are sealed, answer without the key, score with it."""

@@ -1,0 +1,1 @@
+"""Blind trials of diagnosers: made with sealed causes, answered, scored."""

@@ -1,0 +1,35 @@
+"""What the answers of the package's own diagnosis and of its untempered twin have in common."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from fdbench.diagnosis.diagnose import Diagnosis
+from fdbench.diagnosis.judge.reduction import explained_fraction
+from fdbench.diagnosis.search.search import Stage
+
+
+def accepted(found: Diagnosis) -> list[Stage]:
+    """Return the stages of the search whose best rival was added."""
+    added = {type(effect) for effect in found.final.effects}
+    return [stage for stage in found.stages if stage.rivals and stage.rivals[0].kind in added]
+
+
+def weights(logs: Sequence[float]) -> list[float]:
+    """Return normalised exponentials.
+
+    >>> weights([0.0, 0.0]), weights([-1e5, 0.0])
+    ([0.5, 0.5], [0.0, 1.0])
+    """
+    top = max(logs)
+    found = [math.exp(value - top) for value in logs]
+    return [value / sum(found) for value in found]
+
+
+def closure_of(answer: Mapping[str, Any]) -> float | None:
+    """Return the share of the held-out excess on paper that re-calibration and the named effects close."""
+    shrinkage, before = answer["shrinkage"], float(answer["shrinkage"]["on_paper"])
+    after = before * (1.0 - float(answer["parametric"]["closed_by_recalibration"]))
+    if shrinkage["steps"]:
+        after = float(shrinkage["steps"][-1]["after"])
+    return explained_fraction(before, after)

@@ -1,0 +1,24 @@
+"""Says of every case that there is no gap: the floor of every score."""
+
+from collections.abc import Sequence
+from typing import final
+
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.record import Record
+from fdbench.trials.diagnoser import Answer, Diagnoser
+
+
+@final
+class Null(Diagnoser):
+    """Looks at nothing.
+
+    Examples
+    --------
+    >>> Null().diagnose(None, [], []).none
+    1.0
+    """
+
+    constant = True
+
+    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Answer:
+        return Answer(none=1.0)

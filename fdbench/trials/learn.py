@@ -1,0 +1,158 @@
+"""Learn: diagnose cases whose truth is known, and fit how often what the search shows turns out right."""
+
+import dataclasses
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.judge.probability_models import Head, Sign, Signs
+from fdbench.diagnosis.judge.verdict import OR
+from fdbench.errors import SpecError
+from fdbench.record import FloatArray
+from fdbench.trials import seal
+from fdbench.trials.answer import read_case
+from fdbench.trials.make import read_manifest
+from fdbench.trials.score import check_key
+
+RIDGE = 1.0  # prior precision of a weight, per unit of standardised sign
+TRUST = 4.0  # the same of bias and weights about those of a head that is learned from further
+HIDDEN_WEIGHT = 0.1  # of a case whose cause the library lacks, as far as named causes go: a stand-in cannot be told
+UNLISTED = 1.0 / 3.0  # how often an axis is taken to have a cause that the library lacks
+ITERATIONS = 50
+KINDS = ("effect", "suspect", "value", "unknown", "none")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim:
+    """One claim of a diagnosis: its kind, its signs, whether it is right, and how many cases like it count as one."""
+
+    kind: str
+    signs: Signs
+    right: bool
+    weight: float = 1.0
+
+
+def claims(signs: Mapping[str, Mapping[str, Signs]], truth: Mapping[str, Any]) -> Iterator[Claim]:
+    """Yield what a diagnosis claims of a case, judged by its truth."""
+    listed = {item["name"] for item in truth["listed"]}
+    hidden = bool(truth["unlisted"])
+    weight = HIDDEN_WEIGHT if hidden else 1.0
+    for kind in ("effect", "suspect", "value"):
+        for name, own in signs[kind].items():
+            yield Claim(kind=kind, signs=own, right=not listed.isdisjoint(name.split(OR)), weight=weight)
+    yield Claim(kind="unknown", signs=signs["unknown"]["unknown"], right=hidden)
+    yield Claim(kind="none", signs=signs["none"]["none"], right=not listed and not hidden, weight=weight)
+
+
+def fitted(found: Sequence[Claim], prior: Head | None = None) -> Head:
+    """Return the logistic model of claims of one kind: penalised maximum likelihood by Newton's method.
+
+    The bias is not penalised, unless the head is one that is learned further: then ``prior`` gives the signs, and the
+    mean of bias and weights. See Bishop (2006), Pattern Recognition and Machine Learning, section 4.3.3.
+    """
+    names = list(found[0].signs if prior is None else prior.signs)
+    values = np.array([[claim.signs[name] for name in names] for claim in found])
+    right = np.array([float(claim.right) for claim in found])
+    share = np.array([claim.weight for claim in found])
+    before: FloatArray | None = None
+    if prior is None:
+        centre, scatter = values.mean(axis=0), np.maximum(values.std(axis=0), 1e-6)
+    else:
+        own = [prior.signs[name] for name in names]
+        centre, scatter = (np.array([getattr(sign, part) for sign in own]) for part in ("centre", "scatter"))
+        before = np.array([prior.bias, *(sign.weight for sign in own)])
+    design = np.column_stack((np.ones(len(found)), (values - centre) / scatter))
+    weights = newton(design, right, share, before)
+    signs = {
+        name: Sign(centre=float(c), scatter=float(d), weight=float(w))
+        for name, c, d, w in zip(names, centre, scatter, weights[1:], strict=True)
+    }
+    claims_before, right_before = (0, 0) if prior is None else (prior.claims, prior.right)
+    return Head(
+        bias=float(weights[0]),
+        signs=signs,
+        claims=claims_before + len(found),
+        right=right_before + int(right.sum()),
+    )
+
+
+def balanced(found: Sequence[Claim], share: float) -> list[Claim]:
+    """Return the claims weighted so that this share of them is right."""
+    right = sum(claim.right for claim in found)
+    weights = {True: share * len(found) / right, False: (1.0 - share) * len(found) / (len(found) - right)}
+    return [dataclasses.replace(claim, weight=weights[claim.right]) for claim in found]
+
+
+def newton(design: FloatArray, right: FloatArray, share: FloatArray, before: FloatArray | None = None) -> FloatArray:
+    """Return the weights of a logistic model; each claim counts by its share.
+
+    Penalised is the distance from the weights ``before``; without these that from zero, but not of the first weight.
+    """
+    n = design.shape[1]
+    penalty = np.diag([1e-6] + [RIDGE] * (n - 1) if before is None else [TRUST] * n)
+    mean = np.zeros(n) if before is None else before
+    weights = mean
+    for _ in range(ITERATIONS):
+        chance = 1.0 / (1.0 + np.exp(-design @ weights))
+        gradient = design.T @ (share * (right - chance)) - penalty @ (weights - mean)
+        curvature = design.T @ (design * (share * chance * (1.0 - chance))[:, None]) + penalty
+        step = np.linalg.solve(curvature, gradient)
+        weights = weights + step / max(1.0, float(np.abs(step).max()))
+        if np.abs(step).max() < 1e-9:
+            break
+    return weights
+
+
+def write_heads(found: Sequence[Claim], output: Path, source: str) -> None:
+    """Fit each kind of claim and write the file that `fdbench.diagnosis.judge.probability_models` reads."""
+    lines = [f'source = "{source}"']
+    for kind in KINDS:
+        own = [claim for claim in found if claim.kind == kind]
+        head = fitted(balanced(own, UNLISTED) if kind == "unknown" else own)
+        lines += ["", f"[{kind}]", f"bias = {head.bias:.4f}", f"claims = {head.claims}", f"right = {head.right}", ""]
+        lines += [f"[{kind}.signs]"]
+        lines += [
+            f"{name} = {{ centre = {sign.centre:.4f}, scatter = {sign.scatter:.4f}, weight = {sign.weight:.4f} }}"
+            for name, sign in head.signs.items()
+        ]
+    output.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def learn(folder: Path, key: Path, output: Path, progress: Callable[[str], None] | None = None) -> Sequence[Claim]:
+    """Diagnose every case of a trial of tier L, fit the heads on its opened key, and write them.
+
+    What each case gives is kept beside the output in ``<output>.claims.json`` until all are done, so that learning
+    that was interrupted goes on.
+
+    Raises
+    ------
+    SpecError
+        If there is no trial in the folder, the key is not its key, or a kind of claim is always right or always wrong.
+    """
+    manifest = read_manifest(folder)
+    opened = seal.read_json(key, "the key of a trial")
+    check_key(folder, manifest, opened, key)
+    kept = output.with_name(f"{output.name}.claims.json")
+    done: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
+    for number, (name, case) in enumerate(manifest["cases"].items(), 1):
+        if name in done:
+            continue
+        if progress is not None:
+            progress(f"case {number} of {len(manifest['cases'])}")
+        nominal, records, holdouts = read_case(folder / name, sorted(case["files"]))
+        done[name] = diagnose(nominal, records, holdouts).signs
+        kept.write_text(json.dumps(done), encoding="utf-8")
+    found = [claim for name, signs in done.items() for claim in claims(signs, opened["cases"][name]["truth"])]
+    for kind in KINDS:
+        rights = {claim.right for claim in found if claim.kind == kind}
+        if len(rights) < 2:
+            raise SpecError(f"{folder}: claims of kind '{kind}' that are right and wrong are needed; make more cases.")
+    source = f"tier {manifest['tier']}, {len(done)} cases, nonce {opened['nonce']}"
+    write_heads(found, output, source)
+    kept.unlink()
+    return found

@@ -1,0 +1,291 @@
+"""Rehearsal: learn from simulated trials of one machine, with the motions, columns and noise of its own records.
+
+The heads that the package was shipped with are the prior; what the machine's own cases say moves them.
+"""
+
+import dataclasses
+import hashlib
+import inspect
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.evidence.prepare import Aligned, aligned
+from fdbench.diagnosis.evidence.run_to_run import Repeatability
+from fdbench.diagnosis.judge import probability_models as confidence
+from fdbench.diagnosis.judge.probability_models import Heads
+from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.records.runs import COMMAND, SIDES, STRETCH, Run, merged
+from fdbench.diagnosis.repaired import table_of, toml_lines
+from fdbench.errors import FdbenchError, SpecError
+from fdbench.record import FloatArray, Record
+from fdbench.simulate.compose import cache_folder
+from fdbench.trials import seal
+from fdbench.trials.learn import Claim, claims, fitted
+from fdbench.trials.make import MOST_ATTEMPTS
+from fdbench.virtual_axes import cases as tiers
+from fdbench.virtual_axes.bench import ERRORS
+from fdbench.virtual_axes.library_axis import USUAL, LibraryAxis, LibraryBench, Noises, rubbing
+
+STEPS = 4  # of a floor in a factor of two: records of one machine share what was learned
+NAMES = [field.name for field in dataclasses.fields(Noises)]  # the last one is friction
+SILENT = Noises(**dict.fromkeys(NAMES, 0.0))
+ROUNDS = 2
+LEAST = 1e-3  # mean square of a part of a floor that is told from none
+EVEN = 0.1  # weight of keeping to equal parts where the floors do not tell noises apart
+OFF = 2.0  # factor by which the floor of a channel may be missed
+MOVED = ("effect", "suspect", "value")
+RUBBING = tiers.FRICTION_CHANGE[1]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """One machine on paper, and what is recorded on it.
+
+    Attributes
+    ----------
+    nominal : Nominal
+        As the user gave it.
+    ready : Aligned
+        The user's records.
+    n_fitted : int
+        How many of the runs are not held out.
+    names : tuple of str
+        Columns of positions.
+    """
+
+    nominal: Nominal
+    ready: Aligned
+    n_fitted: int
+    names: tuple[str, ...]
+
+    @cached_property
+    def floors(self) -> Mapping[str, float]:
+        """What repeats were measured to differ by, in steps."""
+        measured = self.ready.split.floors.items()
+        return {name: 2.0 ** (round(STEPS * math.log2(floor.total)) / STEPS) for name, floor in measured}
+
+    @cached_property
+    def parts(self) -> FloatArray:
+        """Mean squares within a run and from run to run, (2, n_channels), in units of what repeats differ by."""
+        measured = np.maximum(self.squares(self.ready) / np.array(list(self.floors.values())) ** 2, LEAST)
+        return np.asarray(4.0 ** (np.round(0.5 * STEPS * np.log2(measured)) / STEPS))
+
+    def squares(self, ready: Aligned) -> FloatArray:
+        """Return the mean squares of noise within a run and of changes from run to run, (2, n_channels)."""
+        noise = Repeatability(ready.replay, start(ready.nominal), ready.runs).floors.values()
+        within = np.array([floor.rms**2 for floor in noise])
+        return np.stack((within, np.array([floor.total**2 for floor in noise]) - within))
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all that the cases depend on: code, effects, model, motions, columns and noise."""
+        kinds = [inspect.getsource(kind) for kind in self.ready.nominal.library]
+        model = toml_lines(table_of(self.nominal, Nominal))
+        held = [run.held.tobytes() if self.holds and run.held is not None else b"" for run in self.ready.runs]
+        moved = [self.command(run).tobytes() for run in self.ready.runs]
+        motions = [hashlib.sha256(part).hexdigest() for part in (*moved, *held)]
+        recorded = [self.names, self.n_fitted, self.ready.runs[0].period_s, self.floors, self.parts.tolist()]
+        content = [seal.code_digest(), kinds, list(model), motions, recorded]
+        return hashlib.sha256(seal.canonical(content)).hexdigest()
+
+    @property
+    def holds(self) -> bool:
+        """Whether the logger held samples."""
+        return any(mark.bridged for mark in self.ready.marks)
+
+    @staticmethod
+    def command(run: Run) -> FloatArray:
+        """Return the command (n, 3) of a run; where it was followed, the motion that was measured."""
+        return run.reference if run.motion is None else np.column_stack((run.motion[0], run.reference[:, 1:]))
+
+    def bench(self, errors: Mapping[str, float], noises: Noises) -> LibraryBench:
+        """Return the machine."""
+        nominal, period_s = self.ready.nominal, self.ready.runs[0].period_s
+        reach_m = max(float(np.abs(self.command(run)[:, 0]).max()) for run in self.ready.runs)
+        # The zero of a record may lie anywhere, and what was recorded is within the limits.
+        drive = dataclasses.replace(
+            nominal.drive,
+            travel_m=nominal.drive.travel_m + reach_m,
+            velocity_limit_m_per_s=2.0 * nominal.drive.velocity_limit_m_per_s,
+        )
+        nominal = dataclasses.replace(nominal, plant=drive)
+        return LibraryBench(nominal, errors, period_s, noises, nominal.simulation.substeps)
+
+    def recorded(self, axis: LibraryAxis, rng: np.random.Generator) -> tuple[list[Record], list[Record]]:
+        """Return what the logger writes of every motion: to fit, and to judge on."""
+        found: list[Record] = []
+        for run in self.ready.runs:
+            command = self.command(run)
+            readings = axis.readings(command, rng)
+            columns = {name: readings.get(name, readings["position_m"]) for name in (*self.names, "motor_force_N")}
+            if self.holds and run.held is not None:
+                last = np.maximum.accumulate(np.where(run.held, 0, np.arange(run.n_samples)))
+                columns = {name: values[last] for name, values in columns.items()}
+            if run.motion is None:
+                rates = ("reference_velocity_m_per_s", "reference_acceleration_m_per_s2")
+                columns |= {name: command[:, place] for place, name in enumerate((COMMAND, *rates))}
+            columns["time_s"] = np.arange(run.n_samples, dtype=np.float64) * run.period_s
+            found.append(Record(columns, source=run.name))
+        return found[: self.n_fitted], found[self.n_fitted :]
+
+    def case(self, noises: Noises, rng: np.random.Generator) -> dict[str, Any]:
+        """Draw, record and diagnose one case, and return the signs of what is claimed beside the truth."""
+        doubt = self.nominal.uncertainty
+        deviations = {
+            **dict.fromkeys(("motor_mass", "table_mass"), doubt.mass),
+            **dict.fromkeys(("motor_viscous", "table_viscous"), doubt.viscous),
+            **{"known": doubt.known_effects, "offset_N": doubt.force_offset_N},
+        }
+        errors = {name: size * float(np.clip(rng.standard_normal(), -2.0, 2.0)) for name, size in deviations.items()}
+        bench = self.bench(errors, noises)
+        names = bench.names(listed=True)
+        other = SIDES[not self.ready.nominal.drive.controller.uses_table]
+        sides = ("position_m", other) if STRETCH in self.floors else ("position_m",)
+        motions = [self.command(run) for run in merged(self.ready.runs[: self.n_fitted])]
+        planted, sizes = tiers.plant(bench, tiers.Tier.L, names, motions, sides, rng)
+        excluded = tiers.hidden(bench, planted, rng)
+        records, holdouts = self.recorded(bench.axis(planted), rng)
+        hidden = self.nominal.beside_twins(excluded)
+        nominal = dataclasses.replace(self.nominal, exclude=(*self.nominal.exclude, *hidden))
+        truth = tiers.described(planted, sizes, [name for name in names if name not in excluded])
+        return {"signs": diagnose(nominal, records, holdouts).signs, "truth": truth}
+
+    def noises(self) -> Noises:
+        """Return the noises with which the machine on paper has the measured floors, within a run and from run to run.
+
+        The mean squares of the floors that each of them makes by itself add up (least squares, nonnegative).
+        """
+        from scipy.optimize import nnls
+
+        found = USUAL
+        for _ in range(ROUNDS):
+            own = {name: dataclasses.replace(SILENT, **{name: getattr(found, name)}) for name in NAMES}
+            made = [self._made_by(own[name]).ravel() for name in NAMES[:-1]]
+            squares = np.column_stack([*made, self._made_by_friction().ravel()])
+            size = np.maximum(np.linalg.norm(squares, axis=0), 1e-30)
+            system = np.vstack((squares / size, EVEN * np.eye(len(NAMES))))
+            parts, _ = nnls(system, np.r_[self.parts.ravel(), np.zeros(len(NAMES))])
+            scale = np.sqrt(parts / size).tolist()
+            before = dataclasses.replace(found, friction_change=RUBBING)
+            found = Noises(**{name: getattr(before, name) * by for name, by in zip(NAMES, scale, strict=True)})
+        together = np.sqrt(self._made_by(found).sum(axis=0)).tolist()
+        for name, ratio in zip(self.floors, together, strict=True):
+            if not 1.0 / OFF < ratio < OFF:
+                raise SpecError(
+                    f"rehearsal: no noise of sensors, process and friction gives the model the measured floor of "
+                    f"{name}, {self.floors[name]:.3g}; the nearest gives {ratio * self.floors[name]:.3g}. Check that "
+                    "repeats are of one command and one state of the machine, or diagnose without --rehearse."
+                )
+        return found
+
+    def _made_by(self, noises: Noises) -> FloatArray:
+        """Return the mean squares of the floors of a machine as on paper, (2, n_channels), like `parts`."""
+        axis = self.bench(dict.fromkeys(ERRORS, 0.0), noises).axis({})
+        made = aligned(self.nominal, *self.recorded(axis, seal.generator(self.digest, "noise")))
+        return np.asarray(self.squares(made) / np.array(list(self.floors.values())) ** 2)
+
+    def _made_by_friction(self) -> FloatArray:
+        """Return the mean squares of what runs differ by where friction differs by 5 %, (2, n_channels), like `parts`.
+
+        A floor that was not measured from repeats knows nothing of it.
+        """
+        if not any(floor.measured for floor in self.ready.split.floors.values()):
+            return np.zeros_like(self.parts)
+        axis = self.bench(dict.fromkeys(ERRORS, 0.0), SILENT).axis({})
+        rubbed = dataclasses.replace(axis, drive=rubbing(axis.drive, 1.0 + RUBBING))
+        moved: dict[str, list[FloatArray]] = {name: [] for name in self.floors}
+        for run in self.ready.runs:
+            one, two = (item.readings(self.command(run), None) for item in (axis, rubbed))
+            change = {name: two[name] - one[name] for name in one}
+            if STRETCH in moved:
+                change[STRETCH] = change[SIDES[0]] - change[SIDES[1]]
+            for name, parts in moved.items():
+                parts.append(change[name])
+        between = [float(np.mean(np.concatenate(moved[name]) ** 2)) / of**2 for name, of in self.floors.items()]
+        return np.stack((np.zeros(len(between)), between))
+
+
+def scene_of(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Scene:
+    """Return the machine and what is recorded on it.
+
+    Raises
+    ------
+    RecordError
+        If the records cannot be diagnosed.
+    SpecError
+        If the model cannot move as they show.
+    """
+    ready = aligned(nominal, records, holdouts)
+    drive = ready.nominal.drive
+    if drive.screw is None and STRETCH in ready.split.floors:
+        raise SpecError(
+            f"rehearsal: {records[0].source} has {' and '.join(SIDES)}, but the model has no [plant.screw] between "
+            "them; add it, leave one column out, or diagnose without --rehearse."
+        )
+    names = tuple(name for name in ("position_m", *SIDES) if name in records[0])
+    return Scene(nominal=nominal, ready=ready, n_fitted=len(records), names=names)
+
+
+def rehearsed(
+    nominal: Nominal,
+    records: Sequence[Record],
+    holdouts: Sequence[Record],
+    count: int,
+    progress: Callable[[str], None] | None = None,
+) -> Heads:
+    """Return heads learned on simulated cases of the machine on paper, with the motions and the noise of its records.
+
+    Cases are kept in the cache by the digest of all that they depend on; only those that it lacks are simulated.
+
+    Parameters
+    ----------
+    nominal, records, holdouts
+        As for `fdbench.diagnosis.diagnose.diagnose`.
+    count : int
+        Number of cases.
+    progress : callable, optional
+
+    Raises
+    ------
+    RecordError, SpecError
+        If the records cannot be diagnosed or the model cannot be simulated like them.
+    """
+    scene = scene_of(nominal, records, holdouts)
+    kept = cache_folder() / f"rehearsal-{scene.digest}.json"
+    cases: list[Any] = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else []
+    noises = scene.noises() if len(cases) < count else USUAL
+    while len(cases) < count:
+        if progress is not None:
+            progress(f"rehearsing case {len(cases) + 1} of {count}")
+        cases.append(_case(scene, noises, len(cases)))
+        seal.write_json(kept, cases)
+    found = [claim for case in cases[:count] for claim in claims(case["signs"], case["truth"])]
+    return adapted(found, confidence.heads(), f"rehearsal, {count} cases on this machine and these motions")
+
+
+def _case(scene: Scene, noises: Noises, number: int) -> dict[str, Any]:
+    """Return a case; one that diverges, or whose records no one would diagnose, is drawn anew."""
+    for attempt in range(MOST_ATTEMPTS):
+        try:
+            return scene.case(noises, seal.generator(scene.digest, f"case {number} attempt {attempt}"))
+        except FdbenchError as error:
+            message = str(error)
+    raise SpecError(f"rehearsal: case {number + 1}: {MOST_ATTEMPTS} draws, none of them usable; the last: {message}")
+
+
+def adapted(found: Sequence[Claim], prior: Heads, source: str) -> Heads:
+    """Return heads moved by claims of causes; one that these say nothing of stays as it is.
+
+    Those of an unknown cause and of no gap stay: moved, they were worse on fresh cases of a machine unlike tier L.
+    """
+    own = {kind: [claim for claim in found if claim.kind == kind] for kind in MOVED}
+    moved: dict[str, Any] = {kind: fitted(some, getattr(prior, kind)) for kind, some in own.items() if some}
+    return dataclasses.replace(prior, **moved, source=source)

@@ -1,0 +1,128 @@
+"""Make a trial: records from axes with withheld effects, and the sealed key in a file of its own."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.repaired import toml_lines
+from fdbench.errors import SimulationDiverged, SpecError
+from fdbench.nonce import check_nonce, new_nonce
+from fdbench.specification import load_toml, read
+from fdbench.trials import seal
+from fdbench.version import __version__
+from fdbench.virtual_axes.cases import AXIS, Case, Tier, draw_case
+
+MANIFEST = "manifest.json"
+MODEL = "model.toml"
+MOST_ATTEMPTS = 5
+
+
+def listed_effects() -> list[str]:
+    """Return the names that a diagnosis of the trial's axis may give."""
+    return [kind.name for kind in read(Nominal, load_toml(AXIS), "axis.toml: model").library]
+
+
+def make(
+    folder: Path,
+    key: Path,
+    tier: Tier,
+    count: int,
+    nonce: str | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> dict[str, Any]:
+    """Draw and record the cases of a trial, and return its manifest.
+
+    The manifest tells nobody what is planted: it has SHA-256 of the nonce, and SHA-256 of a secret salt and the truth
+    of each case. Nonce, salts and truths are the key.
+
+    Parameters
+    ----------
+    folder : Path
+        New or empty; what a diagnoser may see.
+    key : Path
+        File outside the folder.
+    tier : Tier
+    count : int
+        Number of cases.
+    nonce : str, optional
+        Hexadecimal digits from which everything is drawn; without, a new secret. The same nonce and code give the same
+        trial.
+    progress : callable, optional
+
+    Raises
+    ------
+    SpecError
+        If the folder is not empty, or the key would lie in it or exists.
+    """
+    nonce = new_nonce() if nonce is None else check_nonce(nonce)
+    folder, key = folder.absolute(), key.absolute()
+    if key.is_relative_to(folder):
+        raise SpecError(f"key: {key} lies in the trial's folder; who answers must not see it. Give a file elsewhere.")
+    if key.exists():
+        raise SpecError(f"key: {key} exists already; a key is never overwritten.")
+    if folder.exists() and any(folder.iterdir()):
+        raise SpecError(f"{folder}: not empty; a trial is made in a new folder.")
+    effects = listed_effects()
+    cases: dict[str, dict[str, Any]] = {}
+    truths: dict[str, dict[str, Any]] = {}
+    for number in range(count):
+        name = f"{number:03d}"
+        if progress is not None:
+            progress(f"case {number + 1} of {count}")
+        drawn = _case(tier, effects, nonce, name)
+        place = folder / name
+        place.mkdir(parents=True)
+        (place / MODEL).write_text("\n".join(toml_lines(drawn.model)).lstrip() + "\n", encoding="utf-8")
+        for part, records in (("records", drawn.records), ("holdouts", drawn.holdouts)):
+            (place / part).mkdir()
+            for title, record in records.items():
+                record.save(place / part / f"{title}.parquet")
+        files = sorted(path for path in place.rglob("*") if path.is_file())
+        salt = seal.salt(nonce, name)
+        truth = {"case": name, **drawn.truth}
+        truths[name] = {"salt": salt, "truth": truth}
+        cases[name] = {
+            "truth_sha256": seal.commitment(salt, truth),
+            "files": {path.relative_to(place).as_posix(): seal.file_digest(path) for path in files},
+        }
+    manifest = {
+        "fdbench_version": __version__,
+        "commit": seal.code_commit(),
+        "code_sha256": seal.code_digest(),
+        "tier": tier.value,
+        "nonce_sha256": seal.commitment(nonce, "nonce"),
+        "effects": effects,
+        "cases": cases,
+    }
+    seal.write_json(folder / MANIFEST, manifest)
+    seal.write_json(key, {"nonce": nonce, "manifest_sha256": seal.file_digest(folder / MANIFEST), "cases": truths})
+    return manifest
+
+
+def _case(tier: Tier, effects: list[str], nonce: str, name: str) -> Case:
+    """Return a case; an axis on which nothing shows is drawn anew."""
+    for attempt in range(MOST_ATTEMPTS):
+        try:
+            return draw_case(tier, effects, seal.generator(nonce, f"tier {tier} case {name} attempt {attempt}"))
+        except SimulationDiverged as error:
+            message = str(error)
+    raise SimulationDiverged(f"case {name}: {MOST_ATTEMPTS} axes, none of them usable; the last: {message}")
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Return the manifest of a trial after a check that no file of a case has changed.
+
+    Raises
+    ------
+    SpecError
+        If there is no trial in the folder, or a file is missing or not the one that was made.
+    """
+    manifest: dict[str, Any] = seal.read_json(folder / MANIFEST, "the manifest of a trial")
+    if not {"cases", "effects", "nonce_sha256", "tier"} <= set(manifest):
+        raise SpecError(f"{folder / MANIFEST}: not the manifest of a trial.")
+    for name, case in manifest["cases"].items():
+        for file, digest in case["files"].items():
+            if seal.file_digest(folder / name / file) != digest:
+                raise SpecError(f"{folder / name / file}: changed since the trial was made.")
+    return manifest

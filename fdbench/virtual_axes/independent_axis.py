@@ -1,0 +1,178 @@
+"""Tiers B, C and D: an axis of the second implementation, with what ``plants_apart.toml`` says can be planted."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import final
+
+import numpy as np
+
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.errors import SpecError
+from fdbench.plants._controllers import Cascade
+from fdbench.plants.feed_drive import RotaryMotor
+from fdbench.record import FloatArray
+from fdbench.specification import load_toml, read
+from fdbench.virtual_axes import independent_simulator as plants_apart
+from fdbench.virtual_axes.bench import (
+    FORCE_NOISE_N,
+    NOTHING,
+    POSITION_NOISE_M,
+    PROCESS_FORCE_N,
+    Bench,
+    Planted,
+    Yardstick,
+    between,
+)
+
+FILE = Path(__file__).with_name("independent_axis.toml")
+COLOUR = 0.4
+FRICTION_CHANGE = (0.03, 0.05)  # from run to run, standard deviation
+LATENCY = (0.01, 0.05)  # of a control period
+SLIDING = (0.9, 1.1)  # transition velocity against that on paper
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plant:
+    """What can be planted: how the fields of `plants_apart.Imperfections` are drawn, and beside what it cannot be."""
+
+    name: str
+    draw: Mapping[str, tuple[float, float]]
+    choices: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    signed: tuple[str, ...] = ()
+    excludes: tuple[str, ...] = ()
+    value_on_paper: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plants:
+    """What stands in ``plants_apart.toml``."""
+
+    listed: tuple[Plant, ...]
+    unlisted: tuple[Plant, ...]
+
+
+@lru_cache(maxsize=1)
+def plants() -> Plants:
+    """Return what the second implementation can plant."""
+    return read(Plants, load_toml(FILE), FILE.name)
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ApartAxis:
+    """An axis of the second implementation; in each run its friction differs by a share of its own."""
+
+    machine: plants_apart.Machine
+    loop: plants_apart.Loop
+    sensors: plants_apart.Sensors
+    wrong: plants_apart.Imperfections
+    friction_change: float
+    period_s: float
+
+    def readings(self, reference: FloatArray, rng: np.random.Generator | None) -> dict[str, FloatArray]:
+        """Return what a logger writes; see `fdbench.virtual_axes.bench.Axis`."""
+        sensors, change, used = self.sensors, 0.0, rng
+        if used is None:
+            sensors = sensors._replace(position_noise_m=0.0, force_noise_N=0.0, process_force_N=0.0)
+            used = np.random.default_rng(0)
+        else:
+            change = self.friction_change * float(np.clip(used.standard_normal(), -2.5, 2.5))
+        return plants_apart.simulate(
+            self.machine, self.loop, sensors, self.wrong, reference, self.period_s, used, change
+        )
+
+
+@final
+class ApartBench(Bench):
+    """A machine of the second implementation; see `fdbench.virtual_axes.library_axis.LibraryBench` for the parameters.
+
+    The model on paper has one known effect, sliding friction with a transition velocity, and a cascade. What no model
+    has (latency, colour of the noise, transition velocity) is drawn.
+    """
+
+    def __init__(
+        self, nominal: Nominal, errors: Mapping[str, float], period_s: float, rng: np.random.Generator
+    ) -> None:
+        control = nominal.drive.controller
+        if not isinstance(control, Cascade):
+            raise SpecError("plant.controller: the second implementation has a cascade.")
+        self.drive = nominal.drive
+        self.errors = errors
+        self.sliding = between(rng, *SLIDING)
+        self.loop = plants_apart.Loop(
+            position_gain_per_s=control.position_gain_per_s,
+            velocity_gain_N_s_per_m=control.velocity_gain_N_s_per_m,
+            integral_gain_N_per_m=control.integral_gain_N_per_m,
+            force_limit_N=control.force_limit_N,
+            reads_table=float(control.uses_table),
+        )
+        self.sensors = plants_apart.Sensors(
+            position_noise_m=POSITION_NOISE_M,
+            force_noise_N=FORCE_NOISE_N,
+            process_force_N=PROCESS_FORCE_N,
+            colour=COLOUR,
+            latency=between(rng, *LATENCY),
+        )
+        self.friction_change = between(rng, *FRICTION_CHANGE)
+        self.period_s = period_s
+        self.plants = {item.name: item for item in (*plants().listed, *plants().unlisted)}
+
+    def names(self, listed: bool) -> list[str]:
+        """Return the names in ``plants_apart.toml``."""
+        return [item.name for item in (plants().listed if listed else plants().unlisted)]
+
+    def draw(self, name: str, rng: np.random.Generator) -> dict[str, float]:
+        """Return drawn fields of `plants_apart.Imperfections`."""
+        plant = self.plants[name]
+        found = {key: between(rng, *bounds) for key, bounds in plant.draw.items()}
+        found |= {key: -found[key] for key in plant.signed if rng.random() < 0.5}
+        return found | {key: float(rng.choice(values)) for key, values in plant.choices.items()}
+
+    def clash(self, name: str, other: str) -> bool:
+        """Return whether one excludes the other."""
+        return other in self.plants[name].excludes or name in self.plants[other].excludes
+
+    def add_clutter(self, yardstick: Yardstick, rng: np.random.Generator) -> None:
+        """Add nothing: latency, coloured noise and friction that changes from run to run are there already."""
+
+    def without_clutter(self) -> "ApartBench":
+        """Return the machine itself, to which nothing was added."""
+        return self
+
+    def is_value_on_paper(self, name: str) -> bool:
+        """Return what ``plants_apart.toml`` says."""
+        return self.plants[name].value_on_paper
+
+    def axis(self, planted: Planted, change: Mapping[str, float] = NOTHING) -> ApartAxis:
+        """Return the machine with imperfections."""
+        errors = {name: error + change.get(name, 0.0) for name, error in self.errors.items()}
+        values = {key: value for parameters in planted.values() for key, value in parameters.items()}
+        weight_N = values.get("weight_N", 0.0) + errors["offset_N"]
+        return ApartAxis(
+            machine=self._machine(errors),
+            loop=self.loop,
+            sensors=self.sensors,
+            wrong=plants_apart.Imperfections(**values | {"weight_N": weight_N}),
+            friction_change=self.friction_change,
+            period_s=self.period_s,
+        )
+
+    def _machine(self, errors: Mapping[str, float]) -> plants_apart.Machine:
+        motor, table, screw = self.drive.motor, self.drive.table, self.drive.screw
+        if not isinstance(motor, RotaryMotor) or table is None or screw is None:
+            raise SpecError("plant: the second implementation has a rotary motor, a table and an elastic screw.")
+        (known,) = self.drive.effects
+        friction_N, transition_m_per_s = known.values()
+        return plants_apart.Machine(
+            motor_mass_kg=motor.mass_kg * (1.0 + errors["motor_mass"]),
+            table_mass_kg=table.mass_kg * (1.0 + errors["table_mass"]),
+            motor_viscous_N_s_per_m=motor.viscous_friction_N_s_per_m * (1.0 + errors["motor_viscous"]),
+            table_viscous_N_s_per_m=table.viscous_friction_N_s_per_m * (1.0 + errors["table_viscous"]),
+            stiffness_N_per_m=screw.stiffness_N_per_m,
+            damping_N_s_per_m=screw.damping_N_s_per_m,
+            sliding_friction_N=friction_N * (1.0 + errors["known"]),
+            sliding_velocity_m_per_s=transition_m_per_s * self.sliding,
+            lead_m=motor.lead_m,
+        )

@@ -1,0 +1,116 @@
+"""Numbers, units, probabilities and intervals as people read them, on the terminal and on pages alike."""
+
+import math
+import re
+from collections.abc import Sequence
+
+from fdbench.units import UNITS, split_unit
+
+SURE = 0.99  # no probability is printed beyond it
+PREFIXES = {6: "M", 3: "k", 0: "", -3: "m", -6: "µ", -9: "n", -12: "p"}
+TAKES_PREFIX = {"m", "s", "N", "A", "V", "W", "Pa", "rad", "N m", "m/s", "m/s^2", "m/s^3", "rad/s", "N/s"}
+
+_ABSOLUTE_FOLDER = re.compile(r"(?<![\w:/.>~])(?:[A-Za-z]:)?[/\\](?:[^\s/\\:']+[/\\])+")
+_ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
+
+
+def probability_text(probability: float) -> str:
+    """Return a probability without false certainty.
+
+    >>> probability_text(0.99999), probability_text(0.57), probability_text(0.001)
+    ('above 0.99', '0.57', 'below 0.01')
+    """
+    if probability > SURE:
+        return f"above {SURE}"
+    return f"{probability:.2f}" if probability >= 1.0 - SURE else f"below {1.0 - SURE:.2f}"
+
+
+def percent(share: float) -> str:
+    """Return a share in per cent; only a whole is 100 %.
+
+    >>> percent(0.447), percent(0.004), percent(0.0), percent(0.9999)
+    ('45 %', '0.4 %', '0 %', 'above 99 %')
+    """
+    if 0.995 <= share < 1.0:
+        return "above 99 %"
+    return f"{100.0 * share:.1g} %" if 0.0 < abs(share) < 0.01 else f"{100.0 * share:.0f} %"
+
+
+def less(reduction: float) -> str:
+    """Return a reduction in words.
+
+    >>> less(0.25), less(-0.25)
+    ('25 % less', '25 % more')
+    """
+    return f"{percent(reduction)} less" if reduction >= 0.0 else f"{percent(-reduction)} more"
+
+
+def share_interval_text(bounds: Sequence[float]) -> str:
+    """Return a 95 % interval of a share.
+
+    >>> share_interval_text([0.331, 0.529]), share_interval_text([0.97, 0.9999]), share_interval_text([0.9997, 0.9999])
+    ('95 %: 33 to 53 %', '95 %: 97 to 99 %', '95 %: above 99 %')
+    """
+    low, high = bounds
+    if low >= 0.995:
+        return "95 %: above 99 %"
+    return f"95 %: {100.0 * low:.0f} to {100.0 * (min(high, 0.99) if high < 1.0 else high):.0f} %"
+
+
+def number(value: float) -> str:
+    """Return a number with three digits and no exponent where that is short.
+
+    >>> number(8184.0), number(55.02)
+    ('8184', '55')
+    """
+    return f"{value:.0f}" if 1000.0 <= abs(value) < 1e6 else f"{value:.3g}"
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit as it is printed.
+
+    >>> unit_text("N s^2/m^2"), unit_text("us")
+    ('N s²/m²', 'µs')
+    """
+    return unit.replace("^2", "²").replace("^3", "³") if unit != "us" else "µs"
+
+
+def scaled(unit: str, peak: float) -> tuple[float, str]:
+    """Return the factor and the unit in which values up to ``peak`` have one to three digits before the point.
+
+    >>> scaled("m/s", 4e-5), scaled("N s/m", 4e-5), scaled("m", 0.9996)
+    ((1000000.0, 'µm/s'), (1.0, 'N s/m'), (1.0, 'm'))
+    """
+    if unit not in TAKES_PREFIX or not 0.0 < peak < math.inf:
+        return 1.0, unit_text(unit)
+    exponent = min(max(3 * math.floor(math.log10(1.0005 * peak) / 3.0), min(PREFIXES)), max(PREFIXES))
+    return 10.0**-exponent, PREFIXES[exponent] + unit_text(unit)
+
+
+def si_text(value: float, unit: str) -> str:
+    """Return a value with three digits and its unit.
+
+    >>> si_text(0.0024942, "m"), si_text(-36.4858, "N s/m")
+    ('2.49 mm', '-36.5 N s/m')
+    """
+    factor, prefixed = scaled(unit, abs(value))
+    return f"{factor * value:.3g} {prefixed}".rstrip()
+
+
+def quantity(name: str) -> tuple[str, str]:
+    """Return what a column or parameter is called and its unit.
+
+    >>> quantity("motor_force_N"), quantity("beta_1")
+    (('motor force', 'N'), ('beta_1', ''))
+    """
+    stem, suffix = split_unit(name)
+    return (stem.replace("_", " "), UNITS[suffix]) if suffix else (name, "")
+
+
+def public_text(message: str) -> str:
+    """Return a message without the folders and addresses of one machine.
+
+    >>> public_text("/data/emps/DATA_EMPS.mat: not on this machine. See https://example.org/a/b.html")
+    'DATA_EMPS.mat: not on this machine. See https://example.org/a/b.html'
+    """
+    return _ADDRESS.sub("0x…", _ABSOLUTE_FOLDER.sub("", message))
