@@ -135,6 +135,8 @@ def convert(hint: Any, value: Any, where: str) -> Any:
     origin = typing.get_origin(hint)
     if origin in (typing.Union, types.UnionType):
         options = [option for option in typing.get_args(hint) if option is not type(None)]
+        if value is None and len(options) < len(typing.get_args(hint)):
+            return None
         return convert(options[0], value, where) if len(options) == 1 else _by_name(options, value, where)
     if origin is tuple:
         return _tuple(typing.get_args(hint), value, where)

@@ -67,13 +67,13 @@ def diagnose(
             heads = rehearsed(nominal, fitted, judged, rehearse, status.update)
         found = find(nominal, fitted, judged, status.update, heads)
     if next_experiment is not None:
-        from fdbench.diagnosis.experiment.proposal import write_proposed
+        from fdbench.diagnosis.diagnose import write_experiment
 
-        found = write_proposed(found, next_experiment)
-        if found.answer["next_experiment"] is None:
+        found = write_experiment(found, next_experiment)
+        if found.answer.next_experiment is None:
             typer.echo(f"fdbench: no causes in doubt that a motion would tell apart: no {next_experiment}.", err=True)
     if json_ is not None and str(json_) != "-":
-        json_.write_text(json_text(found.answer) + "\n", encoding="utf-8")
+        json_.write_text(json_text(found.answer.as_json()) + "\n", encoding="utf-8")
     if html is not None:
         from fdbench.report.diagnosis import write_diagnosis
 
@@ -83,6 +83,6 @@ def diagnose(
 
         write_repaired(found, write_model)
     if str(json_) == "-":
-        echo_json(found.answer)
+        echo_json(found.answer.as_json())
     else:
-        typer.echo(summary(found))
+        typer.echo(summary(found.answer))

@@ -1,8 +1,17 @@
-"""What a diagnosis says."""
+"""What a diagnosis says: the one place of its shape, in Python, as JSON, on the terminal and on the page."""
 
-from collections.abc import Mapping
-from typing import Any
+import dataclasses
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
 
+from fdbench.errors import SpecError
+from fdbench.specification import read
+
+EFFECT, VALUE, READING = "effect", "value", "reading"  # kinds of causes
+LARGEST = 1e100  # beyond it numbers can be neither drawn nor computed with
 JUDGED = {
     "held-out": "the records held out",
     "held-out repeats": "the last repeat of each motion, which was not fitted",
@@ -10,8 +19,477 @@ JUDGED = {
     "held-out last third of each record": "the last third of each record, which was not fitted",
 }
 
+Pair = tuple[float, float]
+Shares = Mapping[str, float]
 
-def judged_on(answer: Mapping[str, Any]) -> str:
-    """Return in words what the gap is judged on."""
-    judged = str(answer["shrinkage"]["judged_on"])
-    return JUDGED.get(judged, judged)
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelGap:
+    """Held-out gap of a channel, root mean square in its unit.
+
+    Attributes
+    ----------
+    before, recalibrated, repaired : float
+        Of the nominal model, with re-calibrated parameters, and with the named effects.
+    reduction : float
+        By which share the repaired mean square is below the re-calibrated one, noise included.
+    noise_floor : float
+    unit : str
+    relative : float
+        Of the nominal gap, to the standard deviation of the channel.
+    """
+
+    before: float
+    recalibrated: float
+    repaired: float
+    reduction: float
+    noise_floor: float
+    unit: str
+    relative: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gap:
+    """Gaps of all channels by name."""
+
+    channels: Mapping[str, ChannelGap]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """Share of one cell of a partition, with its 95 % interval; the field that a kind adds holds its edges."""
+
+    edges: ClassVar[str]
+
+    share: float
+    ci95: Pair | None = None
+
+    @property
+    def bounds(self) -> Pair:
+        """Lower and upper edge."""
+        low, high = getattr(self, self.edges)
+        return low, high
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrequencyCell(Cell):
+    """Share of a band of frequency."""
+
+    edges = "band_Hz"
+    band_Hz: Pair
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositionCell(Cell):
+    """Share of a stretch of the way."""
+
+    edges = "range_m"
+    range_m: Pair
+
+
+@dataclass(frozen=True, kw_only=True)
+class VelocityCell(Cell):
+    """Share of a range of commanded speed."""
+
+    edges = "range_m_per_s"
+    range_m_per_s: Pair
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeCell(Cell):
+    """Share of a stretch of time."""
+
+    edges = "range_s"
+    range_s: Pair
+
+
+@dataclass(frozen=True, kw_only=True)
+class Where:
+    """Partitions of the gap that re-calibration leaves, beyond the noise; the shares of each add up to 1, or to 0.
+
+    Attributes
+    ----------
+    motion, channel : mapping of str to float
+        Share of each phase of motion and of each channel.
+    frequency, position, velocity, time : tuple of cells
+    ci95 : mapping
+        95 % intervals of the shares of ``motion`` and ``channel`` by name.
+    """
+
+    motion: Shares
+    frequency: tuple[FrequencyCell, ...]
+    position: tuple[PositionCell, ...]
+    velocity: tuple[VelocityCell, ...]
+    time: tuple[TimeCell, ...]
+    channel: Shares
+    ci95: Mapping[str, Mapping[str, Pair]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """A number with its 95 % interval, where there is one, and its unit."""
+
+    value: float
+    ci95: Pair | None
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rival:
+    """The best other effect, and which share of the held-out excess (or of force balances) it would remove."""
+
+    effect: str
+    reduction: float
+    reduction_of_named: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceBalances:
+    """Share of the squared force balances on motor and table that a cause removes, whatever the controller is."""
+
+    reduction: float
+    instead: Rival | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cause:
+    """One cause of the gap.
+
+    Attributes
+    ----------
+    effect : str
+    kind : str
+        ``effect``: added to the model; ``value``: a nominal parameter that is wrong; ``reading``: seen in the readings
+        themselves.
+    probability : float
+    share, unique_share : float
+        Of the mean squared gap after re-calibration, shared by the mean over all orders, and what no other cause
+        explains; of a value, of the nominal gap.
+    parameters : mapping of str to Quantity
+    indistinguishable_from : tuple of str
+    share_of_channel : mapping of str to float
+    alternatives : mapping of str to float
+        Probabilities of what may be there in its place.
+    one_of : tuple of str
+        The fewest effects that hold the cause with a probability of 0.9.
+    instead : Rival or None
+    force_balances : ForceBalances or None
+    typical : tuple of str
+        Parameters that were not found from the data.
+    at_bound : tuple of str
+        Parameters that lie on the bound of what the library allows.
+    """
+
+    effect: str
+    probability: float
+    share: float
+    unique_share: float
+    parameters: Mapping[str, Quantity]
+    indistinguishable_from: tuple[str, ...] = ()
+    kind: str = EFFECT
+    parametric: bool = False
+    share_of_channel: Shares = field(default_factory=dict)
+    alternatives: Shares = field(default_factory=dict)
+    one_of: tuple[str, ...] = ()
+    instead: Rival | None = None
+    force_balances: ForceBalances | None = None
+    typical: tuple[str, ...] = ()
+    at_bound: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        # Answers of before ``kind`` say it by ``parametric``, which stays readable and written.
+        if self.parametric and self.kind == EFFECT:
+            object.__setattr__(self, "kind", VALUE)
+        object.__setattr__(self, "parametric", self.kind == VALUE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Suspect:
+    """An effect that the search came close to adding."""
+
+    effect: str
+    probability: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Most:
+    """Where the force differs most, and by how much the motor gives more there than the final model."""
+
+    # "from" and "to" in JSON, which are no names in Python.
+    low: float
+    high: float
+    unit: str
+    force_N: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dependence:
+    """What the rest depends on, and the share of it that such a function removes."""
+
+    function_of: str
+    share: float
+    most: Most | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """How the held-out mean squared gap, in units of the noise floor, falls with one more effect.
+
+    Attributes
+    ----------
+    reduction : float
+        1 - after / before, noise included, with its 95 % interval ``ci95``; ``channels`` has that of each channel.
+    explained_fraction : float or None
+        1 - (after - 1) / (before - 1), the fraction of what is beyond the noise; None where that is too little.
+    """
+
+    added: str
+    before: float
+    after: float
+    reduction: float
+    ci95: Pair
+    channels: Shares = field(default_factory=dict)
+    explained_fraction: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shrinkage:
+    """How the held-out mean squared gap falls, in units of the noise floor.
+
+    Attributes
+    ----------
+    judged_on : str
+    steps : tuple of Step
+    total : float
+        1 - after / before of all steps, noise included, with its 95 % interval ``ci95``.
+    reducible_left : float
+        Share of what is left that is not noise.
+    on_paper : float
+        Of the nominal model.
+    explained_fraction : float or None
+        Of the nominal gap beyond the noise, by re-calibration and all effects together; None where it is too small.
+    """
+
+    judged_on: str
+    steps: tuple[Step, ...]
+    total: float
+    ci95: Pair
+    reducible_left: float
+    on_paper: float
+    unit: str = "mean square in units of the noise floor"
+    noise_floor: float = 1.0
+    explained_fraction: float | None = None
+
+    @property
+    def judged_on_words(self) -> str:
+        """What the gap is judged on, in words."""
+        return JUDGED.get(self.judged_on, self.judged_on)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExpectedProbability:
+    """Expected probability of the true cause, now and after a motion."""
+
+    now: float
+    after: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Separation:
+    """Effects that a motion tells apart, and the log odds that it is expected to bring, in nats."""
+
+    effects: tuple[str, ...]
+    expected_log_odds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """The next experiment.
+
+    Attributes
+    ----------
+    to_separate : tuple of str
+    trajectory : str
+        The motion in words, or the file that it was written to.
+    kind, motion : str
+        The motion without and with sizes.
+    """
+
+    to_separate: tuple[str, ...]
+    trajectory: str
+    expected_log_odds: float | None = None
+    separates: tuple[Separation, ...] = ()
+    expected_probability: ExpectedProbability | None = None
+    expected_gain_per_s: float | None = None
+    kind: str = ""
+    motion: str = ""
+    position_m: Pair | None = None
+    amplitude_m: float | None = None
+    velocity_m_per_s: float | None = None
+    acceleration_m_per_s2: float | None = None
+    duration_s: float | None = None
+    file: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parametric:
+    """What re-calibration alone does.
+
+    Attributes
+    ----------
+    closed_by_recalibration : float
+    moved_in_standard_deviations : mapping of str to float
+        How far each nominal parameter moves without effects, and beside them (``moved_beside_effects``).
+    """
+
+    closed_by_recalibration: float
+    moved_in_standard_deviations: Shares
+    moved_beside_effects: Shares = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseBand:
+    """Noise in a band of frequency, root mean square."""
+
+    band_Hz: Pair
+    value: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseFloor:
+    """Noise of a channel, root mean square: in all, within a run, and what changes from run to run."""
+
+    value: float
+    unit: str
+    measured_from_repeats: bool
+    within_a_run: float | None = None
+    from_run_to_run: float | None = None
+    frequency: tuple[NoiseBand, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """How much was recorded."""
+
+    records: int
+    samples: int
+    sampling_time_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """Answer of a diagnosis; its fields are the keys of the JSON of ``fdbench diagnose --json``.
+
+    Attributes
+    ----------
+    gap : Gap
+    where : Where
+    causes : tuple of Cause
+        Those that are more probable than not first, largest share first.
+    suspects : tuple of Suspect
+    unknown_probability, no_gap_probability : float
+    probabilities_from : str
+        What they were learned from.
+    nearest : Rival or None
+        The best effect that was not added, and the share of the excess that it would remove.
+    rest_depends_on : tuple of Dependence
+    shrinkage : Shrinkage
+    next_experiment : Experiment or None
+    warnings : tuple of str
+    parametric : Parametric
+    noise_floor : mapping of str to NoiseFloor
+    recorded : Recorded or None
+    """
+
+    gap: Gap
+    where: Where
+    causes: tuple[Cause, ...]
+    suspects: tuple[Suspect, ...] = ()
+    unknown_probability: float
+    no_gap_probability: float
+    probabilities_from: str = ""
+    nearest: Rival | None = None
+    rest_depends_on: tuple[Dependence, ...] = ()
+    shrinkage: Shrinkage
+    next_experiment: Experiment | None
+    warnings: tuple[str, ...]
+    parametric: Parametric
+    noise_floor: Mapping[str, NoiseFloor]
+    recorded: Recorded | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the answer as JSON has it."""
+        found: dict[str, Any] = _renamed(dataclasses.asdict(self), _IN_JSON)
+        return found
+
+    def sizes(self) -> Pair:
+        """Return the mean squared gap in units of the noise floor, of the nominal model and re-calibrated."""
+        paper = self.shrinkage.on_paper
+        if self.shrinkage.steps:
+            return paper, self.shrinkage.steps[0].before
+        return paper, paper * (1.0 - self.parametric.closed_by_recalibration)
+
+    def final_size(self) -> float:
+        """Return the mean squared gap that is left, in units of the noise floor."""
+        return self.shrinkage.steps[-1].after if self.shrinkage.steps else self.sizes()[1]
+
+    def unexplained(self) -> float:
+        """Return the share of the mean squared gap after re-calibration that is neither explained nor noise."""
+        size = self.sizes()[1]
+        left = size * (1.0 - self.shrinkage.total)
+        return max(0.0, left - 1.0) / size if size > 0.0 else 0.0
+
+
+_IN_JSON = {"low": "from", "high": "to"}
+
+
+def _renamed(value: Any, names: Mapping[str, str]) -> Any:
+    """Return nested tables with other names for keys of `Most`, the only table that has them."""
+    if isinstance(value, Mapping):
+        own = names if {*names} <= value.keys() else {}
+        return {own.get(key, key): _renamed(item, names) for key, item in value.items()}
+    return [_renamed(item, names) for item in value] if isinstance(value, list | tuple) else value
+
+
+def from_json(table: Any, where: str = "answer") -> Answer:
+    """Return the answer that was written as JSON.
+
+    Raises
+    ------
+    SpecError
+        If a key is unknown, missing or of another type, or a number too large to be drawn.
+    """
+    answer = read(Answer, _renamed(table, {name: key for key, name in _IN_JSON.items()}), where)
+    for place, value in _numbers(dataclasses.asdict(answer), where):
+        if abs(value) > LARGEST:
+            raise SpecError(f"{place}: {value:g} is too large to be drawn.")
+    return answer
+
+
+def _numbers(value: Any, where: str) -> Iterator[tuple[str, float]]:
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _numbers(item, f"{where}.{key}")
+    elif isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            yield from _numbers(item, f"{where}[{index}]")
+    elif isinstance(value, float):
+        yield where, value
+
+
+def read_answer(path: str | Path) -> Answer:
+    """Return the answer in a file of ``fdbench diagnose --json``.
+
+    Raises
+    ------
+    SpecError
+        If the file cannot be read or holds no such answer.
+    """
+    file = Path(path)
+    try:
+        table = json.loads(file.read_text("utf-8"))
+    except OSError as error:
+        raise SpecError(f"{file}: cannot be read: {error.strerror}.") from error
+    except (ValueError, RecursionError) as error:
+        raise SpecError(f"{file}: not JSON: {error}.") from error
+    return from_json(table, file.name)

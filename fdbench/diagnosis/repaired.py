@@ -6,9 +6,9 @@ import types
 import typing
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from fdbench.diagnosis.answer import judged_on
+from fdbench.diagnosis.diagnose import Diagnosis
 from fdbench.diagnosis.model.hypothesis import Hypothesis, calibrations
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.effects import Effect
@@ -16,11 +16,8 @@ from fdbench.errors import FdbenchError
 from fdbench.specification import snake_case
 from fdbench.wording import less, probability_text, share_interval_text
 
-if TYPE_CHECKING:
-    from fdbench.diagnosis.diagnose import Diagnosis
 
-
-def write_repaired(found: "Diagnosis", path: str | Path) -> None:
+def write_repaired(found: Diagnosis, path: str | Path) -> None:
     """Write the repaired model of a diagnosis as TOML; `fdbench.diagnosis.model.nominal.load_nominal` reads it.
 
     Raises
@@ -34,7 +31,7 @@ def write_repaired(found: "Diagnosis", path: str | Path) -> None:
         raise FdbenchError(f"{path}: cannot be written: {error.strerror or error}.") from error
 
 
-def model_text(found: "Diagnosis") -> str:
+def model_text(found: Diagnosis) -> str:
     """Return the repaired model as TOML, with what was changed as comments."""
     lines = [*(f"# {line}" for line in _history(found)), *toml_lines(table_of(repaired(found.final), Nominal))]
     return "\n".join(lines) + "\n"
@@ -73,17 +70,17 @@ def _with_amplitude(effect: Effect, value: float) -> Effect:
     return type(effect)(**values | {type(effect).amplitude: value})
 
 
-def _history(found: "Diagnosis") -> Iterator[str]:
-    shrinkage, causes = found.answer["shrinkage"], {cause["effect"]: cause for cause in found.answer["causes"]}
-    yield "Repaired by fdbench diagnose: the model on paper, re-calibrated, with the effects that were named."
+def _history(found: Diagnosis) -> Iterator[str]:
+    shrinkage, causes = found.answer.shrinkage, {cause.effect: cause for cause in found.answer.causes}
+    yield "Repaired by fdbench diagnose: the nominal model, re-calibrated, with the effects that were named."
     yield (
-        f"Judged on {judged_on(found.answer)}: after re-calibration the effects make the mean squared gap "
-        f"{less(shrinkage['total'])} ({share_interval_text(shrinkage['ci95'])})."
+        f"Judged on {shrinkage.judged_on_words}: after re-calibration the effects make the mean squared gap "
+        f"{less(shrinkage.total)} ({share_interval_text(shrinkage.ci95)})."
     )
     for effect in found.final.effects:
-        yield f"Added: {effect.name}, probability {probability_text(causes[effect.name]['probability'])}."
+        yield f"Added: {effect.name}, probability {probability_text(causes[effect.name].probability)}."
     for item, shift in zip(calibrations(found.final.nominal), found.final.shifts, strict=True):
-        yield f"Re-calibrated: {item.name} by {shift:+.2f} of its standard deviations on paper."
+        yield f"Re-calibrated: {item.name} by {shift:+.2f} of its standard deviations."
 
 
 # ---- the inverse of fdbench.specification.read ----

@@ -3,14 +3,12 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fdbench.diagnosis.diagnose import Diagnosis
-from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.runs import Run
 from fdbench.record import FloatArray
 from fdbench.report._figures import (
@@ -52,14 +50,6 @@ class Curves:
             Section("Spectrum of the gap", list(self.spectra())),
         ]
 
-    @cached_property
-    def repaired(self) -> list[dict[str, FloatArray]]:
-        nominal = self.found.final.nominal
-        replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
-        variant = self.found.final.variant()
-        simulated = (replay.simulate(run, [variant]) for run in self.runs)
-        return [{name: values[0] for name, values in channels.items()} for channels in simulated]
-
     @property
     def channels(self) -> list[str]:
         return list(self.runs[0].channels)
@@ -72,7 +62,7 @@ class Curves:
         """Return the gap of each run before and after the repair."""
         return (
             [run.channels[channel] - own[channel] for run, own in zip(self.runs, self.found.simulated, strict=True)],
-            [run.channels[channel] - own[channel] for run, own in zip(self.runs, self.repaired, strict=True)],
+            [run.channels[channel] - own[channel] for run, own in zip(self.runs, self.found.repaired, strict=True)],
         )
 
     def over_time(self) -> Iterator[Block]:
@@ -90,7 +80,7 @@ class Curves:
         run, text = self.runs[index], quantity(channel)[0]
         time_s = run.period_s * np.arange(run.n_samples, dtype=np.float64)
         measured = run.channels[channel]
-        before, after = self.found.simulated[index][channel], self.repaired[index][channel]
+        before, after = self.found.simulated[index][channel], self.found.repaired[index][channel]
         factor, unit = scaled(quantity(channel)[1], peak([measured]))
 
         def curve(name: str, values: FloatArray, style: Style, width: float = 1.2) -> dict[str, Any]:

@@ -31,12 +31,14 @@ def write_diagnosis(found: Diagnosis, path: str | Path) -> None:
     """
     parts = [
         *Curves(found).sections(),
-        *sections(found),
+        *sections(found.answer),
         Section("Rivals", list(_rivals(found.stages))),
         Section("Records, noise floor and re-calibration", list(_basis(found))),
         Section("Repaired model", [tag("div", tag("pre", model_text(found)), kind="wide")]),
     ]
-    write_page(Path(path), "fdbench: diagnosis of a gap", list(lead(found)), [part for part in parts if part.blocks])
+    write_page(
+        Path(path), "fdbench: diagnosis of a gap", list(lead(found.answer)), [part for part in parts if part.blocks]
+    )
 
 
 def _rivals(stages: Sequence[Stage]) -> Iterator[Block]:

@@ -4,16 +4,20 @@ import math
 import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
 
-from fdbench.diagnosis.answer import judged_on
-from fdbench.diagnosis.model.hypothesis import adjustables
-from fdbench.effects import Effect
-from fdbench.units import UNITS, split_unit
-from fdbench.wording import less, number, percent, probability_text, scaled, share_interval_text, si_text
-
-if TYPE_CHECKING:
-    from fdbench.diagnosis.diagnose import Diagnosis
+from fdbench.diagnosis.answer import EFFECT, Answer, Cause, Cell, Quantity
+from fdbench.units import split_unit
+from fdbench.wording import (
+    less,
+    number,
+    percent,
+    probability_text,
+    quantity,
+    scaled,
+    share_interval_text,
+    si_text,
+    unit_text,
+)
 
 WIDTH = 100
 LIKELY = 0.5
@@ -26,30 +30,26 @@ MOST_CELLS, SMALLEST_SHARE, EVEN = 4, 0.05, 1.5
 PARTITIONS = ("motion", "frequency", "position", "velocity", "time", "channel")
 
 
-def summary(found: "Diagnosis") -> str:
+def summary(answer: Answer) -> str:
     """Return the answer as text of 15 to 40 lines.
 
     Parameters
     ----------
-    found : Diagnosis
+    answer : Answer
 
     Returns
     -------
     str
         Verdict, gap of each channel, where it lies, causes, how far it shrinks, and what speaks against all that.
     """
-    runs = found.split.runs
-    period_s = runs[0].period_s
-    n_records, n_samples = sum(run.repeats for run in runs), sum(run.repeats * run.n_samples for run in runs)
-    records = "1 record" if n_records == 1 else f"{n_records} records"
-    lines = [f"Gap diagnosis: {records}, {n_samples} samples of {si_text(period_s, 's')}"]
+    lines = [f"Gap diagnosis{_recorded(answer)}"]
     sections: Sequence[tuple[str, Iterator[str]]] = (
-        ("Verdict", verdict(found)),
-        (f"Gap, root mean square on {judged_on(found.answer)}", _gap(found.answer)),
-        ("Where the re-calibrated gap lies (share of what is beyond the noise)", _where(found.answer)),
-        ("Causes (share of the mean squared gap after re-calibration)", _causes(found)),
-        ("How far it shrinks: mean squared gap in units of the noise floor", shrinkage(found.answer)),
-        ("Doubts", doubts(found)),
+        ("Verdict", verdict(answer)),
+        (f"Gap, root mean square on {answer.shrinkage.judged_on_words}", _gap(answer)),
+        ("Where the re-calibrated gap lies (share of what is beyond the noise)", _where(answer)),
+        ("Causes (share of the mean squared gap after re-calibration)", _causes(answer)),
+        ("How far it shrinks: mean squared gap in units of the noise floor", shrinkage(answer)),
+        ("Doubts", doubts(answer)),
     )
     for title, content in sections:
         body = list(content)
@@ -69,72 +69,50 @@ def _wrapped(text: str) -> list[str]:
 # ---- parts that the page shows too ----
 
 
-def sizes(answer: Mapping[str, Any]) -> tuple[float, float]:
-    """Return the mean squared gap in units of the noise floor, on paper and re-calibrated."""
-    shrunk = answer["shrinkage"]
-    paper = float(shrunk["on_paper"])
-    if shrunk["steps"]:
-        return paper, float(shrunk["steps"][0]["before"])
-    return paper, paper * (1.0 - float(answer["parametric"]["closed_by_recalibration"]))
-
-
-def unexplained(answer: Mapping[str, Any]) -> float:
-    """Return the share of the mean squared gap after re-calibration that is neither explained nor noise."""
-    size = sizes(answer)[1]
-    left = size * (1.0 - float(answer["shrinkage"]["total"]))
-    return max(0.0, left - 1.0) / size if size > 0.0 else 0.0
-
-
-def is_parametric(cause: Mapping[str, Any]) -> bool:
-    """Return whether a cause is a value on paper that moved too far, and not an effect that was added."""
-    return bool(cause.get("parametric", False))
-
-
-def verdict(found: "Diagnosis") -> Iterator[str]:
+def verdict(answer: Answer) -> Iterator[str]:
     """Yield the answer in one to four sentences."""
-    answer = found.answer
-    paper, size = sizes(answer)
-    causes, unknown, none = answer["causes"], answer["unknown_probability"], answer["no_gap_probability"]
-    if answer["warnings"]:
+    paper, size = answer.sizes()
+    causes, unknown, none = answer.causes, answer.unknown_probability, answer.no_gap_probability
+    if answer.warnings:
         yield "Read the warnings under Doubts first: what they speak of may be what is explained here."
-    measured = any(floor["measured_from_repeats"] for floor in answer["noise_floor"].values())
-    if not measured and answer["shrinkage"]["judged_on"] != "held-out":
+    measured = any(floor.measured_from_repeats for floor in answer.noise_floor.values())
+    if not measured and answer.shrinkage.judged_on != "held-out":
         yield "Nothing was repeated and no other motion held out: a first guess, whatever the probabilities say."
     if none >= LIKELY:
         if size > NOISE_ALONE:
             yield f"Too small to attribute: the mean squared gap is {size:.2f} times the noise, no more."
         elif paper > max(NOISE_ALONE, 1.2 * size):
-            yield "No gap beyond the noise once the values on paper are re-calibrated: no effect is missing."
+            yield "No gap beyond the noise once the nominal parameters are re-calibrated: no effect is missing."
         else:
             yield "No gap beyond the noise: these records show nothing that the model lacks."
         if causes:
             yield f"Nothing is blamed; {_names(causes)} fitted a little of it, which is not to be relied on."
         return
     for cause in causes:
-        rivals = cause["indistinguishable_from"]
-        if cause["probability"] < WORTH_SAYING:
+        rivals = cause.indistinguishable_from
+        if cause.probability < WORTH_SAYING:
             continue
-        share = f"{percent(cause['share'])} of the mean squared gap"
-        if is_parametric(cause):
-            share += " on paper"
-            chance = probability_text(cause["probability"])
-            words = "Wrong on paper" if cause["probability"] >= LIKELY else "Perhaps wrong on paper"
-            yield f"{words}: size of {cause['effect']}, probability {chance}; its correction removes {share}."
+        share = f"{percent(cause.share)} of the mean squared gap"
+        if cause.parametric:
+            share = f"{percent(cause.share)} of the mean squared nominal gap"
+            chance = probability_text(cause.probability)
+            words = "Nominal parameter wrong" if cause.probability >= LIKELY else "Nominal parameter perhaps wrong"
+            yield f"{words}: size of {cause.effect}, probability {chance}; its correction removes {share}."
             continue
         if rivals:
-            names = " or ".join([cause["effect"], *rivals])
+            names = " or ".join([cause.effect, *rivals])
             yield f"Cannot be told apart on these data: {names}. Whichever it is explains {share}."
         else:
-            probability = probability_text(cause["probability"])
-            words = f"Cause: {cause['effect']}" if cause["probability"] >= LIKELY else f"Perhaps {cause['effect']}"
+            probability = probability_text(cause.probability)
+            words = f"Cause: {cause.effect}" if cause.probability >= LIKELY else f"Perhaps {cause.effect}"
             yield f"{words}, probability {probability}; it explains {share}."
-    for suspect in answer["suspects"]:
-        if suspect["probability"] >= WORTH_SAYING:
-            chance = probability_text(suspect["probability"])
-            yield f"Perhaps {suspect['effect']} too, probability {chance}: too little on these data to add it."
+    for suspect in answer.suspects:
+        if suspect.probability >= WORTH_SAYING:
+            chance = probability_text(suspect.probability)
+            yield f"Perhaps {suspect.effect} too, probability {chance}: too little on these data to add it."
     if not causes:
-        yield f"None of the known effects explains the gap (probability {probability_text(unknown)}).{_nearest(found)}"
-    left = unexplained(answer)
+        yield f"None of the known effects explains the gap (probability {probability_text(unknown)}).{_nearest(answer)}"
+    left = answer.unexplained()
     if causes and unknown >= LIKELY:
         yield (
             f"Something else is missing too, with probability {probability_text(unknown)}: {percent(left)} of the mean "
@@ -142,139 +120,134 @@ def verdict(found: "Diagnosis") -> Iterator[str]:
         )
     elif causes and left > UNEXPLAINED:
         yield f"Not all: {percent(left)} of the mean squared gap is neither explained nor noise."
-    if unknown >= LIKELY and answer["rest_depends_on"]:
-        best = answer["rest_depends_on"][0]
-        words = best["function_of"].replace("_", " ")
+    if unknown >= LIKELY and answer.rest_depends_on:
+        best = answer.rest_depends_on[0]
+        words = best.function_of.replace("_", " ")
         where = ""
-        if most := best.get("most"):
-            span = f"{most['from']:.3g} and {most['to']:.3g} {most['unit']}"
-            where = f", most of all between {span}, where the motor gives {most['force_N']:+.3g} N beside the model"
-        yield f"What is left depends most on {words}: a function of it would remove {percent(best['share'])}{where}."
+        if most := best.most:
+            span = f"{most.low:.3g} and {most.high:.3g} {unit_text(most.unit)}"
+            where = f", most of all between {span}, where the motor gives {most.force_N:+.3g} N beside the model"
+        yield f"What is left depends most on {words}: a function of it would remove {percent(best.share)}{where}."
 
 
-def _names(causes: Sequence[Mapping[str, Any]]) -> str:
-    return " and ".join(cause["effect"] for cause in causes)
+def _names(causes: Sequence[Cause]) -> str:
+    return " and ".join(cause.effect for cause in causes)
 
 
-def _nearest(found: "Diagnosis") -> str:
-    stage = found.stages[-1] if found.stages else None
-    if stage is None or not stage.rivals:
+def _nearest(answer: Answer) -> str:
+    if answer.nearest is None:
         return ""
-    best = stage.rivals[0]
-    return f" The nearest, {best.kind.name}, would remove {percent(max(stage.gain(best), 0.0))} of it."
+    reduction = percent(max(answer.nearest.reduction, 0.0))
+    return f" The nearest, {answer.nearest.effect}, would remove {reduction} of it."
 
 
-def shrinkage(answer: Mapping[str, Any]) -> Iterator[str]:
+def _recorded(answer: Answer) -> str:
+    if answer.recorded is None:
+        return ""
+    n = answer.recorded.records
+    period = si_text(answer.recorded.sampling_time_s, "s")
+    return f": {'1 record' if n == 1 else f'{n} records'}, {answer.recorded.samples} samples of {period}"
+
+
+def shrinkage(answer: Answer) -> Iterator[str]:
     """Yield the mean squared gap after each step, with intervals."""
-    paper, size = sizes(answer)
-    shrunk = answer["shrinkage"]
+    paper, size = answer.sizes()
+    shrunk = answer.shrinkage
     yield f"re-calibration alone: {number(paper)} to {number(size)}, {less(1.0 - size / paper if paper > 0.0 else 0.0)}"
-    for step in shrunk["steps"]:
-        change = f"{less(step['reduction'])} ({share_interval_text(step['ci95'])})"
-        yield f"+ {step['added']}: {number(step['before'])} to {number(step['after'])}, {change}"
-    if shrunk["steps"]:
+    for step in shrunk.steps:
+        change = f"{less(step.reduction)} ({share_interval_text(step.ci95)})"
+        yield f"+ {step.added}: {number(step.before)} to {number(step.after)}, {change}"
+    if shrunk.steps:
         yield (
-            f"all effects: {less(shrunk['total'])} ({share_interval_text(shrunk['ci95'])}); "
-            f"{percent(shrunk['reducible_left'])} of what is left is not noise"
+            f"all effects: {less(shrunk.total)} ({share_interval_text(shrunk.ci95)}); "
+            f"{percent(shrunk.reducible_left)} of what is left is not noise"
         )
 
 
-def doubts(found: "Diagnosis") -> Iterator[str]:
+def doubts(answer: Answer) -> Iterator[str]:
     """Yield what speaks against the answer: warnings of the records, assumptions, values that moved far."""
-    answer = found.answer
-    yield from answer["warnings"]
-    assumed = [name for name, floor in answer["noise_floor"].items() if not floor["measured_from_repeats"]]
+    yield from answer.warnings
+    assumed = [name for name, floor in answer.noise_floor.items() if not floor.measured_from_repeats]
     if assumed:
         yield (
             f"The noise floor of {', '.join(assumed)} is assumed, from what the model leaves all the time: nothing was "
             "repeated. All sizes and probabilities depend on it; record each motion three times."
         )
-    judged = answer["shrinkage"]["judged_on"]
+    judged = answer.shrinkage.judged_on
     if judged != "held-out":
         motion = "the same motion again" if judged in ("held-out repeats", "held-out laps") else "the same record"
         yield f"Judged on {motion}, so nothing is shown for others; give a record of another motion with --holdout."
-    moved = answer["parametric"]["moved_in_standard_deviations"]
+    moved = answer.parametric.moved_in_standard_deviations
     far = [f"{name} by {shift:+.1f}" for name, shift in moved.items() if abs(shift) > MOVED]
     if far:
         yield (
-            f"Re-calibration moved {', '.join(far)} standard deviations: the value on paper or its [uncertainty] is "
-            "doubtful."
+            f"Re-calibration moved {', '.join(far)} standard deviations: the nominal value or its "
+            "[uncertainty] is doubtful."
         )
-    paper, size = sizes(answer)
+    paper, size = answer.sizes()
     if size > 1.05 * paper:
         yield (
             f"Re-calibration enlarges the gap that is judged on ({less(1.0 - size / paper)}): the effects are measured "
-            "from there, not from the model on paper."
+            "from there, not from the nominal model."
         )
-    alone, beside = (math.hypot(*hypothesis.shifts) for hypothesis in (found.calibrated, found.final))
-    if size < (1.0 - UNEXPLAINED) * paper and beside < 0.5 * alone and found.final.effects:
+    alone, beside = (math.hypot(*by.values()) for by in (moved, answer.parametric.moved_beside_effects))
+    named = [cause for cause in answer.causes if cause.kind == EFFECT]
+    if size < (1.0 - UNEXPLAINED) * paper and beside < 0.5 * alone and named:
         yield (
-            "Re-calibration alone takes up part of what the effects do: beside them the values on paper hardly move, "
-            "so the effects explain more of the gap on paper than re-calibration leaves to them."
+            "Re-calibration alone takes up part of what the effects do: beside them the nominal parameters hardly "
+            "move, so the effects explain more of the nominal gap than re-calibration leaves to them."
         )
-    for cause in answer["causes"]:
-        told = cause.get("force_balances", {})
-        if (rival := told.get("instead")) and rival["reduction"] > told["reduction"] + DISSENT:
+    for cause in answer.causes:
+        balances = cause.force_balances
+        if balances and (rival := balances.instead) and rival.reduction > balances.reduction + DISSENT:
             yield (
-                f"The forces that the gap asks for, whatever the controller is, speak for {rival['effect']} (it "
-                f"removes {percent(rival['reduction'])} of their squares) rather than for {cause['effect']} "
-                f"({percent(max(told['reduction'], 0.0))}): the controller may not be as on paper."
+                f"The forces that the gap asks for, whatever the controller is, speak for {rival.effect} (it "
+                f"removes {percent(rival.reduction)} of their squares) rather than for {cause.effect} "
+                f"({percent(max(balances.reduction, 0.0))}): the controller may not be the nominal one."
             )
-    for step in answer["shrinkage"]["steps"]:
-        if step["ci95"][0] <= 0.0:
-            yield f"What {step['added']} adds may be chance: the interval of its reduction includes none."
-    for name, channel in answer["gap"]["channels"].items():
-        if channel["repaired"] > 1.02 * channel["recalibrated"]:
+    for step in answer.shrinkage.steps:
+        if step.ci95[0] <= 0.0:
+            yield f"What {step.added} adds may be chance: the interval of its reduction includes none."
+    for name, channel in answer.gap.channels.items():
+        if channel.repaired > 1.02 * channel.recalibrated:
             yield f"The gap of {name} grows with the effects; they fit the other channels."
-    for effect in found.final.effects:
-        if typical := [split_unit(name)[0].replace("_", " ") for name in not_fitted(effect)]:
-            yield f"{effect.name}: not found from the data but taken as typical: {', '.join(typical)}."
-        for item in adjustables(effect):
-            if getattr(effect, item.name) in (item.low, item.high):
-                yield f"{effect.name}: {item.name} lies on the bound of what the library allows."
-    if source := answer.get("probabilities_from"):
+    for cause in named:
+        if typical := [split_unit(name)[0].replace("_", " ") for name in cause.typical]:
+            yield f"{cause.effect}: not found from the data but taken as typical: {', '.join(typical)}."
+        for name in cause.at_bound:
+            yield f"{cause.effect}: {name} lies on the bound of what the library allows."
+    if source := answer.probabilities_from:
         yield f"Probabilities were learned on simulated axes: {source.partition(', nonce')[0]}."
     nearly = [
-        cause["effect"]
-        for cause in answer["causes"]
-        if not is_parametric(cause) and all(p["ci95"] is None for p in cause["parameters"].values())
+        cause.effect
+        for cause in answer.causes
+        if not cause.parametric and all(p.ci95 is None for p in cause.parameters.values())
     ]
     if nearly:
         yield f"No intervals of the parameters of {' and '.join(nearly)}; take their digits as a guide."
 
 
-def not_fitted(effect: Effect) -> list[str]:
-    """Return the parameters that are neither searched nor fitted, so that they have their typical values."""
-    fitted = {item.name for item in adjustables(effect)}
-    return [item.name for item in effect.parameters() if item.name not in fitted and not item.grid]
-
-
-def fixed_parameters(found: "Diagnosis", cause: Mapping[str, Any]) -> list[str]:
-    """Return the parameters of a cause that have their typical values."""
-    return [name for effect in found.final.effects if effect.name == cause["effect"] for name in not_fitted(effect)]
-
-
-def unique(cause: Mapping[str, Any]) -> float:
+def unique(cause: Cause) -> float:
     """Return the share that a cause has on its own, no more than its share."""
-    return min(float(cause["unique_share"]), float(cause["share"]))
+    return min(float(cause.unique_share), float(cause.share))
 
 
 # ---- lines of the terminal ----
 
 
-def _gap(answer: Mapping[str, Any]) -> Iterator[str]:
-    for name, channel in answer["gap"]["channels"].items():
-        keys = ("before", "recalibrated", "repaired", "noise_floor")
-        factor, unit = scaled(channel["unit"], channel["before"])
-        before, recalibrated, repaired, floor = (f"{factor * channel[key]:.3g} {unit}" for key in keys)
-        kind = "measured" if answer["noise_floor"][name]["measured_from_repeats"] else "assumed"
+def _gap(answer: Answer) -> Iterator[str]:
+    for name, channel in answer.gap.channels.items():
+        factor, unit = scaled(channel.unit, channel.before)
+        sizes = (channel.before, channel.recalibrated, channel.repaired, channel.noise_floor)
+        before, recalibrated, repaired, floor = (f"{factor * size:.3g} {unit}" for size in sizes)
+        kind = "measured" if answer.noise_floor[name].measured_from_repeats else "assumed"
         yield (
-            f"{split_unit(name)[0].replace('_', ' ')}: {before} on paper, {recalibrated} re-calibrated, {repaired} "
+            f"{split_unit(name)[0].replace('_', ' ')}: {before} nominal, {recalibrated} re-calibrated, {repaired} "
             f"repaired; noise {floor} ({kind})"
         )
 
 
-def _where(answer: Mapping[str, Any]) -> Iterator[str]:
+def _where(answer: Answer) -> Iterator[str]:
     for words in PARTITIONS:
         cells = cells_of(answer, words)
         shown = sorted((cell for cell in cells if cell[1] >= SMALLEST_SHARE), key=lambda cell: -cell[1])
@@ -286,45 +259,42 @@ def _where(answer: Mapping[str, Any]) -> Iterator[str]:
             yield f"{words}: " + ", ".join(f"{name} {percent(share)}" for name, share in shown[:MOST_CELLS])
 
 
-def cells_of(answer: Mapping[str, Any], partition: str) -> list[tuple[str, float]]:
+def cells_of(answer: Answer, partition: str) -> list[tuple[str, float]]:
     """Return the cells of a partition in words, with their shares."""
-    content = answer["where"][partition]
+    content: Mapping[str, float] | Sequence[Cell] = getattr(answer.where, partition)
     if isinstance(content, Mapping):
-        return [(split_unit(name)[0].replace("_", " "), float(share)) for name, share in content.items()]
+        return [(quantity(name)[0].replace("_", " "), share) for name, share in content.items()]
     found = []
     for cell in content:
-        key = next(key for key in cell if key not in ("share", "ci95"))
-        unit = UNITS[split_unit(key)[1]]
-        low, high = cell[key]
-        scale, prefixed = scaled(unit, max(abs(low), abs(high)))
-        found.append((f"{scale * low:.3g} to {scale * high:.3g} {prefixed}", float(cell["share"])))
+        low, high = cell.bounds
+        scale, prefixed = scaled(quantity(cell.edges)[1], max(abs(low), abs(high)))
+        found.append((f"{scale * low:.3g} to {scale * high:.3g} {prefixed}", cell.share))
     return found
 
 
-def _causes(found: "Diagnosis") -> Iterator[str]:
-    for cause in found.answer["causes"]:
-        fixed = fixed_parameters(found, cause)
+def _causes(answer: Answer) -> Iterator[str]:
+    for cause in answer.causes:
         values = [
-            parameter_text(name, value) + (" (typical)" if name in fixed else "")
-            for name, value in cause["parameters"].items()
+            parameter_text(name, value) + (" (typical)" if name in cause.typical else "")
+            for name, value in cause.parameters.items()
         ]
-        share = f"share {percent(cause['share'])}, of which no other named effect explains {percent(unique(cause))}"
-        yield f"{cause['effect']}{', a value on paper' if is_parametric(cause) else ''}: {share}"
+        share = f"share {percent(cause.share)}, of which no other named effect explains {percent(unique(cause))}"
+        yield f"{cause.effect}{', a nominal parameter' if cause.parametric else ''}: {share}"
         yield "  " + "; ".join(values)
-        if other := cause.get("instead"):
-            removed = f"{percent(max(other['reduction'], 0.0))} instead of {percent(other['reduction_of_named'])}"
-            yield f"  in its place {other['effect']} would remove {removed} of the held-out misfit"
-    experiment = found.answer["next_experiment"]
+        if other := cause.instead:
+            removed = f"{percent(max(other.reduction, 0.0))} instead of {percent(other.reduction_of_named or 0.0)}"
+            yield f"  in its place {other.effect} would remove {removed} of the held-out misfit"
+    experiment = answer.next_experiment
     if experiment is not None:
-        yield f"Next experiment, to separate {' from '.join(experiment['to_separate'])}: {experiment['trajectory']}"
+        yield f"Next experiment, to separate {' from '.join(experiment.to_separate)}: {experiment.trajectory}"
 
 
-def parameter_text(name: str, entry: Mapping[str, Any]) -> str:
+def parameter_text(name: str, entry: Quantity) -> str:
     """Return a parameter of a cause with its unit and, where there is one, its interval."""
     words = split_unit(name)[0].replace("_", " ")
-    if entry["ci95"] is None:
-        return f"{words} {si_text(entry['value'], entry['unit'])}"
-    low, high = entry["ci95"]
-    factor, prefixed = scaled(entry["unit"], max(abs(entry["value"]), 0.5 * (high - low)))
-    text = f"{words} {factor * entry['value']:.3g} {prefixed}".rstrip()
+    if entry.ci95 is None:
+        return f"{words} {si_text(entry.value, entry.unit)}"
+    low, high = entry.ci95
+    factor, prefixed = scaled(entry.unit, max(abs(entry.value), 0.5 * (high - low)))
+    text = f"{words} {factor * entry.value:.3g} {prefixed}".rstrip()
     return f"{text} (95 %: {factor * low:.3g} to {factor * high:.3g} {prefixed})".replace(" )", ")")

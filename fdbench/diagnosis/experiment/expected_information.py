@@ -8,11 +8,11 @@ hidden. Probabilities before and after are read in the same way, as the verdict 
 
 import itertools
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.diagnosis.answer import ExpectedProbability, Experiment, Separation
 from fdbench.diagnosis.evidence.evidence import MODEL_ERROR, Split, gather, solved
 from fdbench.diagnosis.experiment.trajectory import Trajectory
 from fdbench.diagnosis.judge import probability_models as confidence
@@ -23,7 +23,6 @@ from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.runs import Run
 from fdbench.diagnosis.search.search import EFFECTIVE_SAMPLES, NOISE_ALONE, Rival, Stage
 from fdbench.record import FloatArray
-from fdbench.units import time_text
 
 MOST_RIVALS = 6
 SMALLEST_PROBABILITY = 0.02
@@ -130,8 +129,8 @@ class Forecast:
         ]
         return float(np.average(gains, weights=np.maximum(self.now[[a, b]], CERTAIN)))
 
-    def answer(self) -> dict[str, Any]:
-        """Return what the diagnosis says of it; see `fdbench.diagnosis.experiment.proposal.propose`."""
+    def experiment(self) -> Experiment:
+        """Return what the diagnosis says of it."""
         pairs: dict[tuple[str, str], list[tuple[int, int]]] = {}
         for a, b in itertools.combinations(range(len(self.names)), 2):
             if self.names[a] != self.names[b]:
@@ -142,22 +141,19 @@ class Forecast:
         chance = {name: self.now[[other == name for other in self.names]].sum() for name in self.names}
         likely = [pair for pair in pairs if min(map(chance.__getitem__, pair)) >= SMALLEST_PROBABILITY]
         odds = {pair: float(np.mean([self.log_odds(*own) for own in pairs[pair]])) for pair in (first, *likely)}
-        return {
-            "to_separate": list(first),
-            "trajectory": f"{self.trajectory.words}; {time_text(self.trajectory.duration_s)}",
-            "expected_log_odds": odds[first],
-            "separates": [
-                {"effects": list(pair), "expected_log_odds": gain}
+        return self.trajectory.experiment(
+            to_separate=first,
+            expected_log_odds=odds[first],
+            separates=tuple(
+                Separation(effects=pair, expected_log_odds=gain)
                 for pair, gain in odds.items()
                 if gain >= SPLIT_LOG_ODDS or pair == first
-            ],
-            "expected_probability": {
-                "now": float(self.now @ self.before),
-                "after": float(self.now @ np.diag(self.after)),
-            },
-            "expected_gain_per_s": self.gain() / self.trajectory.duration_s,
-            **self.trajectory.sizes(),
-        }
+            ),
+            expected_probability=ExpectedProbability(
+                now=float(self.now @ self.before), after=float(self.now @ np.diag(self.after))
+            ),
+            expected_gain_per_s=self.gain() / self.trajectory.duration_s,
+        )
 
 
 class Forecaster:

@@ -1,9 +1,6 @@
 """The next experiment: the motion of a menu after which the true cause is expected to be most probable."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
 
 from fdbench.diagnosis.evidence.evidence import Split
 from fdbench.diagnosis.experiment.expected_information import Forecast, Forecaster, Reader
@@ -12,9 +9,6 @@ from fdbench.diagnosis.experiment.trajectory import Trajectory
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.search.search import Stage
-
-if TYPE_CHECKING:
-    from fdbench.diagnosis.diagnose import Diagnosis
 
 SURE = 0.9  # probability from which on a verdict needs no further experiment
 SMALLEST_GAIN = 0.02  # of the probability of the truth, below which nothing is proposed
@@ -65,44 +59,3 @@ def design(
     every = menu_of(split, nominal) if trajectories is None else trajectories
     found = [item for item in map(forecaster.forecast, every) if item is not None and item.gain() >= SMALLEST_GAIN]
     return max(found, key=Forecast.utility, default=None)
-
-
-def propose(
-    replay: Replay, split: Split, stages: Sequence[Stage], nominal: Nominal, reader: Reader
-) -> dict[str, Any] | None:
-    """Return the ``next_experiment`` of a diagnosis as JSON, or None; see `design`.
-
-    Returns
-    -------
-    dict or None
-        ``to_separate``, ``trajectory`` and ``expected_log_odds`` of the contract; what else it separates; the expected
-        probability of the truth now and after; its gain for each second; kind and sizes of the motion.
-    """
-    found = design(replay, split, stages, nominal, reader)
-    return None if found is None else found.answer()
-
-
-def proposed(found: "Diagnosis") -> Trajectory | None:
-    """Return the motion that a diagnosis proposes, if it does."""
-    answer: Mapping[str, Any] | None = found.answer["next_experiment"]
-    if answer is None:
-        return None
-    return next(item for item in menu_of(found.split, found.final.nominal) if item.words == answer["motion"])
-
-
-def write_proposed(found: "Diagnosis", path: str | Path) -> "Diagnosis":
-    """Write the motion that a diagnosis proposes, as CSV or Parquet, and return the diagnosis with the file named.
-
-    Where nothing is proposed, nothing is written and the diagnosis is returned as it is.
-
-    Raises
-    ------
-    RecordError
-        If the file cannot be written.
-    """
-    trajectory = proposed(found)
-    if trajectory is None:
-        return found
-    trajectory.record().save(path)
-    experiment = {**found.answer["next_experiment"], "trajectory": str(path)}
-    return replace(found, answer={**found.answer, "next_experiment": experiment})

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from fdbench.diagnosis.answer import Experiment
 from fdbench.motions import motions
 from fdbench.record import FloatArray, Record
+from fdbench.units import time_text
 
 FADE_S = 0.25
 
@@ -43,19 +45,21 @@ class Trajectory:
         time = np.arange(len(self.reference), dtype=np.float64) * self.period_s
         return Record({"time_s": time, **dict(zip(names, self.reference.T, strict=True))}, source=self.words)
 
-    def sizes(self) -> dict[str, Any]:
-        """Return what a reader asks first: where, how far, how fast, how long."""
+    def experiment(self, **expected: Any) -> Experiment:
+        """Return the motion as an experiment: where, how far, how fast, how long, beside what is expected of it."""
         position, velocity, acceleration = self.reference.T
         low, high = float(position.min()), float(position.max())
-        return {
-            "kind": self.kind,
-            "motion": self.words,
-            "position_m": [low, high],
-            "amplitude_m": 0.5 * (high - low),
-            "velocity_m_per_s": float(np.abs(velocity).max()),
-            "acceleration_m_per_s2": float(np.abs(acceleration).max()),
-            "duration_s": self.duration_s,
-        }
+        return Experiment(
+            trajectory=f"{self.words}; {time_text(self.duration_s)}",
+            kind=self.kind,
+            motion=self.words,
+            position_m=(low, high),
+            amplitude_m=0.5 * (high - low),
+            velocity_m_per_s=float(np.abs(velocity).max()),
+            acceleration_m_per_s2=float(np.abs(acceleration).max()),
+            duration_s=self.duration_s,
+            **expected,
+        )
 
 
 def moves(

@@ -5,13 +5,15 @@ over the cells, so that the shares of each partition add up to one. Their interv
 (Kunsch 1989) over stretches of time that are drawn whole, with all channels.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.diagnosis.answer import Cell, FrequencyCell, Pair, PositionCell, TimeCell, VelocityCell, Where
 from fdbench.diagnosis.evidence.evidence import SEGMENT_S, Split
 from fdbench.diagnosis.judge.reduction import RESAMPLES
 from fdbench.diagnosis.records.noise_model import Floor
@@ -31,6 +33,8 @@ REVERSAL_S = 0.05
 SLOW, STEADY = 0.05, 0.02  # of the largest commanded speed and acceleration
 BANDS_HZ = (0.0, 5.0, 15.0, 50.0, 150.0, 500.0)
 N_POSITIONS, N_SPEEDS, N_TIMES = 8, 5, 8
+
+CellT = TypeVar("CellT", bound=Cell)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -148,22 +152,24 @@ class Partition:
         n = len(parts)
         picked = np.random.default_rng(seed).multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES)
         self.shares: list[float] = shares(parts.sum(axis=0)).tolist()
-        self.ci95: list[list[float]] = np.percentile(shares(picked @ parts), [2.5, 97.5], axis=0).T.tolist()
+        bounds = np.percentile(shares(picked @ parts), [2.5, 97.5], axis=0).T.tolist()
+        self.ci95: list[Pair] = [(low, high) for low, high in bounds]
 
-    def named(self, names: Sequence[str]) -> tuple[dict[str, float], dict[str, list[float]]]:
+    def named(self, names: Sequence[str]) -> tuple[dict[str, float], dict[str, Pair]]:
         """Return shares and intervals by name."""
         return dict(zip(names, self.shares, strict=True)), dict(zip(names, self.ci95, strict=True))
 
-    def listed(self, key: str, edges: Sequence[float]) -> list[dict[str, Any]]:
-        """Return cells between edges."""
-        return [
-            {key: [float(edges[index]), float(edges[index + 1])], "share": share, "ci95": bounds}
-            for index, (share, bounds) in enumerate(zip(self.shares, self.ci95, strict=True))
-        ]
+    def cells(self, kind: type[CellT], edges: Sequence[float]) -> tuple[CellT, ...]:
+        """Return cells of a kind between edges."""
+        between = itertools.pairwise(map(float, edges))
+        return tuple(
+            kind(share=share, ci95=bounds, **{kind.edges: pair})
+            for pair, share, bounds in zip(between, self.shares, self.ci95, strict=True)
+        )
 
 
-def where(gaps: Gaps) -> dict[str, Any]:
-    """Return the partitions of the contract with 95 % intervals, those of cells with names apart in ``ci95``."""
+def where(gaps: Gaps) -> Where:
+    """Return the partitions of the gap with 95 % intervals."""
     energy, stretch = gaps.energy(), gaps.stretches()
     n_stretches = int(stretch[-1]) + 1
 
@@ -175,10 +181,10 @@ def where(gaps: Gaps) -> dict[str, Any]:
     def split(rows: FloatArray) -> Partition:
         return Partition(np.stack([np.bincount(stretch, weights=row) for row in rows], axis=1))
 
-    def cells(coordinate: FloatArray, n_cells: int, unit: str) -> list[dict[str, Any]]:
+    def cells(coordinate: FloatArray, n_cells: int, kind: type[CellT]) -> tuple[CellT, ...]:
         edges = np.linspace(float(coordinate.min()), float(coordinate.max()), n_cells + 1)
         place = np.clip(np.searchsorted(edges, coordinate, side="right") - 1, 0, n_cells - 1)
-        return placed(place, n_cells).listed(f"range_{unit}", edges.tolist())
+        return placed(place, n_cells).cells(kind, edges.tolist())
 
     bands = bands_up_to(0.5 / gaps.runs[0].period_s)
     position, speed, _ = np.concatenate([run.reference for run in gaps.runs]).T
@@ -186,12 +192,12 @@ def where(gaps: Gaps) -> dict[str, Any]:
     phase = np.concatenate([phase_of(run) for run in gaps.runs])
     motion, motion_ci95 = placed(phase, len(PHASES)).named(PHASES)
     channel, channel_ci95 = split(gaps.by_channel()).named(list(gaps.runs[0].channels))
-    return {
-        "motion": motion,
-        "frequency": split(gaps.by_band(bands)).listed("band_Hz", bands),
-        "position": cells(position, N_POSITIONS, "m"),
-        "velocity": cells(speed, N_SPEEDS, "m_per_s"),
-        "time": cells(time, N_TIMES, "s"),
-        "channel": channel,
-        "ci95": {"motion": motion_ci95, "channel": channel_ci95},
-    }
+    return Where(
+        motion=motion,
+        frequency=split(gaps.by_band(bands)).cells(FrequencyCell, bands),
+        position=cells(position, N_POSITIONS, PositionCell),
+        velocity=cells(speed, N_SPEEDS, VelocityCell),
+        time=cells(time, N_TIMES, TimeCell),
+        channel=channel,
+        ci95={"motion": motion_ci95, "channel": channel_ci95},
+    )

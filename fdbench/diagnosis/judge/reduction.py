@@ -2,15 +2,18 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.diagnosis.answer import Pair, Parametric, Shrinkage, Step
 from fdbench.diagnosis.evidence.evidence import Split, gather
-from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.evidence.sensor_artefacts import Mark, mean_energy
+from fdbench.diagnosis.model.hypothesis import Hypothesis, calibrations
 from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.noise_model import Floor
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
 
@@ -140,3 +143,68 @@ def shapley(values: dict[tuple[int, ...], float], n: int) -> list[float]:
                 total += weight * (values[joined] - values[subset])
         result.append(total)
     return result
+
+
+def shrinkage(
+    shut: Closure, final: Hypothesis, seen: Sequence[Mark], split: Split, judged_on: str, raw: float
+) -> Shrinkage:
+    """Return how the held-out mean squared gap falls as the effects are added one by one, with intervals."""
+    means, draws = shut.mean(), shut.mean(shut.draws())
+    place = {subset: index for index, subset in enumerate(shut.subsets)}
+    by_channel = {name: shut.of_channel(index) for index, name in enumerate(split.floors)}
+    steps = [held_step(mark, float(means[0]), by_channel, split.floors) for mark in seen if mark.bridged]
+    for count, effect in enumerate(final.effects):
+        before, after = place[tuple(range(count))], place[tuple(range(count + 1))]
+        steps.append(
+            Step(
+                added=effect.name,
+                before=float(means[before]),
+                after=float(means[after]),
+                reduction=1.0 - float(means[after] / means[before]),
+                ci95=_interval(1.0 - draws[:, after] / draws[:, before]),
+                channels={name: 1.0 - float(own[after] / own[before]) for name, own in by_channel.items()},
+                explained_fraction=explained_fraction(float(means[before]), float(means[after])),
+            )
+        )
+    total = 1.0 - draws[:, -1] / draws[:, 0]
+    return Shrinkage(
+        judged_on=judged_on,
+        on_paper=raw,
+        steps=tuple(steps),
+        total=1.0 - float(means[-1] / means[0]),
+        ci95=_interval(total),
+        reducible_left=max(0.0, 1.0 - 1.0 / max(float(means[-1]), 1e-12)),
+        explained_fraction=explained_fraction(raw, float(means[-1])),
+    )
+
+
+def held_step(mark: Mark, after: float, by_channel: Mapping[str, FloatArray], floors: Mapping[str, Floor]) -> Step:
+    """Return the step from the samples as they were logged to those that are compared."""
+    energy = mean_energy(mark, floors)
+    own = {name: mark.energy[name] / floor.rms**2 for name, floor in floors.items()}
+    low, high = (energy * bound / mark.value for bound in (mark.low, mark.high))
+    return Step(
+        added=mark.kind.name,
+        before=after + energy,
+        after=after,
+        reduction=energy / (after + energy),
+        ci95=(low / (after + low), high / (after + high)),
+        channels={name: own[name] / (own[name] + float(means[0])) for name, means in by_channel.items()},
+        explained_fraction=explained_fraction(after + energy, after),
+    )
+
+
+def parametric(raw: float, shut: Closure, calibrated: Hypothesis, final: Hypothesis) -> Parametric:
+    """Return what re-calibration alone does: the parametric gap, and how far each nominal parameter moved."""
+    structural = float(shut.mean()[0])
+    names = [item.name for item in calibrations(calibrated.nominal)]
+    return Parametric(
+        closed_by_recalibration=max(0.0, 1.0 - structural / raw),
+        moved_in_standard_deviations=dict(zip(names, calibrated.shifts, strict=True)),
+        moved_beside_effects=dict(zip(names, final.shifts, strict=True)),
+    )
+
+
+def _interval(values: FloatArray) -> Pair:
+    low, high = np.percentile(values, [2.5, 97.5])
+    return float(low), float(high)

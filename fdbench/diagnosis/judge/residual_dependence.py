@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.diagnosis.answer import Dependence, Most
 from fdbench.diagnosis.evidence.evidence import Split
 from fdbench.diagnosis.records.runs import Run
 from fdbench.plants.feed_drive import FeedDrive
@@ -23,7 +24,7 @@ NOISE = 0.1  # mean square beyond the noise, in units of it, below which there i
 Cells = NDArray[np.intp]
 
 
-def types(split: Split, simulated: Sequence[Mapping[str, FloatArray]], drive: FeedDrive) -> list[dict[str, object]]:
+def types(split: Split, simulated: Sequence[Mapping[str, FloatArray]], drive: FeedDrive) -> tuple[Dependence, ...]:
     """Return what the rest depends on, the share of it that such a function removes, and where most; best first.
 
     The function is a mean in each of 24 cells (48 where it may differ by direction), fitted on the training samples of
@@ -40,10 +41,10 @@ def types(split: Split, simulated: Sequence[Mapping[str, FloatArray]], drive: Fe
 
     Examples
     --------
-    ``[{"function_of": "velocity", "share": 0.31, "most": {"from": 0.0, "to": 0.01, "unit": "m/s", "force_N": -3.0}}]``
+    ``(Dependence(function_of="velocity", share=0.31, most=Most(low=0.0, high=0.01, unit="m/s", force_N=-3.0)),)``
     """
     rest = [split.gap(place, own) for place, own in enumerate(simulated)]
-    found: list[dict[str, object]] = []
+    found: list[Dependence] = []
     for words, kind in _kinds(drive).items():
         values = [kind.places(run) for run in split.runs]
         cells = _cells(values, kind.root)
@@ -51,15 +52,18 @@ def types(split: Split, simulated: Sequence[Mapping[str, FloatArray]], drive: Fe
             cells = [2 * own + (run.reference[:, 1] < 0.0) for own, run in zip(cells, split.runs, strict=True)]
         share = _share(split, rest, cells)
         if share >= SMALLEST:
-            found.append({"function_of": words, "share": share})
-            if not kind.by_direction:
-                found[-1]["most"] = {**_most(split, rest, values, cells), "unit": kind.unit}
-    return sorted(found, key=lambda item: -float(str(item["share"])))
+            most = None if kind.by_direction else _most(split, rest, values, cells, kind.unit)
+            found.append(Dependence(function_of=words, share=share, most=most))
+    return tuple(sorted(found, key=lambda item: -item.share))
 
 
 def _most(
-    split: Split, rest: Sequence[Mapping[str, FloatArray]], values: Sequence[FloatArray], cells: Sequence[Cells]
-) -> dict[str, float]:
+    split: Split,
+    rest: Sequence[Mapping[str, FloatArray]],
+    values: Sequence[FloatArray],
+    cells: Sequence[Cells],
+    unit: str,
+) -> Most:
     """Return from where to where the force differs most, and its mean there; speeds are as they are commanded."""
     value, cell = np.concatenate(values), np.concatenate(cells)
     force = np.concatenate(
@@ -75,7 +79,7 @@ def _most(
         last += 1
     there = (cell >= first) & (cell <= last)
     mean_N = split.floors["motor_force_N"].rms * float(force[there].mean())
-    return {"from": float(value[there].min()), "to": float(value[there].max()), "force_N": mean_N}
+    return Most(low=float(value[there].min()), high=float(value[there].max()), unit=unit, force_N=mean_N)
 
 
 @dataclass(frozen=True)

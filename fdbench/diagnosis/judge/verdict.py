@@ -4,10 +4,10 @@ import dataclasses
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
+from fdbench.diagnosis.answer import READING, VALUE, Cause, ForceBalances, Pair, Quantity, Rival, Suspect
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.sensor_artefacts import Mark, energies
 from fdbench.diagnosis.judge import probability_models as confidence
@@ -63,14 +63,20 @@ class Verdict:
 
     Attributes
     ----------
-    answer : mapping
-        ``causes``, ``suspects``, ``unknown_probability``, ``no_gap_probability``, ``probabilities_from``.
+    causes : tuple of Cause
+    suspects : tuple of Suspect
+    nearest : Rival or None
+    unknown_probability, no_gap_probability : float
     signs : mapping
         By the kind of claim (see `fdbench.diagnosis.judge.probability_models.Heads`) and the name
         of what is claimed; names of effects that cannot be told apart are joined by " or ".
     """
 
-    answer: Mapping[str, Any]
+    causes: tuple[Cause, ...]
+    suspects: tuple[Suspect, ...]
+    nearest: Rival | None
+    unknown_probability: float
+    no_gap_probability: float
     signs: Mapping[str, Mapping[str, Signs]] = field(default_factory=dict)
 
 
@@ -121,7 +127,7 @@ def verdict(found: Findings, heads: Heads) -> Verdict:
         shapley({subset: own[c] for subset, own in by_subset.items()}, len(everything)) for c in range(len(floors))
     ]
     bounds = intervals(search, found.final)
-    causes: list[dict[str, Any]] = []
+    causes: list[Cause] = []
     effect_signs: dict[str, Signs] = {}
     for index, (effect, contest) in enumerate(zip(found.final.effects, found.contests, strict=True)):
         alone = tuple(other for other in everything if other != index)
@@ -133,41 +139,43 @@ def verdict(found: Findings, heads: Heads) -> Verdict:
         chances = {name: belief * p for name, p in odds.items()}
         own = np.maximum([part[index] for part in parts], 0.0)
         causes.append(
-            {
-                "effect": effect.name,
-                "probability": chances[effect.name],
-                "share": shares.of(own),
-                "share_of_channel": dict(zip(floors, shares.by_channel(own).tolist(), strict=True)),
-                "unique_share": shares.of(np.maximum(by_subset[everything] - by_subset[alone], 0.0)),
-                "parameters": parameters(effect, bounds[index]),
-                "indistinguishable_from": beside_twins([effect.name, *same])[1:],
-                "alternatives": {name: p for name, p in chances.items() if name != effect.name},
-                "one_of": beside_twins(one_of(chances)),
-                "instead": instead(contest, type(effect), same),
-                "force_balances": second_witness(told, type(effect), same),
-            }
+            Cause(
+                effect=effect.name,
+                probability=chances[effect.name],
+                share=shares.of(own),
+                share_of_channel=dict(zip(floors, shares.by_channel(own).tolist(), strict=True)),
+                unique_share=shares.of(np.maximum(by_subset[everything] - by_subset[alone], 0.0)),
+                parameters=parameters(effect, bounds[index]),
+                indistinguishable_from=tuple(beside_twins([effect.name, *same])[1:]),
+                alternatives={name: p for name, p in chances.items() if name != effect.name},
+                one_of=tuple(beside_twins(one_of(chances))),
+                instead=instead(contest, type(effect), same),
+                force_balances=force_balances(told, type(effect), same),
+                typical=tuple(not_fitted(effect)),
+                at_bound=tuple(at_bound(effect)),
+            )
         )
     corrected = Shares(on_paper, bridged).of(np.maximum(on_paper - recalibrated, 0.0))
     values, value_signs, moved = off_paper(search, found.final, corrected, heads)
-    causes += [{**value, "probability": belief * value["probability"]} for value in values]
+    causes += [dataclasses.replace(value, probability=belief * value.probability) for value in values]
     causes += [marked(mark, shares.of(energies(mark, floors))) for mark in found.marks]
-    causes.sort(key=lambda cause: (cause["probability"] <= NAMED, -float(cause["share"])))
-    suspect, suspect_signs = suspected(found, heads, belief)
+    causes.sort(key=lambda cause: (cause.probability <= NAMED, -cause.share))
+    suspects, suspect_signs = suspected(found, heads, belief)
     before = search.compared(found.base, [(Effect, found.final, True)])
     left = gather(search.replay, search.split, found.final, ())
     unknown = confidence.of_unknown(before.rivals[0].misfit, left.worst())
     rivals = [rival.size for stage in (*found.contests, *found.stages[-1:]) for rival in stage.rivals[:1]]
     none = confidence.of_none(before.misfit, moved, max(rivals, default=0.0))
-    surest = max((float(cause["probability"]) for cause in causes), default=0.0)
-    answer = {
-        "causes": causes,
-        "suspects": suspect,
-        "unknown_probability": max(heads.unknown.probability(unknown), 1.0 - belief),
-        "no_gap_probability": min(heads.none.probability(none), 1.0 - surest),
-        "probabilities_from": heads.source,
-    }
+    surest = max((cause.probability for cause in causes), default=0.0)
     claims = {"effect": effect_signs, "suspect": suspect_signs, "value": value_signs}
-    return Verdict(answer=answer, signs={**claims, "unknown": {"unknown": unknown}, "none": {"none": none}})
+    return Verdict(
+        causes=tuple(causes),
+        suspects=tuple(suspects),
+        nearest=nearest(found),
+        unknown_probability=max(heads.unknown.probability(unknown), 1.0 - belief),
+        no_gap_probability=min(heads.none.probability(none), 1.0 - surest),
+        signs={**claims, "unknown": {"unknown": unknown}, "none": {"none": none}},
+    )
 
 
 def credit(left: float) -> float:
@@ -182,21 +190,21 @@ def credit(left: float) -> float:
     return min(1.0, (1.0 - left) / ENOUGH)
 
 
-def marked(mark: Mark, share: float) -> dict[str, Any]:
+def marked(mark: Mark, share: float) -> Cause:
     """Return the cause that is seen in the readings themselves."""
     amplitude = mark.kind.amplitude
     unit = next(item.unit for item in mark.kind.parameters() if item.name == amplitude)
-    return {
-        "effect": mark.kind.name,
-        "probability": mark.probability,
-        "share": share,
-        "unique_share": share,
-        "parameters": {amplitude: {"value": mark.value, "ci95": [mark.low, mark.high], "unit": unit}},
-        "indistinguishable_from": [],
-    }
+    return Cause(
+        effect=mark.kind.name,
+        kind=READING,
+        probability=mark.probability,
+        share=share,
+        unique_share=share,
+        parameters={amplitude: Quantity(value=mark.value, ci95=(mark.low, mark.high), unit=unit)},
+    )
 
 
-def suspected(found: Findings, heads: Heads, belief: float) -> tuple[list[dict[str, Any]], dict[str, Signs]]:
+def suspected(found: Findings, heads: Heads, belief: float) -> tuple[list[Suspect], dict[str, Signs]]:
     """Return the effect that the search came closest to adding when it ended, if any, and its signs."""
     last = found.stages[-1] if found.stages else None
     named = {type(effect) for effect in found.final.effects}
@@ -205,10 +213,18 @@ def suspected(found: Findings, heads: Heads, belief: float) -> tuple[list[dict[s
     best = last.rivals[0]
     signs = confidence.of_effect(last, best.kind)
     chance = belief * min(heads.suspect.probability(signs), NAMED)
-    return [{"effect": best.kind.name, "probability": chance}], {best.kind.name: signs}
+    return [Suspect(effect=best.kind.name, probability=chance)], {best.kind.name: signs}
 
 
-def intervals(search: Search, final: Hypothesis) -> list[dict[str, list[float]]]:
+def nearest(found: Findings) -> Rival | None:
+    """Return the effect that explains most of what the search left, and which share of the excess."""
+    last = found.stages[-1] if found.stages else None
+    if last is None or not last.rivals:
+        return None
+    return Rival(effect=last.rivals[0].kind.name, reduction=last.gain(last.rivals[0]))
+
+
+def intervals(search: Search, final: Hypothesis) -> list[dict[str, Pair]]:
     """Return the 95 % interval of each fitted parameter of each effect.
 
     From the normal matrix and the scatter of its right-hand sides from segment to segment, which counts what is
@@ -231,11 +247,11 @@ def intervals(search: Search, final: Hypothesis) -> list[dict[str, list[float]]]
     found, first = [], len(final.shifts)
     for effect in final.effects:
         items = adjustables(effect)
-        own: dict[str, list[float]] = {}
+        own: dict[str, Pair] = {}
         for item, deviation in zip(items, deviations[first : first + len(items)].tolist(), strict=True):
             value = float(getattr(effect, item.name))
             half = deviation * item.step
-            own[item.name] = [max(value - half, item.low), min(value + half, item.high)]
+            own[item.name] = max(value - half, item.low), min(value + half, item.high)
         found.append(own)
         first += len(items)
     return found
@@ -249,7 +265,7 @@ def one_of_each(final: Hypothesis) -> list[Hypothesis]:
 
 def off_paper(
     search: Search, final: Hypothesis, recalibrated: float, heads: Heads
-) -> tuple[list[dict[str, Any]], dict[str, Signs], float]:
+) -> tuple[list[Cause], dict[str, Signs], float]:
     """Return the effects whose size is a value on paper that moved further than it should be wrong, and their signs.
 
     A kind of value that is corrected on both sides of the screw counts once, with the sum of its changes. The share of
@@ -272,7 +288,7 @@ def off_paper(
         moves.append((scale[places[0]].cause(final.nominal), change, distance, without, scale[places[0]].unit))
     total = max(sum(max(without - closed, 0.0) for _, _, _, without, _ in moves), 1e-12)
     present = {item.name for item in final.effects}
-    found: list[dict[str, Any]] = []
+    found: list[Cause] = []
     all_signs: dict[str, Signs] = {}
     for name, change, distance, without, unit in moves:
         if distance <= BEYOND_DOUBT or not name or name in present or without - closed < SMALLEST_GAIN * without:
@@ -280,15 +296,14 @@ def off_paper(
         share = recalibrated * (without - closed) / total
         all_signs[name] = confidence.of_value(distance, without - closed, closed)
         found.append(
-            {
-                "effect": name,
-                "probability": heads.value.probability(all_signs[name]),
-                "share": share,
-                "unique_share": share,
-                "parameters": {"change": {"value": change, "ci95": None, "unit": unit}},
-                "indistinguishable_from": [],
-                "parametric": True,
-            }
+            Cause(
+                effect=name,
+                kind=VALUE,
+                probability=heads.value.probability(all_signs[name]),
+                share=share,
+                unique_share=share,
+                parameters={"change": Quantity(value=change, ci95=None, unit=unit)},
+            )
         )
     return found, all_signs, max((distance for _, _, distance, _, _ in moves), default=0.0)
 
@@ -299,7 +314,7 @@ def alike(contest: Stage, kind: type[Effect]) -> list[str]:
     return [rival.name for rival, gain in gains.items() if rival is not kind and gain >= ALIKE * gains[kind]]
 
 
-def instead(contest: Stage, kind: type[Effect], same: Collection[str]) -> dict[str, Any] | None:
+def instead(contest: Stage, kind: type[Effect], same: Collection[str]) -> Rival | None:
     """Return the best effect that can be told from one, and the share of the held-out excess that each would remove.
 
     It is the control against mere flexibility: a wrong effect, fitted just as well, should remove much less.
@@ -309,15 +324,15 @@ def instead(contest: Stage, kind: type[Effect], same: Collection[str]) -> dict[s
     if not others:
         return None
     best = max(others, key=lambda name: others[name])
-    return {"effect": best, "reduction": others[best], "reduction_of_named": gains[kind.name]}
+    return Rival(effect=best, reduction=others[best], reduction_of_named=gains[kind.name])
 
 
-def second_witness(told: Mapping[type[Effect], float], kind: type[Effect], same: Collection[str]) -> dict[str, Any]:
+def force_balances(told: Mapping[type[Effect], float], kind: type[Effect], same: Collection[str]) -> ForceBalances:
     """Return what an effect removes of the force balances, and the best other effect that can be told from it."""
     others = {rival.name: share for rival, share in told.items() if rival is not kind and rival.name not in same}
     best = max(others, key=lambda name: others[name], default=None)
-    rival = None if best is None else {"effect": best, "reduction": others[best]}
-    return {"reduction": told[kind], "instead": rival}
+    rival = None if best is None else Rival(effect=best, reduction=others[best])
+    return ForceBalances(reduction=told[kind], instead=rival)
 
 
 def divided(contest: Stage, kind: type[Effect], same: Collection[str], probability: float) -> dict[str, float]:
@@ -350,9 +365,20 @@ def one_of(chances: Mapping[str, float]) -> list[str]:
     return found
 
 
-def parameters(effect: Effect, bounds: Mapping[str, list[float]]) -> dict[str, Any]:
+def parameters(effect: Effect, bounds: Mapping[str, Pair]) -> dict[str, Quantity]:
     """Return the parameters of an effect with units; those that no fit moves have no interval."""
     return {
-        item.name: {"value": getattr(effect, item.name), "ci95": bounds.get(item.name), "unit": item.unit}
+        item.name: Quantity(value=getattr(effect, item.name), ci95=bounds.get(item.name), unit=item.unit)
         for item in type(effect).parameters()
     }
+
+
+def not_fitted(effect: Effect) -> list[str]:
+    """Return the parameters that are neither searched nor fitted, so that they have their typical values."""
+    fitted = {item.name for item in adjustables(effect)}
+    return [item.name for item in effect.parameters() if item.name not in fitted and not item.grid]
+
+
+def at_bound(effect: Effect) -> list[str]:
+    """Return the fitted parameters that lie on a bound of what the library allows."""
+    return [item.name for item in adjustables(effect) if getattr(effect, item.name) in (item.low, item.high)]

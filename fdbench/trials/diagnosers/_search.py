@@ -1,11 +1,9 @@
 """What the answers of the package's own diagnosis and of its untempered twin have in common."""
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from fdbench.diagnosis.diagnose import Diagnosis
-from fdbench.diagnosis.judge.reduction import explained_fraction
 from fdbench.diagnosis.search.search import Stage
 
 
@@ -24,12 +22,3 @@ def weights(logs: Sequence[float]) -> list[float]:
     top = max(logs)
     found = [math.exp(value - top) for value in logs]
     return [value / sum(found) for value in found]
-
-
-def closure_of(answer: Mapping[str, Any]) -> float | None:
-    """Return the share of the held-out excess on paper that re-calibration and the named effects close."""
-    shrinkage, before = answer["shrinkage"], float(answer["shrinkage"]["on_paper"])
-    after = before * (1.0 - float(answer["parametric"]["closed_by_recalibration"]))
-    if shrinkage["steps"]:
-        after = float(shrinkage["steps"][-1]["after"])
-    return explained_fraction(before, after)

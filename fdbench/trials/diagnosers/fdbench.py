@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import final
 
 from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.judge.reduction import explained_fraction
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.record import Record
 from fdbench.trials.diagnoser import Answer, Diagnoser
-from fdbench.trials.diagnosers._search import closure_of
 
 
 @final
@@ -17,14 +17,14 @@ class Fdbench(Diagnoser):
     def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Answer:
         found = diagnose(nominal, records, holdouts)
         chances: dict[str, float] = {}
-        for cause in (*found.answer["suspects"], *found.answer["causes"]):
-            for name, chance in cause.get("alternatives", {}).items():
+        for cause in found.answer.causes:
+            for name, chance in cause.alternatives.items():
                 chances[name] = max(chances.get(name, 0.0), chance)
-        chances |= {cause["effect"]: cause["probability"] for cause in found.answer["suspects"]}
-        chances |= {cause["effect"]: cause["probability"] for cause in found.answer["causes"]}
+        chances |= {suspect.effect: suspect.probability for suspect in found.answer.suspects}
+        chances |= {cause.effect: cause.probability for cause in found.answer.causes}
         return Answer(
             effects=chances,
-            unknown=float(found.answer["unknown_probability"]),
-            none=float(found.answer["no_gap_probability"]),
-            closure=closure_of(found.answer),
+            unknown=found.answer.unknown_probability,
+            none=found.answer.no_gap_probability,
+            closure=found.answer.shrinkage.explained_fraction,
         )

@@ -5,10 +5,11 @@ from collections.abc import Sequence
 from typing import final
 
 from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.judge.reduction import explained_fraction
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.record import Record
 from fdbench.trials.diagnoser import Answer, Diagnoser
-from fdbench.trials.diagnosers._search import accepted, closure_of, weights
+from fdbench.trials.diagnosers._search import accepted, weights
 
 
 @final
@@ -27,4 +28,8 @@ class UntemperedEvidence(Diagnoser):
             for rival, chance in zip(stage.rivals, evidence, strict=False):
                 chances[rival.kind.name] = max(chances.get(rival.kind.name, 0.0), chance)
         none = 0.0 if chances else 1.0
-        return Answer(effects=chances, none=none, closure=closure_of(found.answer))
+        return Answer(
+            effects=chances,
+            none=none,
+            closure=found.answer.shrinkage.explained_fraction,
+        )
