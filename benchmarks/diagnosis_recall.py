@@ -30,7 +30,7 @@ from fdbench.trials import seal
 from fdbench.trials.score import NAMED
 from fdbench.virtual_axes import cases as tiers
 from fdbench.virtual_axes import protocol
-from fdbench.virtual_axes.bench import ERRORS, FORCE_NOISE_N, Planted, Yardstick
+from fdbench.virtual_axes.bench import ERRORS, FORCE_NOISE_N, Detectability, Injected
 from fdbench.virtual_axes.library_axis import LibraryBench
 
 KINDS = {"one": "One effect alone", "pair": "Pairs that are no look-alikes", "none": "Nothing", "time": "Time"}
@@ -134,7 +134,7 @@ class Recorded:
     nominal: Nominal
     records: Sequence[Record]
     holdouts: Sequence[Record]
-    planted: Planted
+    planted: Injected
     visible: Mapping[str, float]
 
 
@@ -155,8 +155,11 @@ def record(case: Case, rng: np.random.Generator) -> Recorded | None:
     sides = ("table_position_m", "motor_position_m")
     sides = sides if nominal.drive.controller.uses_table else sides[::-1]
     axis = bench.axis(simulated)
-    yardstick = Yardstick(bench, fitted, sides, rng)
-    if yardstick.noise[0, 0] > LOUD * FORCE_NOISE_N or not (yardstick.unrest(axis, rng) <= UNSTABLE).all():
+    detectability = Detectability(bench, fitted, sides, rng)
+    if (
+        detectability.noise[0, 0] > LOUD * FORCE_NOISE_N
+        or not (detectability.noise_amplification(axis, rng) <= UNSTABLE).all()
+    ):
         return None
 
     def recorded(name: str, motion: FloatArray) -> Record:
@@ -171,7 +174,7 @@ def record(case: Case, rng: np.random.Generator) -> Recorded | None:
         holdouts=[recorded(f"held_out_{index}", part) for index, part in enumerate(judged)],
         planted=planted,
         visible={
-            name: yardstick.mean_square(bench.axis({name: values}), not bench.is_value_on_paper(name))
+            name: detectability.mean_square(bench.axis({name: values}), not bench.is_nominal_parameter(name))
             for name, values in simulated.items()
         },
     )

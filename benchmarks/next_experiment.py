@@ -32,7 +32,7 @@ from fdbench.record import FloatArray, Record
 from fdbench.specification import read
 from fdbench.virtual_axes import cases as tiers
 from fdbench.virtual_axes import protocol
-from fdbench.virtual_axes.bench import ERRORS, Yardstick
+from fdbench.virtual_axes.bench import ERRORS, Detectability
 from fdbench.virtual_axes.library_axis import LibraryAxis, LibraryBench
 
 AMBIGUOUS = 0.9  # probability of the surest claim, "no gap" among them, below which a verdict is ambiguous
@@ -57,21 +57,21 @@ class Machine:
         bench = LibraryBench(self.nominal, errors, protocol.PERIOD_S)
         sides = ("table_position_m", "motor_position_m")
         self.sides = sides if self.nominal.drive.controller.uses_table else sides[::-1]
-        yardstick = Yardstick(bench, list(motions.values()), self.sides, rng)
+        detectability = Detectability(bench, list(motions.values()), self.sides, rng)
         # What is small at constant speeds may be large in another motion, and would be a second effect there.
         limits = Limits.of(self.nominal.drive, self.speeds[:, 0])
         others = [item.reference for item in one_of_each_kind(menu(limits, protocol.PERIOD_S))]
-        bench.add_clutter(Yardstick(bench, [self.speeds, *others], self.sides, rng), rng)
-        self.planted, self.axis = self._plant(bench, yardstick, rng)
+        bench.add_background(Detectability(bench, [self.speeds, *others], self.sides, rng), rng)
+        self.planted, self.axis = self._plant(bench, detectability, rng)
 
     @staticmethod
-    def _plant(bench: LibraryBench, yardstick: Yardstick, rng: np.random.Generator) -> tuple[str, LibraryAxis]:
-        names = [name for name in bench.names(listed=True) if not bench.is_value_on_paper(name)]
+    def _plant(bench: LibraryBench, detectability: Detectability, rng: np.random.Generator) -> tuple[str, LibraryAxis]:
+        names = [name for name in bench.names(listed=True) if not bench.is_nominal_parameter(name)]
         for _ in range(tiers.MOST_DRAWS):
             name = str(rng.choice(names))
             axis = bench.axis({name: bench.draw(name, rng)})
-            visible = yardstick.mean_square(axis, beside_paper=True) >= tiers.SMALLEST_SIGNATURE
-            if visible and (yardstick.unrest(axis, rng) <= tiers.MOST_UNREST).all():
+            visible = detectability.mean_square(axis, beside_paper=True) >= tiers.SMALLEST_SIGNATURE
+            if visible and (detectability.noise_amplification(axis, rng) <= tiers.MOST_NOISE_AMPLIFICATION).all():
                 return name, axis
         raise FdbenchError(f"{tiers.MOST_DRAWS} draws gave no effect that shows in the motions of a trial.")
 

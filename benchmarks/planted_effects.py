@@ -17,10 +17,10 @@ import numpy as np
 from diagnosis_recall import causes, probability, rate, words
 
 from fdbench.diagnosis.diagnose import diagnose
-from fdbench.diagnosis.model.hypothesis import Hypothesis, calibrations, start
+from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters, start
 from fdbench.diagnosis.model.nominal import Nominal, load_nominal
 from fdbench.diagnosis.model.replay import Replay
-from fdbench.diagnosis.records.noise_model import floors
+from fdbench.diagnosis.records.noise_model import noise_models
 from fdbench.diagnosis.records.runs import Run, prepare
 from fdbench.effects import Effect, Port
 from fdbench.reading import read_record
@@ -35,7 +35,7 @@ HALF = 2  # laps
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Planted:
+class Injected:
     """An effect, its parameters, and the mean square that it brings beside other values on paper."""
 
     effect: Effect
@@ -53,7 +53,7 @@ class Axis:
     def __init__(self, nominal: Nominal, record: Record) -> None:
         self.nominal, self.record = nominal, record
         self.run: Run = prepare(record, nominal.drive)
-        self.floors = floors([self.run])
+        self.noise_models = noise_models([self.run])
         self.replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
         self.paper = start(nominal)
         moved = [self.paper.moved(row) for row in np.eye(len(self.paper.shifts))]
@@ -66,7 +66,7 @@ class Axis:
 
     def joined(self, change: Mapping[str, FloatArray]) -> FloatArray:
         """Return a change in units of the floor, all channels in a row."""
-        return np.concatenate([values / self.floors[name].rms for name, values in change.items()])
+        return np.concatenate([values / self.noise_models[name].rms for name, values in change.items()])
 
     def visible(self, effect: Effect) -> float:
         """Return the mean square of an effect in units of the floor, beside values on paper if it is none itself."""
@@ -79,7 +79,7 @@ class Axis:
         """Return an effect of the size that is planted; None where it would have to be too large."""
         effect = kind.typical()
         if kind.calibrates:
-            own = [item for item in calibrations(self.nominal) if item.cause(self.nominal) == kind.name]
+            own = [item for item in nominal_parameters(self.nominal) if item.cause(self.nominal) == kind.name]
             step = math.hypot(*(item.size(self.nominal.drive) for item in own))
             return effect.changed(**{kind.amplitude: OFF_PAPER * step}) if own else None
         scale = 1.0
@@ -90,7 +90,7 @@ class Axis:
             effect = kind.typical().scaled(scale)
         return effect
 
-    def plant(self, kind: type[Effect]) -> Planted | None:
+    def plant(self, kind: type[Effect]) -> Injected | None:
         """Return the record with an effect planted, or None where the motion does not show it."""
         effect = self.sized(kind)
         if effect is None:
@@ -101,7 +101,7 @@ class Axis:
             columns[name] = columns[name] + change["position_m"]
         columns["motor_force_N"] = columns["motor_force_N"] + change["motor_force_N"]
         source = f"{self.record.source} with {kind.name}"
-        return Planted(effect=effect, visible=self.visible(effect), record=Record(columns, source=source))
+        return Injected(effect=effect, visible=self.visible(effect), record=Record(columns, source=source))
 
     def kinds(self) -> list[type[Effect]]:
         """Return what can be planted: effects of a rigid axis that are added, and smooth in their size."""

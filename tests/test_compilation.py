@@ -231,11 +231,13 @@ def test_a_refused_function_is_not_compiled() -> None:
 
 def test_no_function_is_left_to_the_cache_of_numba() -> None:
     """One file stands apart from the package by intent; what its functions use, they have from that file alone."""
-    from fdbench.virtual_axes import independent_simulator as plants_apart
+    from fdbench.virtual_axes import independent_simulator as independent_simulator
 
     repository = Path(__file__).resolve().parents[1]
     sources = [path for root in ("fdbench", "baselines") for path in (repository / root).rglob("*.py")]
     named = {path.stem for path in sources if "cache=True" in path.read_text("utf-8")}
-    assert named == {"plants_apart", "compilation", "compose", "_servo_stage_stepper"}
-    imports = [line for line in Path(plants_apart.__file__).read_text("utf-8").splitlines() if "import " in line]
+    assert named == {"independent_simulator", "compilation", "compose", "_servo_stage_stepper"}
+    imports = [
+        line for line in Path(independent_simulator.__file__).read_text("utf-8").splitlines() if "import " in line
+    ]
     assert not [line for line in imports if "fdbench" in line and line.startswith(("import", "from"))]

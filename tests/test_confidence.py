@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import minimize
 
 from fdbench.diagnosis.judge import probability_models as confidence
-from fdbench.diagnosis.judge.probability_models import Head, Sign
+from fdbench.diagnosis.judge.probability_models import Feature, ProbabilityModel
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.errors import SpecError
 from fdbench.specification import load_toml, read
@@ -59,7 +59,7 @@ def test_balanced_claims_are_right_as_often_as_asked() -> None:
 def claims_of(kind: str, n: int, rng: np.random.Generator) -> list[learn.Claim]:
     design, right = drawn(n, rng)
     return [
-        learn.Claim(kind=kind, signs={"one": 5.0 + 3.0 * row[1], "two": row[2]}, right=bool(value))
+        learn.Claim(kind=kind, features={"one": 5.0 + 3.0 * row[1], "two": row[2]}, right=bool(value))
         for row, value in zip(design, right, strict=True)
     ]
 
@@ -68,7 +68,7 @@ def test_learned_probabilities_are_calibrated_on_other_claims() -> None:
     rng = np.random.default_rng(2)
     head = learn.fitted(claims_of("effect", 800, rng))
     others = claims_of("effect", 4000, rng)
-    chances = np.array([head.probability(claim.signs) for claim in others])
+    chances = np.array([head.probability(claim.features) for claim in others])
     right = np.array([claim.right for claim in others])
     for low in (0.0, 0.25, 0.5, 0.75):
         inside = (chances >= low) & (chances < low + 0.25)
@@ -79,47 +79,49 @@ def test_heads_are_read_as_they_were_written(tmp_path) -> None:
     rng = np.random.default_rng(3)
     found = [claim for kind in learn.KINDS for claim in claims_of(kind, 60, rng)]
     file = tmp_path / "heads.toml"
-    learn.write_heads(found, file, "tier L, 60 cases, nonce abc")
-    heads = read(confidence.Heads, load_toml(file), file.name)
-    assert heads.source == "tier L, 60 cases, nonce abc"
+    learn.write_models(found, file, "tier L, 60 cases, nonce abc")
+    models = read(confidence.ProbabilityModels, load_toml(file), file.name)
+    assert models.source == "tier L, 60 cases, nonce abc"
     own = [claim for claim in found if claim.kind == "value"]
-    assert heads.value.claims == 60
-    assert heads.value.right == sum(claim.right for claim in own)
+    assert models.value.claims == 60
+    assert models.value.right == sum(claim.right for claim in own)
     expected = learn.fitted(own)
     for claim in own:
-        assert heads.value.probability(claim.signs) == pytest.approx(expected.probability(claim.signs), abs=1e-3)
+        assert models.value.probability(claim.features) == pytest.approx(expected.probability(claim.features), abs=1e-3)
 
 
 def test_a_head_is_never_surer_than_its_claims() -> None:
-    head = Head(bias=0.0, signs={"s": Sign(centre=0.0, scatter=1.0, weight=50.0)}, claims=98, right=49)
+    head = ProbabilityModel(
+        bias=0.0, features={"s": Feature(centre=0.0, scatter=1.0, weight=50.0)}, claims=98, right=49
+    )
     assert head.probability({"s": 1e9}) == pytest.approx(0.99)
     assert head.probability({"s": -1e9}) == pytest.approx(0.01)
     assert head.probability({"s": 0.0}) == 0.5
 
 
 def test_the_shipped_heads_read_the_signs_that_are_given() -> None:
-    heads = confidence.heads()
+    models = confidence.models()
     given = {
-        "value": confidence.of_value(3.0, 1.0, 1.0),
-        "unknown": confidence.of_unknown(2.0, 9.0),
-        "none": confidence.of_none(1.0, 0.5, 0.1),
+        "value": confidence.value_features(3.0, 1.0, 1.0),
+        "unknown": confidence.unknown_features(2.0, 9.0),
+        "none": confidence.no_gap_features(1.0, 0.5, 0.1),
     }
-    for kind, signs in given.items():
-        head: Head = getattr(heads, kind)
-        assert set(head.signs) == set(signs)
-        assert 0.0 < head.probability(signs) < 1.0
-    assert {field.name for field in dataclasses.fields(heads)} == {*learn.KINDS, "source"}
-    assert heads.unknown.probability(confidence.of_unknown(8.0, 60.0)) > heads.unknown.probability(
-        confidence.of_unknown(1.0, 2.0)
+    for kind, features in given.items():
+        head: ProbabilityModel = getattr(models, kind)
+        assert set(head.features) == set(features)
+        assert 0.0 < head.probability(features) < 1.0
+    assert {field.name for field in dataclasses.fields(models)} == {*learn.KINDS, "source"}
+    assert models.unknown.probability(confidence.unknown_features(8.0, 60.0)) > models.unknown.probability(
+        confidence.unknown_features(1.0, 2.0)
     )
-    assert heads.none.probability(given["none"]) > heads.none.probability(confidence.of_none(8.0, 5.0, 10.0))
+    assert models.none.probability(given["none"]) > models.none.probability(confidence.no_gap_features(8.0, 5.0, 10.0))
 
 
 def test_claims_are_judged_by_the_truth() -> None:
-    signs = {"effect": {"a": {"s": 1.0}, "b": {"s": 2.0}}, "suspect": {}, "value": {"c": {"s": 0.0}}}
-    signs |= {"unknown": {"unknown": {"s": 0.0}}, "none": {"none": {"s": 0.0}}}
+    features = {"effect": {"a": {"s": 1.0}, "b": {"s": 2.0}}, "suspect": {}, "value": {"c": {"s": 0.0}}}
+    features |= {"unknown": {"unknown": {"s": 0.0}}, "none": {"none": {"s": 0.0}}}
     truth = {"listed": [{"name": "a"}], "unlisted": [{"name": "odd"}]}
-    judged = [(claim.kind, claim.right) for claim in learn.claims(signs, truth)]
+    judged = [(claim.kind, claim.right) for claim in learn.claims(features, truth)]
     assert judged == [("effect", True), ("effect", False), ("value", False), ("unknown", True), ("none", False)]
 
 
@@ -179,8 +181,8 @@ def test_learning_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.M
         asked.append(nominal)
         if len(asked) == 2:
             raise KeyboardInterrupt
-        signs = {kind: {f"{kind} {place}": {"s": float(place)} for place in range(4)} for kind in learn.KINDS[:3]}
-        return SimpleNamespace(signs={**signs, "unknown": {"unknown": {"s": 0.0}}, "none": {"none": {"s": 1.0}}})
+        features = {kind: {f"{kind} {place}": {"s": float(place)} for place in range(4)} for kind in learn.KINDS[:3]}
+        return SimpleNamespace(features={**features, "unknown": {"unknown": {"s": 0.0}}, "none": {"none": {"s": 1.0}}})
 
     monkeypatch.setattr(learn, "diagnose", diagnosed)
     with pytest.raises(KeyboardInterrupt):

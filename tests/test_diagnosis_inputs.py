@@ -295,5 +295,5 @@ def test_copies_of_a_record_tell_nothing_of_noise() -> None:
         "a.csv: a copy of a.csv. It tells nothing of noise and is left out.",
     ]
     assert [run.name for run in found.runs] == ["a.csv"]
-    assert not any(floor.measured for floor in found.split.floors.values())
-    assert found.split.floors["position_m"].rms == alone.split.floors["position_m"].rms
+    assert not any(floor.measured for floor in found.split.noise_models.values())
+    assert found.split.noise_models["position_m"].rms == alone.split.noise_models["position_m"].rms

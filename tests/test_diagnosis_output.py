@@ -17,7 +17,7 @@ from fdbench import cli
 from fdbench.catalogue import scenario_folder
 from fdbench.diagnosis.diagnose import Diagnosis, diagnose
 from fdbench.diagnosis.judge.localise import Gaps, Partition, where
-from fdbench.diagnosis.model.hypothesis import calibrations, start
+from fdbench.diagnosis.model.hypothesis import nominal_parameters, start
 from fdbench.diagnosis.model.nominal import Nominal, load_nominal
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.noise_model import white
@@ -137,7 +137,7 @@ def gaps_of(left: np.ndarray, velocity: np.ndarray) -> Gaps:
     position = np.cumsum(velocity) * PERIOD_S
     reference = np.column_stack((position, velocity, np.gradient(velocity, PERIOD_S)))
     run = Run(name="x", period_s=PERIOD_S, reference=reference, channels={"position_m": position}, lap=None)
-    return Gaps(runs=[run], scaled=[{"position_m": left}], floors={"position_m": white(1.0, measured=True)})
+    return Gaps(runs=[run], scaled=[{"position_m": left}], noise_models={"position_m": white(1.0, measured=True)})
 
 
 def test_shares_by_hand() -> None:
@@ -294,7 +294,7 @@ def test_repaired_model_moves_as_the_final_hypothesis(found: Diagnosis) -> None:
 
 def test_sums_and_replacements(nominal: Nominal) -> None:
     paper = start(nominal)
-    names = [item.name for item in calibrations(nominal)]
+    names = [item.name for item in nominal_parameters(nominal)]
     shifts = tuple(2.0 if name == "force_offset" else 0.0 for name in names)
     offset = repaired(replace(paper, shifts=shifts)).drive.effects
     forces = [effect.constant_force_N for effect in offset if type(effect).name == "constant_force"]

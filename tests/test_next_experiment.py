@@ -12,11 +12,18 @@ from typer.testing import CliRunner
 
 from fdbench.cli import app
 from fdbench.diagnosis.evidence.evidence import Split
-from fdbench.diagnosis.experiment.expected_information import NOTHING, OTHER, OVERLOOKED, Forecast, Forecaster, Reader
+from fdbench.diagnosis.experiment.expected_information import (
+    NOTHING,
+    OTHER,
+    OVERLOOKED,
+    Forecast,
+    Forecaster,
+    VerdictReader,
+)
 from fdbench.diagnosis.experiment.menu import Limits, menu, menu_of
 from fdbench.diagnosis.experiment.proposal import SURE, design, most_open, propose, write_proposed
 from fdbench.diagnosis.experiment.trajectory import Trajectory, moves
-from fdbench.diagnosis.judge.probability_models import Head, heads
+from fdbench.diagnosis.judge.probability_models import ProbabilityModel, models
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay
@@ -51,8 +58,8 @@ def lab() -> Lab:
     run = Run(name="slow", period_s=PERIOD_S, reference=reference, channels=still, lap=None)
     simulated = replay.simulate(run, [start(model).with_effect(GAP).variant()])
     run = dataclasses.replace(run, channels={name: values[0] for name, values in simulated.items()})
-    floors = {name: white(rms, measured=True) for name, rms in FLOORS.items()}
-    return replay, Split(runs=[run], held_out=[np.zeros(len(reference), dtype=np.bool_)], floors=floors)
+    noise_models = {name: white(rms, measured=True) for name, rms in FLOORS.items()}
+    return replay, Split(runs=[run], held_out=[np.zeros(len(reference), dtype=np.bool_)], noise_models=noise_models)
 
 
 def stage(*rivals: tuple[Effect, float], alone: float = 2.0, size: float = 100.0) -> Stage:
@@ -72,7 +79,7 @@ def stage(*rivals: tuple[Effect, float], alone: float = 2.0, size: float = 100.0
     )
 
 
-READER = Reader()
+READER = VerdictReader()
 OPEN = stage((GAP, 1.20), (SOFT, 1.22), (effects.get("cogging").typical(), 3.0))
 
 
@@ -115,8 +122,8 @@ def test_no_menu_without_room() -> None:
 
 
 def test_unlikely_rivals_are_left_out() -> None:
-    assert [rival.kind.name for rival in READER.serious(OPEN).rivals] == ["backlash", "axial_compliance"]
-    assert 0.9 < sum(READER.told(OPEN).values()) <= 1.0
+    assert [rival.kind.name for rival in READER.shortlisted(OPEN).rivals] == ["backlash", "axial_compliance"]
+    assert 0.9 < sum(READER.probabilities(OPEN).values()) <= 1.0
 
 
 def test_the_stage_in_doubt_is_taken() -> None:
@@ -136,8 +143,8 @@ def test_effects_that_hardly_compete_beside_a_found_one_are_no_doubt() -> None:
 
 def test_a_stage_that_decides_more_surely_than_such_claims_have_earned_is_open() -> None:
     poor = stage((GAP, 1.25), alone=1.6, size=0.1)
-    assert max(poor.probabilities()) > SURE > READER.told(poor)["backlash"]
-    assert sum(READER.told(poor).values()) < 1.0
+    assert max(poor.probabilities()) > SURE > READER.probabilities(poor)["backlash"]
+    assert sum(READER.probabilities(poor).values()) < 1.0
     assert most_open([poor], READER) is poor
 
 
@@ -202,13 +209,13 @@ def test_a_motion_that_the_axis_does_not_follow_has_no_forecast(lab: Lab) -> Non
     jump = np.zeros((400, 3))
     jump[100:, 0] = 0.04
     there = Trajectory(kind="jump", words="jump", period_s=PERIOD_S, reference=jump)
-    assert Forecaster(replay, split, READER.serious(OPEN), READER).forecast(there) is None
+    assert Forecaster(replay, split, READER.shortlisted(OPEN), READER).forecast(there) is None
 
 
 def test_old_records_again_hardly_help(lab: Lab, chosen: Forecast) -> None:
     replay, split = lab
     again = Trajectory(kind="again", words="again", period_s=PERIOD_S, reference=split.runs[0].reference)
-    repeated = Forecaster(replay, split, READER.serious(OPEN), READER).forecast(again)
+    repeated = Forecaster(replay, split, READER.shortlisted(OPEN), READER).forecast(again)
     assert repeated is not None
     assert repeated.gain() < 0.5 * chosen.gain()
 
@@ -234,18 +241,18 @@ def test_nothing_is_proposed_where_nothing_competes(lab: Lab) -> None:
 
 
 def test_what_is_in_doubt_depends_on_the_heads_that_are_given() -> None:
-    sure = Head(bias=5.0, signs={}, claims=98, right=98)
+    sure = ProbabilityModel(bias=5.0, features={}, claims=98, right=98)
     poor = stage((GAP, 1.25), alone=1.6, size=0.1)
     assert most_open([poor], READER) is poor
-    assert most_open([poor], Reader(heads=dataclasses.replace(heads(), effect=sure))) is None
+    assert most_open([poor], VerdictReader(models=dataclasses.replace(models(), effect=sure))) is None
 
 
 def test_nothing_found_is_no_nothing_where_an_unknown_cause_is_probable() -> None:
     empty = stage((GAP, 1.5), alone=1.0)
-    assert READER.told(empty)[NOTHING] > SURE
+    assert READER.probabilities(empty)[NOTHING] > SURE
     assert most_open([empty], READER) is None
-    doubtful = Reader(unknown=0.8)
-    assert doubtful.told(empty)[NOTHING] == pytest.approx(0.2)
+    doubtful = VerdictReader(unknown=0.8)
+    assert doubtful.probabilities(empty)[NOTHING] == pytest.approx(0.2)
     assert most_open([empty], doubtful) is empty
 
 

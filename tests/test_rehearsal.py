@@ -11,14 +11,14 @@ from axis_lab import case, drive
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.judge import probability_models as confidence
-from fdbench.diagnosis.judge.probability_models import Head
+from fdbench.diagnosis.judge.probability_models import ProbabilityModel
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.errors import SpecError
 from fdbench.plants.feed_drive import FeedDrive, Following, LinearMotor
 from fdbench.record import Record
 from fdbench.report.diagnosis_text import summary
 from fdbench.trials import learn
-from fdbench.trials import machine_calibration as rehearsal
+from fdbench.trials import machine_calibration as machine_calibration
 from fdbench.trials.learn import Claim
 
 Records = tuple[Nominal, list[Record], list[Record]]
@@ -33,7 +33,7 @@ def given() -> Records:
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(rehearsal, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(machine_calibration, "cache_folder", lambda: tmp_path)
     return tmp_path
 
 
@@ -61,17 +61,20 @@ def test_a_rehearsal_goes_on_where_it_stopped_and_is_kept(
         asked.append(len(records))
         return diagnose(nominal, records, holdouts)
 
-    monkeypatch.setattr(rehearsal, "diagnose", diagnosed)
+    monkeypatch.setattr(machine_calibration, "diagnose", diagnosed)
     with pytest.raises(KeyboardInterrupt):
-        rehearsal.rehearsed(*given, 4)
-    heads = rehearsal.rehearsed(*given, 4)
+        machine_calibration.calibrated_models(*given, 4)
+    models = machine_calibration.calibrated_models(*given, 4)
     assert asked == [2, 2, 0, 2, 2]  # two repeats in each case, and no case twice
-    assert heads.source == "rehearsal, 4 cases on this machine and these motions"
-    assert (heads.none, heads.unknown) == (confidence.heads().none, confidence.heads().unknown)
-    assert heads != dataclasses.replace(confidence.heads(), source=heads.source)
-    monkeypatch.setattr(rehearsal.Scene, "noises", None)  # neither simulated nor diagnosed again
-    assert rehearsal.rehearsed(*given, 4) == heads
-    assert rehearsal.rehearsed(*given, 3).source == "rehearsal, 3 cases on this machine and these motions"
+    assert models.source == "rehearsal, 4 cases on this machine and these motions"
+    assert (models.none, models.unknown) == (confidence.models().none, confidence.models().unknown)
+    assert models != dataclasses.replace(confidence.models(), source=models.source)
+    monkeypatch.setattr(machine_calibration.RecordingSetup, "noises", None)  # neither simulated nor diagnosed again
+    assert machine_calibration.calibrated_models(*given, 4) == models
+    assert (
+        machine_calibration.calibrated_models(*given, 3).source
+        == "rehearsal, 3 cases on this machine and these motions"
+    )
     assert len(asked) == 5
     assert len(list(cache.iterdir())) == 1
 
@@ -90,9 +93,9 @@ def test_what_is_kept_belongs_to_one_machine_and_its_noise(given: Records) -> No
         (nominal, [*fitted, fitted[0]], judged),
         (nominal, with_columns(fitted, {"motor_torque_Nm": louder}), judged),
     ]
-    digests = {rehearsal.scene_of(*other).digest for other in (given, *others)}
+    digests = {machine_calibration.recording_setup(*other).digest for other in (given, *others)}
     assert len(digests) == 5
-    assert rehearsal.scene_of(*given).digest in digests
+    assert machine_calibration.recording_setup(*given).digest in digests
 
 
 @pytest.mark.parametrize("kind", ["without controller", "rigid with a current"])
@@ -108,8 +111,8 @@ def test_other_records_than_those_of_tier_l(given: Records, kind: str) -> None:
         plant = dataclasses.replace(plant, motor=motor, table=None, screw=None)
         gone |= {"motor_torque_Nm": None, "motor_current_A": lambda item: drive().motor_force(item) / 100.0}
     records = [with_columns(group, gone) for group in (fitted, judged)]
-    scene = rehearsal.scene_of(Nominal(plant=plant, simulation=Simulation(substeps=10)), *records)
-    found = rehearsal._case(scene, scene.noises(), 0)
+    scene = machine_calibration.recording_setup(Nominal(plant=plant, simulation=Simulation(substeps=10)), *records)
+    found = machine_calibration._case(scene, scene.noises(), 0)
     assert set(found["signs"]) == set(learn.KINDS)
     assert set(found["truth"]) == {"listed", "unlisted"}
 
@@ -121,51 +124,54 @@ def test_two_positions_need_a_screw(given: Records) -> None:
     nominal, *records = given
     rigid = dataclasses.replace(nominal, plant=dataclasses.replace(nominal.drive, screw=None))
     with pytest.raises(SpecError, match=r"has motor_position_m and table_position_m, but .* no \[plant.screw\]"):
-        rehearsal.rehearsed(rigid, *records, 4)
+        machine_calibration.calibrated_models(rigid, *records, 4)
 
 
 def test_floors_that_no_noise_gives_are_refused(given: Records, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rehearsal.Scene, "_made_by", lambda *_: np.array([[0.5, 1.0, 0.0], [0.5, 0.0, 0.01]]))
+    monkeypatch.setattr(
+        machine_calibration.RecordingSetup, "_made_by", lambda *_: np.array([[0.5, 1.0, 0.0], [0.5, 0.0, 0.01]])
+    )
     with pytest.raises(SpecError, match="the measured floor of motor_minus_table_position_m"):
-        rehearsal.rehearsed(*given, 4)
+        machine_calibration.calibrated_models(*given, 4)
 
 
 def test_draws_that_never_work_are_refused(given: Records, monkeypatch: pytest.MonkeyPatch) -> None:
     def diverged(*_: object) -> None:
         raise SpecError("too stiff.")
 
-    monkeypatch.setattr(rehearsal.Scene, "case", diverged)
+    monkeypatch.setattr(machine_calibration.RecordingSetup, "case", diverged)
     with pytest.raises(SpecError, match=r"case 8: 5 draws, none of them usable; the last: too stiff\."):
-        rehearsal._case(rehearsal.scene_of(*given), rehearsal.USUAL, 7)
+        machine_calibration._case(machine_calibration.recording_setup(*given), machine_calibration.USUAL, 7)
 
 
 # ---- how far heads move ----
 
 
-def claims_of(kind: str, head: Head, n: int, right: bool) -> list[Claim]:
+def claims_of(kind: str, head: ProbabilityModel, n: int, right: bool) -> list[Claim]:
     """Return claims with the mean signs of those that a head was learned from."""
-    signs = {name: sign.centre for name, sign in head.signs.items()}
-    return [Claim(kind=kind, signs=signs, right=right)] * n
+    features = {name: sign.centre for name, sign in head.features.items()}
+    return [Claim(kind=kind, features=features, right=right)] * n
 
 
 @pytest.mark.parametrize("kind", ["effect", "suspect", "value"])
 def test_few_claims_change_little_and_many_convince(kind: str) -> None:
-    shipped = confidence.heads()
-    prior: Head = getattr(shipped, kind)
-    before = prior.probability(claims_of(kind, prior, 1, True)[0].signs)
+    shipped = confidence.models()
+    prior: ProbabilityModel = getattr(shipped, kind)
+    before = prior.probability(claims_of(kind, prior, 1, True)[0].features)
     surprising = before < 0.5
     one, many = (
-        getattr(rehearsal.adapted(claims_of(kind, prior, n, surprising), shipped, "x"), kind) for n in (1, 300)
+        getattr(machine_calibration.adapted(claims_of(kind, prior, n, surprising), shipped, "x"), kind)
+        for n in (1, 300)
     )
-    own = claims_of(kind, prior, 1, True)[0].signs
+    own = claims_of(kind, prior, 1, True)[0].features
     assert 0.0 < abs(one.probability(own) - before) < 0.1
     assert (many.probability(own) > 0.5) == surprising
-    assert [sign.centre for sign in one.signs.values()] == [sign.centre for sign in prior.signs.values()]
+    assert [sign.centre for sign in one.features.values()] == [sign.centre for sign in prior.features.values()]
 
 
 def test_heads_that_no_claims_bear_on_stay() -> None:
-    shipped = confidence.heads()
-    found = rehearsal.adapted(claims_of("unknown", shipped.unknown, 9, True), shipped, "x")
+    shipped = confidence.models()
+    found = machine_calibration.adapted(claims_of("unknown", shipped.unknown, 9, True), shipped, "x")
     assert found == dataclasses.replace(shipped, source="x")
 
 
@@ -173,13 +179,13 @@ def test_heads_that_no_claims_bear_on_stay() -> None:
 
 
 def test_the_answer_is_drawn_from_the_heads_that_are_given(given: Records) -> None:
-    even = Head(bias=0.0, signs={}, claims=98, right=49)
-    heads = dataclasses.replace(confidence.heads(), unknown=even, value=even, source="rehearsal, of a test")
-    found = diagnose(*given, heads=heads)
+    even = ProbabilityModel(bias=0.0, features={}, claims=98, right=49)
+    models = dataclasses.replace(confidence.models(), unknown=even, value=even, source="rehearsal, of a test")
+    found = diagnose(*given, models=models)
     assert found.answer["unknown_probability"] == 0.5
     assert found.answer["probabilities_from"] == "rehearsal, of a test"
     assert "rehearsal, of a test" in summary(found)
-    assert confidence.heads().unknown.probability(found.signs["unknown"]["unknown"]) != 0.5
+    assert confidence.models().unknown.probability(found.features["unknown"]["unknown"]) != 0.5
 
 
 def test_the_command_line_passes_heads_on(given: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,7 +201,7 @@ def test_the_command_line_passes_heads_on(given: Records, tmp_path: Path, monkey
         return SimpleNamespace(answer={})
 
     monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", found)
-    monkeypatch.setattr(rehearsal, "rehearsed", lambda *arguments: ("heads", arguments[3]))
+    monkeypatch.setattr(machine_calibration, "rehearsed", lambda *arguments: ("heads", arguments[3]))
     arguments = ["diagnose", str(tmp_path / "axis.parquet"), "--model", "scenarios/EMPS-v0.toml", "--json", "-"]
     for more in ([], ["--rehearse", "80"]):
         assert CliRunner().invoke(app, [*arguments, *more]).exit_code == 0

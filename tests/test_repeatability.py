@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from axis_lab import drive, protocol, record
 
-from fdbench.diagnosis.evidence.prepare import aligned, steadied
+from fdbench.diagnosis.evidence.prepare import aligned, with_run_to_run_covariance
 from fdbench.diagnosis.evidence.run_to_run import Change, Repeatability
-from fdbench.diagnosis.model.hypothesis import calibrations, start
+from fdbench.diagnosis.model.hypothesis import nominal_parameters, start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
-from fdbench.diagnosis.records.noise_model import Floor, spectrum_of, white
+from fdbench.diagnosis.records.noise_model import NoiseModel, spectrum_of, white
 from fdbench.record import Record
 
 
@@ -25,23 +25,23 @@ def repeats(frictions: list[float]) -> tuple[Nominal, list[Record]]:
     return Nominal(plant=paper, simulation=Simulation(substeps=10)), found
 
 
-def steady(frictions: list[float]) -> tuple[Repeatability, dict[str, Floor]]:
+def steady(frictions: list[float]) -> tuple[Repeatability, dict[str, NoiseModel]]:
     nominal, records = repeats(frictions)
     ready = aligned(nominal, records, [])
-    return Repeatability(ready.replay, start(ready.nominal), ready.runs), dict(ready.split.floors)
+    return Repeatability(ready.replay, start(ready.nominal), ready.runs), dict(ready.split.noise_models)
 
 
 def test_friction_that_changes_is_no_noise() -> None:
     """Of 120 N, in standard deviations of 4 %: differences of 2, -3 and 2.5; half their mean square is 3.2."""
     still, _ = steady([1.0, 1.0, 1.0, 1.0])
     rubbing, together = steady([1.0, 1.08, 0.96, 1.06])
-    for name, floor in rubbing.floors.items():
-        assert floor.rms == pytest.approx(still.floors[name].rms, rel=0.1)
+    for name, floor in rubbing.noise_models.items():
+        assert floor.rms == pytest.approx(still.noise_models[name].rms, rel=0.1)
         assert floor.total == pytest.approx(together[name].rms, rel=1e-3)
-    assert together["motor_force_N"].rms > 5.0 * rubbing.floors["motor_force_N"].rms
+    assert together["motor_force_N"].rms > 5.0 * rubbing.noise_models["motor_force_N"].rms
     nominal = Nominal(plant=drive(), simulation=Simulation(substeps=10))
-    place = [item.name for item in calibrations(nominal)].index("known_coulomb_friction")
-    deviation = calibrations(nominal)[place].deviation
+    place = [item.name for item in nominal_parameters(nominal)].index("known_coulomb_friction")
+    deviation = nominal_parameters(nominal)[place].deviation
     expected = 0.5 * np.mean(np.square([0.08, -0.12, 0.10])) / deviation**2
     assert rubbing.covariance[place, place] == pytest.approx(expected, rel=0.1)
     assert np.trace(still.covariance) < 0.01 * np.trace(rubbing.covariance)
@@ -51,12 +51,12 @@ def test_the_mean_of_repeats_is_judged_beside_what_changes() -> None:
     """What another friction leaves of a run counts once, and not in each of its samples."""
     nominal, records = repeats([1.06, 0.95, 1.03])
     ready = aligned(nominal, records[:2], records[2:])
-    split = steadied(ready.replay, ready, start(ready.nominal))
+    split = with_run_to_run_covariance(ready.replay, ready, start(ready.nominal))
     for place, run in enumerate(split.runs):
         simulated = {name: v[0] for name, v in ready.replay.simulate(run, [start(ready.nominal).variant()]).items()}
         beside = split.gap(place, simulated)
         bare = {
-            name: (values - simulated[name]) * np.sqrt(run.repeats) / split.floors[name].rms
+            name: (values - simulated[name]) * np.sqrt(run.repeats) / split.noise_models[name].rms
             for name, values in run.channels.items()
         }
         assert np.mean(bare["position_m"] ** 2) > 20.0
@@ -68,7 +68,7 @@ def test_records_without_repeats_have_no_directions() -> None:
     ready = aligned(nominal, records, [])
     found = Repeatability(ready.replay, start(ready.nominal), ready.runs)
     assert not found.covariance.any()
-    assert found.change(ready.runs[0], found.floors) is None
+    assert found.change(ready.runs[0], found.noise_models) is None
 
 
 def test_whitening_is_the_inverse_root_of_the_covariance() -> None:
@@ -80,7 +80,7 @@ def test_whitening_is_the_inverse_root_of_the_covariance() -> None:
     change = Change(directions=directions.reshape(2, 2, 7), shrinkage=1.0 - 1.0 / np.sqrt(1.0 + s**2))
     signals = np.eye(14).reshape(14, 2, 7)
     channels = [np.ascontiguousarray(signals[:, place]) for place in range(2)]
-    change.take_out(channels)
+    change.whiten(channels)
     w = np.stack(channels, axis=1).reshape(14, 14)
     np.testing.assert_allclose(w @ (np.eye(14) + flat.T @ flat) @ w.T, np.eye(14), atol=1e-12)
 
@@ -90,7 +90,7 @@ def test_the_floor_of_a_band() -> None:
     rng = np.random.default_rng(1)
     noise = rng.standard_normal(200_000)
     coloured = noise[1:] + noise[:-1]
-    floor = Floor(spectrum=spectrum_of([coloured]), measured=True)
+    floor = NoiseModel(spectrum=spectrum_of([coloured]), measured=True)
     assert floor.rms == pytest.approx(np.sqrt(2.0), rel=0.01)
     assert floor.shares((0.0, 0.5, 1.0))[0] == pytest.approx(0.5 + 1.0 / np.pi, abs=0.01)
     assert white(3.0, measured=False).rms == pytest.approx(3.0)

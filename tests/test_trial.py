@@ -29,11 +29,11 @@ from fdbench.trials.diagnoser import Answer, diagnosers
 from fdbench.trials.make import MANIFEST, listed_effects, make, read_manifest
 from fdbench.trials.score import Table, score, sheet
 from fdbench.virtual_axes import cases as tiers
-from fdbench.virtual_axes import independent_simulator as plants_apart
+from fdbench.virtual_axes import independent_simulator as independent_simulator
 from fdbench.virtual_axes import protocol
 from fdbench.virtual_axes.bench import ERRORS
 from fdbench.virtual_axes.cases import Tier
-from fdbench.virtual_axes.independent_axis import ApartBench, plants
+from fdbench.virtual_axes.independent_axis import IndependentBench, injectables
 from fdbench.virtual_axes.library_axis import LibraryBench
 from fdbench.virtual_axes.oracle import held_out_gaps, oracle_closure
 
@@ -48,9 +48,9 @@ def nominal() -> Nominal:
     return read(Nominal, load_toml(tiers.AXIS), "axis.toml")
 
 
-def bench_apart() -> ApartBench:
+def bench_apart() -> IndependentBench:
     """Return a machine of the second implementation that is as on paper, without latency."""
-    bench = ApartBench(nominal(), NO_ERRORS, PERIOD_S, np.random.default_rng(0))
+    bench = IndependentBench(nominal(), NO_ERRORS, PERIOD_S, np.random.default_rng(0))
     bench.sensors = bench.sensors._replace(latency=0.0)
     bench.sliding = 1.0
     return bench
@@ -63,7 +63,7 @@ STROKES = moves((0.0, 0.02, 0.0, 0.004), (0.1, 0.02), 4.0, PERIOD_S, 0.2)
 
 
 def test_second_implementation_imports_nothing_of_the_package() -> None:
-    tree = ast.parse(Path(plants_apart.__file__).read_text("utf-8"))
+    tree = ast.parse(Path(independent_simulator.__file__).read_text("utf-8"))
     imported = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     imported |= {node.module or "." for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     assert {name.split(".")[0] for name in imported} == {"numpy", "numba", "typing"}
@@ -89,9 +89,9 @@ def test_every_planted_form_changes_what_is_read_and_stays_finite() -> None:
 
 
 def test_listed_forms_are_effects_of_the_library_and_unlisted_ones_are_not() -> None:
-    names = {item.name for item in plants().listed}
+    names = {item.name for item in injectables().listed}
     assert names <= set(listed_effects())
-    assert not {item.name for item in plants().unlisted} & set(effects.names())
+    assert not {item.name for item in injectables().unlisted} & set(effects.names())
 
 
 @pytest.mark.parametrize(
@@ -143,7 +143,7 @@ def test_late_force_is_late_by_what_is_asked() -> None:
 
 
 def test_noise_has_the_colour_and_size_that_are_asked() -> None:
-    noise = plants_apart.coloured(np.random.default_rng(0), 200_000, 0.4)
+    noise = independent_simulator.coloured(np.random.default_rng(0), 200_000, 0.4)
     assert np.std(noise) == pytest.approx(1.0, abs=0.02)
     assert np.mean(noise[1:] * noise[:-1]) == pytest.approx(0.4, abs=0.02)
 

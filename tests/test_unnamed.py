@@ -5,7 +5,7 @@ import pytest
 
 from fdbench.diagnosis.evidence.evidence import Split
 from fdbench.diagnosis.experiment.trajectory import moves
-from fdbench.diagnosis.judge.residual_dependence import types
+from fdbench.diagnosis.judge.residual_dependence import dependences
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import Run
@@ -33,9 +33,9 @@ def split_of(rest: np.ndarray, rng: np.random.Generator) -> tuple[Split, list[di
         channels = {"motor_force_N": force + rest + rng.standard_normal(len(rest)), "position_m": STROKES[:, 0]}
         runs.append(Run(name="strokes", period_s=PERIOD_S, reference=STROKES, channels=channels, lap=None))
     held_out = [np.full(len(rest), out) for out in (False, True)]
-    floors = {"motor_force_N": white(1.0, measured=True), "position_m": white(1e-7, measured=True)}
+    noise_models = {"motor_force_N": white(1.0, measured=True), "position_m": white(1e-7, measured=True)}
     model = {"motor_force_N": force, "position_m": STROKES[:, 0] + 1e-7}
-    return Split(runs=runs, held_out=held_out, floors=floors), [model, model]
+    return Split(runs=runs, held_out=held_out, noise_models=noise_models), [model, model]
 
 
 @pytest.mark.parametrize("kind", RESTS)
@@ -43,7 +43,7 @@ def test_the_rest_is_a_function_of_what_made_it(kind: str) -> None:
     drive = read(Nominal, load_toml(tiers.AXIS), "axis.toml").drive
     x, v, a = STROKES.T
     split, simulated = split_of(RESTS[kind](x, v, a, np.arange(len(x)) * PERIOD_S), np.random.default_rng(0))
-    best, *others = types(split, simulated, drive)
+    best, *others = dependences(split, simulated, drive)
     assert best["function_of"] == kind
     assert float(best["share"]) > 0.7
     assert [item["share"] for item in others] == sorted((item["share"] for item in others), reverse=True)
@@ -52,7 +52,7 @@ def test_the_rest_is_a_function_of_what_made_it(kind: str) -> None:
 def test_where_the_rest_is_largest_is_said_in_the_units_of_the_motion() -> None:
     drive = read(Nominal, load_toml(tiers.AXIS), "axis.toml").drive
     bump = np.where((STROKES[:, 0] > 0.06) & (STROKES[:, 0] < 0.08), -8.0, 0.0)
-    best = types(*split_of(bump, np.random.default_rng(0)), drive)[0]
+    best = dependences(*split_of(bump, np.random.default_rng(0)), drive)[0]
     most = best["most"]
     assert isinstance(most, dict)
     assert most["unit"] == "m"
@@ -64,4 +64,4 @@ def test_where_the_rest_is_largest_is_said_in_the_units_of_the_motion() -> None:
 def test_noise_is_a_function_of_nothing() -> None:
     drive = read(Nominal, load_toml(tiers.AXIS), "axis.toml").drive
     split, simulated = split_of(np.zeros(len(STROKES)), np.random.default_rng(1))
-    assert types(split, simulated, drive) == []
+    assert dependences(split, simulated, drive) == []

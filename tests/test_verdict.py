@@ -3,7 +3,7 @@
 import pytest
 from axis_lab import drive
 
-from fdbench.diagnosis.judge.verdict import divided, second_witness
+from fdbench.diagnosis.judge.verdict import divided, force_balances
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.search.search import Rival, Stage
@@ -44,8 +44,8 @@ def test_beyond_all_doubt_look_alikes_are_divided_too() -> None:
 
 def test_the_second_witness_leaves_look_alikes_aside() -> None:
     told = {DELAY: 0.5, LAG: 0.6, CABLE: 0.2}
-    assert second_witness(told, DELAY, [LAG.name]) == {
+    assert force_balances(told, DELAY, [LAG.name]) == {
         "reduction": 0.5,
         "instead": {"effect": "cable_stiffness", "reduction": 0.2},
     }
-    assert second_witness({DELAY: 0.5}, DELAY, []) == {"reduction": 0.5, "instead": None}
+    assert force_balances({DELAY: 0.5}, DELAY, []) == {"reduction": 0.5, "instead": None}

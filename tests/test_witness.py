@@ -8,7 +8,7 @@ from axis_lab import case, drive
 
 from fdbench.diagnosis.evidence.evidence import silenced
 from fdbench.diagnosis.evidence.prepare import aligned
-from fdbench.diagnosis.judge.force_balance_check import forces_removed, smoothed
+from fdbench.diagnosis.judge.force_balance_check import force_balances_removed, smoothed
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.search.search import Search
 from fdbench.effects import effects
@@ -29,7 +29,7 @@ def test_forces_speak_for_what_acts_whatever_the_controller(gain: float) -> None
     base = search.refine(start(ready.nominal))
     other = effects.get("stribeck_friction").typical()
     stage = search.compared(base, [(type(item), base.with_effect(item), False) for item in (true, other)])
-    told = forces_removed(ready.replay, ready.split, stage)
+    told = force_balances_removed(ready.replay, ready.split, stage)
     assert told[type(true)] > 0.5
     assert told[type(other)] < 0.2
     assert told.keys() == {type(true), type(other)}

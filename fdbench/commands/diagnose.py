@@ -28,7 +28,7 @@ def diagnose(
         Path | None,
         typer.Option(callback=file_to_write, help="CSV file for the motion that would tell the causes in doubt apart."),
     ] = None,
-    rehearse: Annotated[
+    calibrate: Annotated[
         int,
         typer.Option(
             min=0,
@@ -38,6 +38,7 @@ def diagnose(
             "3 s a case, kept for the next time. 80 are a good number.",
         ),
     ] = 0,
+    rehearse: Annotated[int, typer.Option(min=0, max=999, hidden=True, help="Former name of --calibrate.")] = 0,
 ) -> None:
     """Say where the gap between a model and records lies, which effect causes it, and how far it shrinks."""
     from rich.console import Console
@@ -56,16 +57,20 @@ def diagnose(
     if next_experiment is not None and next_experiment.suffix.lower() != ".csv":
         raise SpecError(f"--next-experiment {next_experiment}: the motion is written as .csv.")
     add_effects(effect)
+    if rehearse:
+        typer.echo(
+            "fdbench: --rehearse is called --calibrate now; the former name goes with the next version.", err=True
+        )
     note = Console(stderr=True)
     with note.status("reading") as status:
         nominal = load_nominal(model)
         fitted, judged = ([read(path) for path in paths] for paths in (records, holdout or ()))
-        heads = None
+        models = None
         if rehearse:
-            from fdbench.trials.machine_calibration import rehearsed
+            from fdbench.trials.machine_calibration import calibrated_models
 
-            heads = rehearsed(nominal, fitted, judged, rehearse, status.update)
-        found = find(nominal, fitted, judged, status.update, heads)
+            models = calibrated_models(nominal, fitted, judged, rehearse, status.update)
+        found = find(nominal, fitted, judged, status.update, models)
     if next_experiment is not None:
         from fdbench.diagnosis.diagnose import write_experiment
 

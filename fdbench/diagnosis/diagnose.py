@@ -6,16 +6,16 @@ from pathlib import Path
 
 from fdbench.diagnosis.answer import Answer, Recorded
 from fdbench.diagnosis.evidence.evidence import Split, gather
-from fdbench.diagnosis.evidence.prepare import SMALLEST_ARTEFACT, aligned, steadied
+from fdbench.diagnosis.evidence.prepare import SMALLEST_ARTEFACT, aligned, with_run_to_run_covariance
 from fdbench.diagnosis.evidence.sensor_artefacts import mean_energy
-from fdbench.diagnosis.experiment.expected_information import Forecast, Reader
+from fdbench.diagnosis.experiment.expected_information import Forecast, VerdictReader
 from fdbench.diagnosis.experiment.proposal import design
 from fdbench.diagnosis.judge import probability_models
 from fdbench.diagnosis.judge.gap import gap_of, noise_floor
 from fdbench.diagnosis.judge.localise import Gaps, where
-from fdbench.diagnosis.judge.probability_models import Heads, Signs
-from fdbench.diagnosis.judge.reduction import channel_gaps, closure, parametric, shrinkage
-from fdbench.diagnosis.judge.residual_dependence import types
+from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
+from fdbench.diagnosis.judge.reduction import channel_gaps, parametric, reductions_of, shrinkage
+from fdbench.diagnosis.judge.residual_dependence import dependences
 from fdbench.diagnosis.judge.verdict import Findings, verdict
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.nominal import Nominal
@@ -39,7 +39,7 @@ class Diagnosis:
         Channels of each run as the re-calibrated model without effects and the final model have them.
     forecast : Forecast or None
         Of the next experiment.
-    signs : mapping
+    features : mapping
         What the probabilities were drawn from; see `fdbench.diagnosis.judge.verdict.Verdict`.
     """
 
@@ -51,7 +51,7 @@ class Diagnosis:
     simulated: list[dict[str, FloatArray]]
     repaired: list[dict[str, FloatArray]]
     forecast: Forecast | None
-    signs: Mapping[str, Mapping[str, Signs]]
+    features: Mapping[str, Mapping[str, Features]]
 
 
 def diagnose(
@@ -59,7 +59,7 @@ def diagnose(
     records: Sequence[Record],
     holdouts: Sequence[Record] = (),
     progress: Callable[[str], None] | None = None,
-    heads: Heads | None = None,
+    models: ProbabilityModels | None = None,
 ) -> Diagnosis:
     """Diagnose the gap between a nominal model and records of the real axis.
 
@@ -69,7 +69,7 @@ def diagnose(
     records, holdouts : sequences of Record
         Fitted on, and judged on.
     progress : callable, optional
-    heads : Heads, optional
+    models : ProbabilityModels, optional
         What probabilities are drawn from; without, those that the package was shipped with.
 
     Raises
@@ -79,22 +79,22 @@ def diagnose(
     """
     ready = aligned(nominal, records, holdouts)
     nominal, split, paper = ready.nominal, ready.split, start(ready.nominal)
-    drive, replay = nominal.drive, ready.replay.coarsened(split.runs, split.floors)
+    drive, replay = nominal.drive, ready.replay.coarsened(split.runs, split.noise_models)
     search = Search(replay, split, progress)
     raw = float(channel_gaps(replay, split, paper).mean())
     search.progress("re-calibrating the values on paper")
     calibrated = search.refine(paper)
-    split = search.split = steadied(replay, ready, calibrated)
-    replay = search.replay = ready.replay.coarsened(split.runs, split.floors)
+    split = search.split = with_run_to_run_covariance(replay, ready, calibrated)
+    replay = search.replay = ready.replay.coarsened(split.runs, split.noise_models)
     base = search.refine(calibrated)
     split = search.split = split.beside(gather(replay, split, base, ()))
     final, stages = search.run(base)
     final, contests = search.review(final, stages)
-    shut = closure(replay, split.plain, calibrated, final)
-    models = [item.variant() for item in (paper, calibrated, final)]
-    every = [replay.simulate(run, models) for run in split.runs]
-    simulated = [[{name: values[i] for name, values in own.items()} for own in every] for i in range(len(models))]
-    seen = [mark for mark in ready.marks if mean_energy(mark, split.plain.floors) > SMALLEST_ARTEFACT]
+    reductions = reductions_of(replay, split.plain, calibrated, final)
+    hypotheses = [item.variant() for item in (paper, calibrated, final)]
+    every = [replay.simulate(run, hypotheses) for run in split.runs]
+    simulated = [[{name: values[i] for name, values in own.items()} for own in every] for i in range(3)]
+    seen = [mark for mark in ready.marks if mean_energy(mark, split.plain.noise_models) > SMALLEST_ARTEFACT]
     findings = Findings(
         search=search,
         paper=paper,
@@ -102,12 +102,12 @@ def diagnose(
         final=final,
         stages=stages,
         contests=contests,
-        shut=shut,
+        reductions=reductions,
         marks=seen,
     )
-    heads = heads or probability_models.heads()
-    judged = verdict(findings, heads)
-    reader = Reader(heads=heads, unknown=judged.unknown_probability)
+    models = models or probability_models.models()
+    judged = verdict(findings, models)
+    reader = VerdictReader(models=models, unknown=judged.unknown_probability)
     forecast = design(replay, split, [*contests, *stages[-1:]], nominal, reader)
     answer = Answer(
         gap=gap_of(split, simulated),
@@ -116,15 +116,16 @@ def diagnose(
         suspects=judged.suspects,
         unknown_probability=judged.unknown_probability,
         no_gap_probability=judged.no_gap_probability,
-        probabilities_from=heads.source,
+        probabilities_from=models.source,
         nearest=judged.nearest,
-        rest_depends_on=types(split.plain, simulated[2], drive),
-        shrinkage=shrinkage(shut, final, seen, split.plain, ready.judged_on, raw),
+        rest_depends_on=dependences(split.plain, simulated[2], drive),
+        shrinkage=shrinkage(reductions, final, seen, split.plain, ready.judged_on, raw),
         next_experiment=None if forecast is None else forecast.experiment(),
         warnings=tuple(ready.warnings),
-        parametric=parametric(raw, shut, calibrated, final),
+        parametric=parametric(raw, reductions, calibrated, final),
         noise_floor={
-            name: noise_floor(floor, unit_of(name), split.runs[0].period_s) for name, floor in split.floors.items()
+            name: noise_floor(floor, unit_of(name), split.runs[0].period_s)
+            for name, floor in split.noise_models.items()
         },
         recorded=Recorded(
             records=sum(run.repeats for run in split.runs),
@@ -141,7 +142,7 @@ def diagnose(
         simulated=simulated[1],
         repaired=simulated[2],
         forecast=forecast,
-        signs=judged.signs,
+        features=judged.features,
     )
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fdbench.diagnosis.diagnose import Diagnosis
-from fdbench.diagnosis.model.hypothesis import Hypothesis, calibrations
+from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.effects import Effect
 from fdbench.errors import FdbenchError
@@ -79,7 +79,7 @@ def _history(found: Diagnosis) -> Iterator[str]:
     )
     for effect in found.final.effects:
         yield f"Added: {effect.name}, probability {probability_text(causes[effect.name].probability)}."
-    for item, shift in zip(calibrations(found.final.nominal), found.final.shifts, strict=True):
+    for item, shift in zip(nominal_parameters(found.final.nominal), found.final.shifts, strict=True):
         yield f"Re-calibrated: {item.name} by {shift:+.2f} of its standard deviations."
 
 

@@ -97,7 +97,7 @@ class Curves:
         )
         gaps = measured - before, measured - after
         factor, unit = scaled(quantity(channel)[1], peak(gaps))
-        level = 2.0 * factor * self.found.split.floors[channel].rms / math.sqrt(run.repeats)
+        level = 2.0 * factor * self.found.split.noise_models[channel].rms / math.sqrt(run.repeats)
         ends = time_s[[0, -1]]
         floor = Style(colour=SOFT, dash="dash")
         yield Panel(
@@ -150,7 +150,7 @@ class Curves:
         length = min(SEGMENT, *(run.n_samples for run in self.runs))
         before, after = (_decibels(_density(gaps, period_s, length)) for gaps in self.of(channel))
         traces = [line(BEFORE_NAME, *before, BEFORE), line(AFTER_NAME, *after, AFTER)]
-        floor = self.found.split.floors[channel]
+        floor = self.found.split.noise_models[channel]
         share = sum(run.n_samples / run.repeats for run in self.runs) / sum(run.n_samples for run in self.runs)
         parts = (("noise floor", floor.spectrum, "dash"), ("run to run", floor.from_run_to_run, "dot"))
         for name, spectrum, dash in parts:

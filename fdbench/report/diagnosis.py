@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from fdbench.diagnosis.diagnose import Diagnosis
-from fdbench.diagnosis.model.hypothesis import calibrations
+from fdbench.diagnosis.model.hypothesis import nominal_parameters
 from fdbench.diagnosis.repaired import model_text
 from fdbench.diagnosis.search.search import SMALLEST_GAIN, Stage
 from fdbench.report._curves import Curves
@@ -84,7 +84,7 @@ def _basis(found: Diagnosis) -> Iterator[Block]:
     ]
     yield table(["record", "mean of", "samples", "sampling time", "repeats itself after", "held out"], rows, "lrrrrr")
     yield noise_floors(found.answer)
-    names = [item.name for item in calibrations(found.final.nominal)]
+    names = [item.name for item in nominal_parameters(found.final.nominal)]
     moved = zip(names, found.calibrated.shifts, found.final.shifts, strict=True)
     yield paragraph("What re-calibration moved, in standard deviations of the values on paper:")
     yield table(

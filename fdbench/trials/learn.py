@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fdbench.diagnosis.diagnose import diagnose
-from fdbench.diagnosis.judge.probability_models import Head, Sign, Signs
+from fdbench.diagnosis.judge.probability_models import Feature, Features, ProbabilityModel
 from fdbench.diagnosis.judge.verdict import OR
 from fdbench.errors import SpecError
 from fdbench.record import FloatArray
@@ -32,50 +32,50 @@ class Claim:
     """One claim of a diagnosis: its kind, its signs, whether it is right, and how many cases like it count as one."""
 
     kind: str
-    signs: Signs
+    features: Features
     right: bool
     weight: float = 1.0
 
 
-def claims(signs: Mapping[str, Mapping[str, Signs]], truth: Mapping[str, Any]) -> Iterator[Claim]:
+def claims(features: Mapping[str, Mapping[str, Features]], truth: Mapping[str, Any]) -> Iterator[Claim]:
     """Yield what a diagnosis claims of a case, judged by its truth."""
     listed = {item["name"] for item in truth["listed"]}
     hidden = bool(truth["unlisted"])
     weight = HIDDEN_WEIGHT if hidden else 1.0
     for kind in ("effect", "suspect", "value"):
-        for name, own in signs[kind].items():
-            yield Claim(kind=kind, signs=own, right=not listed.isdisjoint(name.split(OR)), weight=weight)
-    yield Claim(kind="unknown", signs=signs["unknown"]["unknown"], right=hidden)
-    yield Claim(kind="none", signs=signs["none"]["none"], right=not listed and not hidden, weight=weight)
+        for name, own in features[kind].items():
+            yield Claim(kind=kind, features=own, right=not listed.isdisjoint(name.split(OR)), weight=weight)
+    yield Claim(kind="unknown", features=features["unknown"]["unknown"], right=hidden)
+    yield Claim(kind="none", features=features["none"]["none"], right=not listed and not hidden, weight=weight)
 
 
-def fitted(found: Sequence[Claim], prior: Head | None = None) -> Head:
+def fitted(found: Sequence[Claim], prior: ProbabilityModel | None = None) -> ProbabilityModel:
     """Return the logistic model of claims of one kind: penalised maximum likelihood by Newton's method.
 
     The bias is not penalised, unless the head is one that is learned further: then ``prior`` gives the signs, and the
     mean of bias and weights. See Bishop (2006), Pattern Recognition and Machine Learning, section 4.3.3.
     """
-    names = list(found[0].signs if prior is None else prior.signs)
-    values = np.array([[claim.signs[name] for name in names] for claim in found])
+    names = list(found[0].features if prior is None else prior.features)
+    values = np.array([[claim.features[name] for name in names] for claim in found])
     right = np.array([float(claim.right) for claim in found])
     share = np.array([claim.weight for claim in found])
     before: FloatArray | None = None
     if prior is None:
         centre, scatter = values.mean(axis=0), np.maximum(values.std(axis=0), 1e-6)
     else:
-        own = [prior.signs[name] for name in names]
+        own = [prior.features[name] for name in names]
         centre, scatter = (np.array([getattr(sign, part) for sign in own]) for part in ("centre", "scatter"))
         before = np.array([prior.bias, *(sign.weight for sign in own)])
     design = np.column_stack((np.ones(len(found)), (values - centre) / scatter))
     weights = newton(design, right, share, before)
-    signs = {
-        name: Sign(centre=float(c), scatter=float(d), weight=float(w))
+    features = {
+        name: Feature(centre=float(c), scatter=float(d), weight=float(w))
         for name, c, d, w in zip(names, centre, scatter, weights[1:], strict=True)
     }
     claims_before, right_before = (0, 0) if prior is None else (prior.claims, prior.right)
-    return Head(
+    return ProbabilityModel(
         bias=float(weights[0]),
-        signs=signs,
+        features=features,
         claims=claims_before + len(found),
         right=right_before + int(right.sum()),
     )
@@ -108,17 +108,17 @@ def newton(design: FloatArray, right: FloatArray, share: FloatArray, before: Flo
     return weights
 
 
-def write_heads(found: Sequence[Claim], output: Path, source: str) -> None:
+def write_models(found: Sequence[Claim], output: Path, source: str) -> None:
     """Fit each kind of claim and write the file that `fdbench.diagnosis.judge.probability_models` reads."""
     lines = [f'source = "{source}"']
     for kind in KINDS:
         own = [claim for claim in found if claim.kind == kind]
         head = fitted(balanced(own, UNLISTED) if kind == "unknown" else own)
         lines += ["", f"[{kind}]", f"bias = {head.bias:.4f}", f"claims = {head.claims}", f"right = {head.right}", ""]
-        lines += [f"[{kind}.signs]"]
+        lines += [f"[{kind}.features]"]
         lines += [
             f"{name} = {{ centre = {sign.centre:.4f}, scatter = {sign.scatter:.4f}, weight = {sign.weight:.4f} }}"
-            for name, sign in head.signs.items()
+            for name, sign in head.features.items()
         ]
     output.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
@@ -145,14 +145,14 @@ def learn(folder: Path, key: Path, output: Path, progress: Callable[[str], None]
         if progress is not None:
             progress(f"case {number} of {len(manifest['cases'])}")
         nominal, records, holdouts = read_case(folder / name, sorted(case["files"]))
-        done[name] = diagnose(nominal, records, holdouts).signs
+        done[name] = diagnose(nominal, records, holdouts).features
         kept.write_text(json.dumps(done), encoding="utf-8")
-    found = [claim for name, signs in done.items() for claim in claims(signs, opened["cases"][name]["truth"])]
+    found = [claim for name, features in done.items() for claim in claims(features, opened["cases"][name]["truth"])]
     for kind in KINDS:
         rights = {claim.right for claim in found if claim.kind == kind}
         if len(rights) < 2:
             raise SpecError(f"{folder}: claims of kind '{kind}' that are right and wrong are needed; make more cases.")
     source = f"tier {manifest['tier']}, {len(done)} cases, nonce {opened['nonce']}"
-    write_heads(found, output, source)
+    write_models(found, output, source)
     kept.unlink()
     return found

@@ -19,10 +19,10 @@ from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.evidence.prepare import Aligned, aligned
 from fdbench.diagnosis.evidence.run_to_run import Repeatability
 from fdbench.diagnosis.judge import probability_models as confidence
-from fdbench.diagnosis.judge.probability_models import Heads
+from fdbench.diagnosis.judge.probability_models import ProbabilityModels
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
-from fdbench.diagnosis.records.runs import COMMAND, SIDES, STRETCH, Run, merged
+from fdbench.diagnosis.records.runs import COMMAND, DEFLECTION, SIDES, Run, merged
 from fdbench.diagnosis.repaired import table_of, toml_lines
 from fdbench.errors import FdbenchError, SpecError
 from fdbench.record import FloatArray, Record
@@ -46,7 +46,7 @@ RUBBING = tiers.FRICTION_CHANGE[1]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Scene:
+class RecordingSetup:
     """One machine on paper, and what is recorded on it.
 
     Attributes
@@ -67,20 +67,20 @@ class Scene:
     names: tuple[str, ...]
 
     @cached_property
-    def floors(self) -> Mapping[str, float]:
+    def noise_models(self) -> Mapping[str, float]:
         """What repeats were measured to differ by, in steps."""
-        measured = self.ready.split.floors.items()
+        measured = self.ready.split.noise_models.items()
         return {name: 2.0 ** (round(STEPS * math.log2(floor.total)) / STEPS) for name, floor in measured}
 
     @cached_property
     def parts(self) -> FloatArray:
         """Mean squares within a run and from run to run, (2, n_channels), in units of what repeats differ by."""
-        measured = np.maximum(self.squares(self.ready) / np.array(list(self.floors.values())) ** 2, LEAST)
+        measured = np.maximum(self.squares(self.ready) / np.array(list(self.noise_models.values())) ** 2, LEAST)
         return np.asarray(4.0 ** (np.round(0.5 * STEPS * np.log2(measured)) / STEPS))
 
     def squares(self, ready: Aligned) -> FloatArray:
         """Return the mean squares of noise within a run and of changes from run to run, (2, n_channels)."""
-        noise = Repeatability(ready.replay, start(ready.nominal), ready.runs).floors.values()
+        noise = Repeatability(ready.replay, start(ready.nominal), ready.runs).noise_models.values()
         within = np.array([floor.rms**2 for floor in noise])
         return np.stack((within, np.array([floor.total**2 for floor in noise]) - within))
 
@@ -92,14 +92,14 @@ class Scene:
         held = [run.held.tobytes() if self.holds and run.held is not None else b"" for run in self.ready.runs]
         moved = [self.command(run).tobytes() for run in self.ready.runs]
         motions = [hashlib.sha256(part).hexdigest() for part in (*moved, *held)]
-        recorded = [self.names, self.n_fitted, self.ready.runs[0].period_s, self.floors, self.parts.tolist()]
+        recorded = [self.names, self.n_fitted, self.ready.runs[0].period_s, self.noise_models, self.parts.tolist()]
         content = [seal.code_digest(), kinds, list(model), motions, recorded]
         return hashlib.sha256(seal.canonical(content)).hexdigest()
 
     @property
     def holds(self) -> bool:
         """Whether the logger held samples."""
-        return any(mark.bridged for mark in self.ready.marks)
+        return any(mark.interpolated for mark in self.ready.marks)
 
     @staticmethod
     def command(run: Run) -> FloatArray:
@@ -148,15 +148,15 @@ class Scene:
         bench = self.bench(errors, noises)
         names = bench.names(listed=True)
         other = SIDES[not self.ready.nominal.drive.controller.uses_table]
-        sides = ("position_m", other) if STRETCH in self.floors else ("position_m",)
+        sides = ("position_m", other) if DEFLECTION in self.noise_models else ("position_m",)
         motions = [self.command(run) for run in merged(self.ready.runs[: self.n_fitted])]
-        planted, sizes = tiers.plant(bench, tiers.Tier.L, names, motions, sides, rng)
-        excluded = tiers.hidden(bench, planted, rng)
-        records, holdouts = self.recorded(bench.axis(planted), rng)
+        injected, sizes = tiers.plant(bench, tiers.Tier.L, names, motions, sides, rng)
+        excluded = tiers.hidden(bench, injected, rng)
+        records, holdouts = self.recorded(bench.axis(injected), rng)
         hidden = self.nominal.beside_twins(excluded)
         nominal = dataclasses.replace(self.nominal, exclude=(*self.nominal.exclude, *hidden))
-        truth = tiers.described(planted, sizes, [name for name in names if name not in excluded])
-        return {"signs": diagnose(nominal, records, holdouts).signs, "truth": truth}
+        truth = tiers.described(injected, sizes, [name for name in names if name not in excluded])
+        return {"features": diagnose(nominal, records, holdouts).features, "truth": truth}
 
     def noises(self) -> Noises:
         """Return the noises with which the machine on paper has the measured floors, within a run and from run to run.
@@ -177,12 +177,12 @@ class Scene:
             before = dataclasses.replace(found, friction_change=RUBBING)
             found = Noises(**{name: getattr(before, name) * by for name, by in zip(NAMES, scale, strict=True)})
         together = np.sqrt(self._made_by(found).sum(axis=0)).tolist()
-        for name, ratio in zip(self.floors, together, strict=True):
+        for name, ratio in zip(self.noise_models, together, strict=True):
             if not 1.0 / OFF < ratio < OFF:
                 raise SpecError(
                     f"rehearsal: no noise of sensors, process and friction gives the model the measured floor of "
-                    f"{name}, {self.floors[name]:.3g}; the nearest gives {ratio * self.floors[name]:.3g}. Check that "
-                    "repeats are of one command and one state of the machine, or diagnose without --rehearse."
+                    f"{name}, {self.noise_models[name]:.3g}; the nearest gives {ratio * self.noise_models[name]:.3g}. "
+                    "Check that repeats are of one command and one machine state, or diagnose without --calibrate."
                 )
         return found
 
@@ -190,30 +190,30 @@ class Scene:
         """Return the mean squares of the floors of a machine as on paper, (2, n_channels), like `parts`."""
         axis = self.bench(dict.fromkeys(ERRORS, 0.0), noises).axis({})
         made = aligned(self.nominal, *self.recorded(axis, seal.generator(self.digest, "noise")))
-        return np.asarray(self.squares(made) / np.array(list(self.floors.values())) ** 2)
+        return np.asarray(self.squares(made) / np.array(list(self.noise_models.values())) ** 2)
 
     def _made_by_friction(self) -> FloatArray:
         """Return the mean squares of what runs differ by where friction differs by 5 %, (2, n_channels), like `parts`.
 
         A floor that was not measured from repeats knows nothing of it.
         """
-        if not any(floor.measured for floor in self.ready.split.floors.values()):
+        if not any(floor.measured for floor in self.ready.split.noise_models.values()):
             return np.zeros_like(self.parts)
         axis = self.bench(dict.fromkeys(ERRORS, 0.0), SILENT).axis({})
         rubbed = dataclasses.replace(axis, drive=rubbing(axis.drive, 1.0 + RUBBING))
-        moved: dict[str, list[FloatArray]] = {name: [] for name in self.floors}
+        moved: dict[str, list[FloatArray]] = {name: [] for name in self.noise_models}
         for run in self.ready.runs:
             one, two = (item.readings(self.command(run), None) for item in (axis, rubbed))
             change = {name: two[name] - one[name] for name in one}
-            if STRETCH in moved:
-                change[STRETCH] = change[SIDES[0]] - change[SIDES[1]]
+            if DEFLECTION in moved:
+                change[DEFLECTION] = change[SIDES[0]] - change[SIDES[1]]
             for name, parts in moved.items():
                 parts.append(change[name])
-        between = [float(np.mean(np.concatenate(moved[name]) ** 2)) / of**2 for name, of in self.floors.items()]
+        between = [float(np.mean(np.concatenate(moved[name]) ** 2)) / of**2 for name, of in self.noise_models.items()]
         return np.stack((np.zeros(len(between)), between))
 
 
-def scene_of(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Scene:
+def recording_setup(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> RecordingSetup:
     """Return the machine and what is recorded on it.
 
     Raises
@@ -225,22 +225,22 @@ def scene_of(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Rec
     """
     ready = aligned(nominal, records, holdouts)
     drive = ready.nominal.drive
-    if drive.screw is None and STRETCH in ready.split.floors:
+    if drive.screw is None and DEFLECTION in ready.split.noise_models:
         raise SpecError(
             f"rehearsal: {records[0].source} has {' and '.join(SIDES)}, but the model has no [plant.screw] between "
             "them; add it, leave one column out, or diagnose without --rehearse."
         )
     names = tuple(name for name in ("position_m", *SIDES) if name in records[0])
-    return Scene(nominal=nominal, ready=ready, n_fitted=len(records), names=names)
+    return RecordingSetup(nominal=nominal, ready=ready, n_fitted=len(records), names=names)
 
 
-def rehearsed(
+def calibrated_models(
     nominal: Nominal,
     records: Sequence[Record],
     holdouts: Sequence[Record],
     count: int,
     progress: Callable[[str], None] | None = None,
-) -> Heads:
+) -> ProbabilityModels:
     """Return heads learned on simulated cases of the machine on paper, with the motions and the noise of its records.
 
     Cases are kept in the cache by the digest of all that they depend on; only those that it lacks are simulated.
@@ -258,7 +258,7 @@ def rehearsed(
     RecordError, SpecError
         If the records cannot be diagnosed or the model cannot be simulated like them.
     """
-    scene = scene_of(nominal, records, holdouts)
+    scene = recording_setup(nominal, records, holdouts)
     kept = cache_folder() / f"rehearsal-{scene.digest}.json"
     cases: list[Any] = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else []
     noises = scene.noises() if len(cases) < count else USUAL
@@ -267,11 +267,11 @@ def rehearsed(
             progress(f"rehearsing case {len(cases) + 1} of {count}")
         cases.append(_case(scene, noises, len(cases)))
         seal.write_json(kept, cases)
-    found = [claim for case in cases[:count] for claim in claims(case["signs"], case["truth"])]
-    return adapted(found, confidence.heads(), f"rehearsal, {count} cases on this machine and these motions")
+    found = [claim for case in cases[:count] for claim in claims(case["features"], case["truth"])]
+    return adapted(found, confidence.models(), f"rehearsal, {count} cases on this machine and these motions")
 
 
-def _case(scene: Scene, noises: Noises, number: int) -> dict[str, Any]:
+def _case(scene: RecordingSetup, noises: Noises, number: int) -> dict[str, Any]:
     """Return a case; one that diverges, or whose records no one would diagnose, is drawn anew."""
     for attempt in range(MOST_ATTEMPTS):
         try:
@@ -281,7 +281,7 @@ def _case(scene: Scene, noises: Noises, number: int) -> dict[str, Any]:
     raise SpecError(f"rehearsal: case {number + 1}: {MOST_ATTEMPTS} draws, none of them usable; the last: {message}")
 
 
-def adapted(found: Sequence[Claim], prior: Heads, source: str) -> Heads:
+def adapted(found: Sequence[Claim], prior: ProbabilityModels, source: str) -> ProbabilityModels:
     """Return heads moved by claims of causes; one that these say nothing of stays as it is.
 
     Those of an unknown cause and of no gap stay: moved, they were worse on fresh cases of a machine unlike tier L.

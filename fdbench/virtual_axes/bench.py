@@ -24,7 +24,7 @@ ERRORS: Mapping[str, float] = MappingProxyType(
 )
 NOTHING: Mapping[str, float] = MappingProxyType({})
 
-Planted = Mapping[str, Mapping[str, float]]
+Injected = Mapping[str, Mapping[str, float]]
 """Parameters of each imperfection by its name."""
 
 
@@ -59,23 +59,23 @@ class Bench(ABC):
         """Return whether two imperfections cannot be planted together."""
 
     @abstractmethod
-    def is_value_on_paper(self, name: str) -> bool:
+    def is_nominal_parameter(self, name: str) -> bool:
         """Return whether an imperfection is a value of the model on paper that is off."""
 
     @abstractmethod
-    def axis(self, planted: Planted, change: Mapping[str, float] = NOTHING) -> Axis:
+    def axis(self, injected: Injected, change: Mapping[str, float] = NOTHING) -> Axis:
         """Return the machine with imperfections, and perhaps its values further off paper; see `ERRORS` for those."""
 
     @abstractmethod
-    def add_clutter(self, yardstick: "Yardstick", rng: np.random.Generator) -> None:
+    def add_background(self, detectability: "Detectability", rng: np.random.Generator) -> None:
         """Add what no diagnosis need find: traces that are below the noise, if the machine has no other."""
 
     @abstractmethod
-    def without_clutter(self) -> "Bench":
-        """Return the machine without what `add_clutter` added."""
+    def without_background(self) -> "Bench":
+        """Return the machine without what `add_background` added."""
 
 
-class Yardstick:
+class Detectability:
     """What counts as visible: signatures in units of the noise of a machine without imperfections.
 
     Parameters
@@ -96,11 +96,11 @@ class Yardstick:
         healthy = bench.axis({})
         self._last: tuple[Axis, list[FloatArray]] | None = None
         self.clean = self._quiet(healthy)
-        self.noise = self.unrest(healthy, rng)
+        self.noise = self.noise_amplification(healthy, rng)
         moved = [self._joined(bench.axis({}, {name: size})) for name, size in ERRORS.items()]
         self.paper, _ = np.linalg.qr(np.stack(moved, axis=1))
 
-    def unrest(self, axis: Axis, rng: np.random.Generator) -> FloatArray:
+    def noise_amplification(self, axis: Axis, rng: np.random.Generator) -> FloatArray:
         """Return what noise does to each channel as root mean square in units of that of the healthy axis."""
         noisy = [self._channels(axis.readings(motion, rng)) for motion in self.motions]
         differences = np.concatenate(noisy, axis=1) - np.concatenate(self._quiet(axis), axis=1)

@@ -14,8 +14,8 @@ from fdbench.errors import SimulationDiverged
 from fdbench.record import FloatArray, Record
 from fdbench.specification import load_toml, read
 from fdbench.virtual_axes import protocol
-from fdbench.virtual_axes.bench import ERRORS, Bench, Planted, Yardstick
-from fdbench.virtual_axes.independent_axis import ApartBench
+from fdbench.virtual_axes.bench import ERRORS, Bench, Detectability, Injected
+from fdbench.virtual_axes.independent_axis import IndependentBench
 from fdbench.virtual_axes.library_axis import LibraryBench, Noises
 from fdbench.virtual_axes.oracle import held_out_gaps
 
@@ -23,7 +23,7 @@ AXIS = Path(__file__).with_name("axis.toml")
 HOW_MANY = (0.15, 0.45, 0.25, 0.15)  # probabilities of 0, 1, 2, 3 listed effects
 OF_TIER_C = {(0, 1): 0.4, (1, 1): 0.25, (1, 0): 0.35}  # probabilities of (listed, unlisted)
 SMALLEST_SIGNATURE = 1.0  # mean square of a planted effect in some motion, in units of the noise
-MOST_UNREST = 4.0  # noise of an axis against that of the healthy one, beyond which it counts as unstable
+MOST_NOISE_AMPLIFICATION = 4.0  # noise of an axis against that of the healthy one, beyond which it counts as unstable
 MOST_DRAWS = 80
 THIN, HIDDEN = 0.2, 0.3  # of tier L: probabilities of a production cycle alone, and of an effect taken out
 FRICTION_CHANGE = (0.0, 0.05)  # of tier L: from run to run, standard deviation
@@ -53,7 +53,7 @@ class Case:
         Tables of the model on paper.
     records, holdouts : mapping of str to Record
     truth : mapping
-        ``listed`` and ``unlisted``: what is planted, with its parameters; ``errors``: by how much paper is off;
+        ``listed`` and ``unlisted``: what is injected, with its parameters; ``errors``: by how much paper is off;
         ``held_out``: see `fdbench.virtual_axes.oracle.Gaps`.
     """
 
@@ -91,17 +91,17 @@ def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> C
             nominal, errors, protocol.PERIOD_S, Noises(friction_change=float(rng.uniform(*FRICTION_CHANGE)))
         )
     else:
-        bench = ApartBench(nominal, errors, protocol.PERIOD_S, rng)
+        bench = IndependentBench(nominal, errors, protocol.PERIOD_S, rng)
     sides: tuple[str, ...] = ("table_position_m", "motor_position_m")
     sides = sides if nominal.drive.controller.uses_table else sides[::-1]
     sides = sides[:1] if thin else sides
-    planted, sizes = plant(bench, tier, effects, list(motions.records.values()), sides, rng)
-    axis = bench.axis(planted)
+    injected, sizes = plant(bench, tier, effects, list(motions.records.values()), sides, rng)
+    axis = bench.axis(injected)
 
     def recorded(name: str, reference: FloatArray) -> Record:
         return record_of(name, reference, axis.readings(reference, rng), sides)
 
-    excluded = hidden(bench, planted, rng) if tier is Tier.L else []
+    excluded = hidden(bench, injected, rng) if tier is Tier.L else []
     if excluded:
         model["exclude"] = nominal.beside_twins(excluded)
     listed = [name for name in bench.names(listed=True) if name not in excluded]
@@ -111,31 +111,31 @@ def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> C
         for repeat in range(protocol.REPEATS)
     }
     holdouts = {name: recorded(name, reference) for name, reference in motions.holdouts.items()}
-    told = bench.without_clutter().axis({name: drawn for name, drawn in planted.items() if name in listed})
+    told = bench.without_background().axis({name: drawn for name, drawn in injected.items() if name in listed})
 
     def oracle(reference: FloatArray) -> Record:
         return record_of("oracle", reference, told.readings(reference, None), sides)
 
     truth = {
         "tier": tier.value,
-        **described(planted, sizes, listed),
+        **described(injected, sizes, listed),
         "errors": errors,
         "held_out": held_out_gaps(nominal, list(records.values()), list(holdouts.values()), oracle),
     }
     return Case(model=model, records=records, holdouts=holdouts, truth=truth)
 
 
-def hidden(bench: Bench, planted: Planted, rng: np.random.Generator) -> list[str]:
+def hidden(bench: Bench, injected: Injected, rng: np.random.Generator) -> list[str]:
     """Return the name of a planted effect to take out of the library, in some of the cases."""
     listed = bench.names(listed=True)
-    names = [name for name in planted if name in listed and not bench.is_value_on_paper(name)]
+    names = [name for name in injected if name in listed and not bench.is_nominal_parameter(name)]
     return [str(rng.choice(names))] if names and rng.random() < HIDDEN else []
 
 
-def described(planted: Planted, sizes: Mapping[str, float], listed: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
+def described(injected: Injected, sizes: Mapping[str, float], listed: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
     """Return what is planted as the truth has it: what a diagnosis may name, and what it may not."""
     result: dict[str, list[dict[str, Any]]] = {"listed": [], "unlisted": []}
-    for name, drawn in planted.items():
+    for name, drawn in injected.items():
         item = {"name": name, "parameters": dict(drawn), "mean_square": sizes[name]}
         result["listed" if name in listed else "unlisted"].append(item)
     return result
@@ -183,34 +183,37 @@ def plant(
     motions: Sequence[FloatArray],
     sides: tuple[str, ...],
     rng: np.random.Generator,
-) -> tuple[Planted, dict[str, float]]:
+) -> tuple[Injected, dict[str, float]]:
     """Return what is planted, all of it visible in the motions, and the mean square of each signature."""
     n_listed, n_unlisted = _how_many(tier, rng)
     listed = [name for name in bench.names(listed=True) if name in effects]
     wanted = [listed] * n_listed + [bench.names(listed=False)] * n_unlisted
-    yardstick = Yardstick(bench, motions, sides, rng)
-    bench.add_clutter(yardstick, rng)
-    planted: dict[str, dict[str, float]] = {}
+    detectability = Detectability(bench, motions, sides, rng)
+    bench.add_background(detectability, rng)
+    injected: dict[str, dict[str, float]] = {}
     sizes: dict[str, float] = {}
     for _ in range(MOST_DRAWS):
-        if len(planted) == len(wanted):
+        if len(injected) == len(wanted):
             break
-        offered = [name for name in wanted[len(planted)] if name not in planted]
+        offered = [name for name in wanted[len(injected)] if name not in injected]
         if not offered:
             break
         name = str(rng.choice(offered))
         drawn = bench.draw(name, rng)
-        if any(bench.clash(name, other) for other in planted):
+        if any(bench.clash(name, other) for other in injected):
             continue
         axis = bench.axis({name: drawn})
-        size = yardstick.mean_square(axis, not bench.is_value_on_paper(name))
+        size = detectability.mean_square(axis, not bench.is_nominal_parameter(name))
         if size < SMALLEST_SIGNATURE:
             continue
-        together = planted | {name: drawn}
-        if (yardstick.unrest(bench.axis(together) if planted else axis, rng) <= MOST_UNREST).all():
-            planted, sizes = together, sizes | {name: size}
-    if len(planted) == len(wanted):
-        return planted, sizes
+        together = injected | {name: drawn}
+        if (
+            detectability.noise_amplification(bench.axis(together) if injected else axis, rng)
+            <= MOST_NOISE_AMPLIFICATION
+        ).all():
+            injected, sizes = together, sizes | {name: size}
+    if len(injected) == len(wanted):
+        return injected, sizes
     raise SimulationDiverged(f"tier {tier}: {MOST_DRAWS} draws gave too few effects that show on this axis.")
 
 

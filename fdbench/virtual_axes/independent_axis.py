@@ -1,4 +1,4 @@
-"""Tiers B, C and D: an axis of the second implementation, with what ``plants_apart.toml`` says can be planted."""
+"""Tiers B, C and D: an axis of the second implementation, and what ``independent_axis.toml`` says can be injected."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,15 +14,15 @@ from fdbench.plants._controllers import Cascade
 from fdbench.plants.feed_drive import RotaryMotor
 from fdbench.record import FloatArray
 from fdbench.specification import load_toml, read
-from fdbench.virtual_axes import independent_simulator as plants_apart
+from fdbench.virtual_axes import independent_simulator as independent_simulator
 from fdbench.virtual_axes.bench import (
     FORCE_NOISE_N,
     NOTHING,
     POSITION_NOISE_M,
     PROCESS_FORCE_N,
     Bench,
-    Planted,
-    Yardstick,
+    Detectability,
+    Injected,
     between,
 )
 
@@ -34,8 +34,8 @@ SLIDING = (0.9, 1.1)  # transition velocity against that on paper
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plant:
-    """What can be planted: how the fields of `plants_apart.Imperfections` are drawn, and beside what it cannot be."""
+class Injectable:
+    """What can be injected: how fields of `independent_simulator.Imperfections` are drawn, and what it excludes."""
 
     name: str
     draw: Mapping[str, tuple[float, float]]
@@ -46,28 +46,28 @@ class Plant:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plants:
-    """What stands in ``plants_apart.toml``."""
+class Injectables:
+    """What stands in ``independent_simulator.toml``."""
 
-    listed: tuple[Plant, ...]
-    unlisted: tuple[Plant, ...]
+    listed: tuple[Injectable, ...]
+    unlisted: tuple[Injectable, ...]
 
 
 @lru_cache(maxsize=1)
-def plants() -> Plants:
+def injectables() -> Injectables:
     """Return what the second implementation can plant."""
-    return read(Plants, load_toml(FILE), FILE.name)
+    return read(Injectables, load_toml(FILE), FILE.name)
 
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ApartAxis:
+class IndependentAxis:
     """An axis of the second implementation; in each run its friction differs by a share of its own."""
 
-    machine: plants_apart.Machine
-    loop: plants_apart.Loop
-    sensors: plants_apart.Sensors
-    wrong: plants_apart.Imperfections
+    machine: independent_simulator.Machine
+    loop: independent_simulator.Loop
+    sensors: independent_simulator.Sensors
+    wrong: independent_simulator.Imperfections
     friction_change: float
     period_s: float
 
@@ -79,13 +79,13 @@ class ApartAxis:
             used = np.random.default_rng(0)
         else:
             change = self.friction_change * float(np.clip(used.standard_normal(), -2.5, 2.5))
-        return plants_apart.simulate(
+        return independent_simulator.simulate(
             self.machine, self.loop, sensors, self.wrong, reference, self.period_s, used, change
         )
 
 
 @final
-class ApartBench(Bench):
+class IndependentBench(Bench):
     """A machine of the second implementation; see `fdbench.virtual_axes.library_axis.LibraryBench` for the parameters.
 
     The model on paper has one known effect, sliding friction with a transition velocity, and a cascade. What no model
@@ -101,14 +101,14 @@ class ApartBench(Bench):
         self.drive = nominal.drive
         self.errors = errors
         self.sliding = between(rng, *SLIDING)
-        self.loop = plants_apart.Loop(
+        self.loop = independent_simulator.Loop(
             position_gain_per_s=control.position_gain_per_s,
             velocity_gain_N_s_per_m=control.velocity_gain_N_s_per_m,
             integral_gain_N_per_m=control.integral_gain_N_per_m,
             force_limit_N=control.force_limit_N,
             reads_table=float(control.uses_table),
         )
-        self.sensors = plants_apart.Sensors(
+        self.sensors = independent_simulator.Sensors(
             position_noise_m=POSITION_NOISE_M,
             force_noise_N=FORCE_NOISE_N,
             process_force_N=PROCESS_FORCE_N,
@@ -117,55 +117,55 @@ class ApartBench(Bench):
         )
         self.friction_change = between(rng, *FRICTION_CHANGE)
         self.period_s = period_s
-        self.plants = {item.name: item for item in (*plants().listed, *plants().unlisted)}
+        self.injectables = {item.name: item for item in (*injectables().listed, *injectables().unlisted)}
 
     def names(self, listed: bool) -> list[str]:
-        """Return the names in ``plants_apart.toml``."""
-        return [item.name for item in (plants().listed if listed else plants().unlisted)]
+        """Return the names in ``independent_simulator.toml``."""
+        return [item.name for item in (injectables().listed if listed else injectables().unlisted)]
 
     def draw(self, name: str, rng: np.random.Generator) -> dict[str, float]:
-        """Return drawn fields of `plants_apart.Imperfections`."""
-        plant = self.plants[name]
+        """Return drawn fields of `independent_simulator.Imperfections`."""
+        plant = self.injectables[name]
         found = {key: between(rng, *bounds) for key, bounds in plant.draw.items()}
         found |= {key: -found[key] for key in plant.signed if rng.random() < 0.5}
         return found | {key: float(rng.choice(values)) for key, values in plant.choices.items()}
 
     def clash(self, name: str, other: str) -> bool:
         """Return whether one excludes the other."""
-        return other in self.plants[name].excludes or name in self.plants[other].excludes
+        return other in self.injectables[name].excludes or name in self.injectables[other].excludes
 
-    def add_clutter(self, yardstick: Yardstick, rng: np.random.Generator) -> None:
+    def add_background(self, detectability: Detectability, rng: np.random.Generator) -> None:
         """Add nothing: latency, coloured noise and friction that changes from run to run are there already."""
 
-    def without_clutter(self) -> "ApartBench":
+    def without_background(self) -> "IndependentBench":
         """Return the machine itself, to which nothing was added."""
         return self
 
-    def is_value_on_paper(self, name: str) -> bool:
-        """Return what ``plants_apart.toml`` says."""
-        return self.plants[name].value_on_paper
+    def is_nominal_parameter(self, name: str) -> bool:
+        """Return what ``independent_simulator.toml`` says."""
+        return self.injectables[name].value_on_paper
 
-    def axis(self, planted: Planted, change: Mapping[str, float] = NOTHING) -> ApartAxis:
+    def axis(self, injected: Injected, change: Mapping[str, float] = NOTHING) -> IndependentAxis:
         """Return the machine with imperfections."""
         errors = {name: error + change.get(name, 0.0) for name, error in self.errors.items()}
-        values = {key: value for parameters in planted.values() for key, value in parameters.items()}
+        values = {key: value for parameters in injected.values() for key, value in parameters.items()}
         weight_N = values.get("weight_N", 0.0) + errors["offset_N"]
-        return ApartAxis(
+        return IndependentAxis(
             machine=self._machine(errors),
             loop=self.loop,
             sensors=self.sensors,
-            wrong=plants_apart.Imperfections(**values | {"weight_N": weight_N}),
+            wrong=independent_simulator.Imperfections(**values | {"weight_N": weight_N}),
             friction_change=self.friction_change,
             period_s=self.period_s,
         )
 
-    def _machine(self, errors: Mapping[str, float]) -> plants_apart.Machine:
+    def _machine(self, errors: Mapping[str, float]) -> independent_simulator.Machine:
         motor, table, screw = self.drive.motor, self.drive.table, self.drive.screw
         if not isinstance(motor, RotaryMotor) or table is None or screw is None:
             raise SpecError("plant: the second implementation has a rotary motor, a table and an elastic screw.")
         (known,) = self.drive.effects
         friction_N, transition_m_per_s = known.values()
-        return plants_apart.Machine(
+        return independent_simulator.Machine(
             motor_mass_kg=motor.mass_kg * (1.0 + errors["motor_mass"]),
             table_mass_kg=table.mass_kg * (1.0 + errors["table_mass"]),
             motor_viscous_N_s_per_m=motor.viscous_friction_N_s_per_m * (1.0 + errors["motor_viscous"]),

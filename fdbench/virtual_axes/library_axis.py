@@ -25,8 +25,8 @@ from fdbench.virtual_axes.bench import (
     POSITION_NOISE_M,
     PROCESS_FORCE_N,
     Bench,
-    Planted,
-    Yardstick,
+    Detectability,
+    Injected,
     between,
 )
 
@@ -137,25 +137,25 @@ class LibraryBench(Bench):
         self.period_s = period_s
         self.noises, self.substeps = noises, substeps
         self.kinds = [kind for kind in nominal.library if self.drive.screw is not None or not kind.needs_screw]
-        self.clutter = {kind.name: kind.typical().scaled(0.0) for kind in self.kinds}
+        self.background = {kind.name: kind.typical().scaled(0.0) for kind in self.kinds}
 
-    def add_clutter(self, yardstick: Yardstick, rng: np.random.Generator) -> None:
+    def add_background(self, detectability: Detectability, rng: np.random.Generator) -> None:
         """Add a little of every effect, except where a value on paper or a known effect stands for it."""
-        clutter = dict(self.clutter)
+        background = dict(self.background)
         for kind in self.kinds:
             if kind.calibrates or self._replaced(kind) is not None:
                 continue
             phases = {item.name: float(rng.uniform(-math.pi, math.pi)) for item in kind.parameters() if item.phase}
             most = kind.typical(**phases).scaled(CLUTTER)
             values = {item.name: float(getattr(most, item.name)) for item in kind.parameters()}
-            visible = yardstick.mean_square(self.axis({kind.name: values}), beside_paper=False)
-            clutter[kind.name] = most.scaled(float(rng.uniform()) * min(1.0, math.sqrt(TRACE / max(visible, 1e-12))))
-        self.clutter = clutter
+            visible = detectability.mean_square(self.axis({kind.name: values}), beside_paper=False)
+            background[kind.name] = most.scaled(float(rng.uniform()) * min(1.0, math.sqrt(TRACE / max(visible, 1e-12))))
+        self.background = background
 
-    def without_clutter(self) -> "LibraryBench":
+    def without_background(self) -> "LibraryBench":
         """Return the machine with nothing of the effects that are not planted."""
         bench = copy.copy(self)
-        bench.clutter = {kind.name: kind.typical().scaled(0.0) for kind in self.kinds}
+        bench.background = {kind.name: kind.typical().scaled(0.0) for kind in self.kinds}
         return bench
 
     def names(self, listed: bool) -> list[str]:
@@ -195,20 +195,20 @@ class LibraryBench(Bench):
             self._replaced(a) is not None and b.calibrates == "known_effects" for a, b in ((one, two), (two, one))
         )
 
-    def is_value_on_paper(self, name: str) -> bool:
+    def is_nominal_parameter(self, name: str) -> bool:
         """Return what the effect declares."""
         return bool(effects.get(name).calibrates)
 
-    def axis(self, planted: Planted, change: Mapping[str, float] = NOTHING) -> LibraryAxis:
+    def axis(self, injected: Injected, change: Mapping[str, float] = NOTHING) -> LibraryAxis:
         """Return the machine with effects, and clutter of all others."""
         drive, errors = self.drive, {name: error + change.get(name, 0.0) for name, error in self.errors.items()}
-        others = self.clutter | {
+        others = self.background | {
             kind.name: kind.typical(**{kind.amplitude: errors["offset_N"]})
             for kind in self.kinds
             if kind.calibrates == "force_offset"
         }
-        own = others | {name: effects.get(name)(**parameters) for name, parameters in planted.items()}
-        gone = {self._replaced(effects.get(name)) for name in planted}
+        own = others | {name: effects.get(name)(**parameters) for name, parameters in injected.items()}
+        gone = {self._replaced(effects.get(name)) for name in injected}
         motor: Any = drive.motor
         inertia = "inertia_kg_m2" if isinstance(motor, RotaryMotor) else "mass_kg"
         motor = _off(motor, {inertia: errors["motor_mass"], "viscous_friction_N_s_per_m": errors["motor_viscous"]})

@@ -39,7 +39,7 @@ def held_out_gaps(
     """
     replay, split = merged_runs(nominal, records, holdouts)
     on_paper = channel_gaps(replay, split, start(nominal))
-    missed: dict[str, list[FloatArray]] = {name: [] for name in split.floors}
+    missed: dict[str, list[FloatArray]] = {name: [] for name in split.noise_models}
     for run, out in zip(split.runs, split.held_out, strict=True):
         if out.any():
             told = prepare(oracle(run.reference), nominal.drive).channels
@@ -51,7 +51,7 @@ def held_out_gaps(
             "on_paper": float(floor.rms) * math.sqrt(paper),
             "oracle": math.sqrt(float(np.mean(np.concatenate(missed[name]) ** 2))),
         }
-        for (name, floor), paper in zip(split.floors.items(), on_paper.tolist(), strict=True)
+        for (name, floor), paper in zip(split.noise_models.items(), on_paper.tolist(), strict=True)
     }
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fdbench.diagnosis.evidence.run_to_run import Change
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.replay import Replay
-from fdbench.diagnosis.records.noise_model import Floor
+from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import Run
 from fdbench.record import FloatArray
 
@@ -27,7 +27,7 @@ class Split:
 
     runs: Sequence[Run]
     held_out: Sequence[NDArray[np.bool_]]
-    floors: Mapping[str, Floor]
+    noise_models: Mapping[str, NoiseModel]
     changes: Sequence[Change | None] = ()
     explained: Sequence[Mapping[str, FloatArray]] = ()
 
@@ -37,7 +37,7 @@ class Split:
         return Split(
             runs=self.runs,
             held_out=self.held_out,
-            floors={name: floor.whole for name, floor in self.floors.items()},
+            noise_models={name: floor.whole for name, floor in self.noise_models.items()},
         )
 
     def scaled(self, place: int, signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -46,9 +46,11 @@ class Split:
         What changes from run to run is shrunk to the size of the noise.
         """
         run = self.runs[place]
-        found = {name: values * (np.sqrt(run.repeats) / self.floors[name].rms) for name, values in signals.items()}
+        found = {
+            name: values * (np.sqrt(run.repeats) / self.noise_models[name].rms) for name, values in signals.items()
+        }
         if self.changes and (change := self.changes[place]) is not None:
-            change.take_out(list(found.values()))
+            change.whiten(list(found.values()))
         return found
 
     def gap(self, place: int, simulated: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -119,7 +121,7 @@ class Evidence:
 
     def sizes(self, split: Split) -> FloatArray:
         """Return the mean square of each column in the run where that is most, in units of what repeats differ by."""
-        within = np.array([(floor.rms / floor.total) ** 2 for floor in split.floors.values()])[self.channel]
+        within = np.array([(floor.rms / floor.total) ** 2 for floor in split.noise_models.values()])[self.channel]
         repeats = np.array([run.repeats for run in split.runs])[self.run]
         squares = np.diagonal(self.products, axis1=1, axis2=2) * (within / self.weights / repeats)[:, None]
         runs, place = np.unique(self.run, return_inverse=True)

@@ -7,12 +7,18 @@ import numpy as np
 
 from fdbench.diagnosis.evidence.evidence import Split
 from fdbench.diagnosis.evidence.run_to_run import Repeatability
-from fdbench.diagnosis.evidence.sensor_artefacts import Mark, bridged, grid_mark, held_mark, mean_energy
+from fdbench.diagnosis.evidence.sensor_artefacts import (
+    Artefact,
+    grid_artefact,
+    held_artefact,
+    interpolated,
+    mean_energy,
+)
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.model.virtual_controller import prepared
-from fdbench.diagnosis.records.noise_model import Floor, floors, raised
+from fdbench.diagnosis.records.noise_model import NoiseModel, noise_models, raised
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record
 from fdbench.diagnosis.records.runs import Run, merged, prepare, same_command
 from fdbench.errors import RecordError
@@ -35,7 +41,7 @@ class Aligned:
     replay : Replay
     split : Split
     judged_on : str
-    marks : list of Mark
+    marks : list of Artefact
     warnings : list of str
     """
 
@@ -44,7 +50,7 @@ class Aligned:
     replay: Replay
     split: Split
     judged_on: str
-    marks: list[Mark]
+    marks: list[Artefact]
     warnings: list[str]
 
 
@@ -64,14 +70,14 @@ def aligned(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Reco
     for run in raw_runs:
         on_paper = {name: values[0] for name, values in replay.simulate(run, [paper.variant()]).items()}
         warnings += check_alignment(run, on_paper)
-        mended, n_held = bridged(run, on_paper)
+        mended, n_held = interpolated(run, on_paper)
         runs.append(mended.beside(on_paper))
         counts.append(n_held)
-    split, judged_on = split_runs(runs[: len(records)], runs[len(records) :], floors(runs))
-    held = held_mark(raw_runs, runs, counts)
+    split, judged_on = split_runs(runs[: len(records)], runs[len(records) :], noise_models(runs))
+    held = held_artefact(raw_runs, runs, counts)
     marks = [] if held is None else [held]
-    if (grid := grid_mark(runs, replay)) is not None and mean_energy(grid, split.floors) > SMALLEST_ARTEFACT:
-        split = dataclasses.replace(split, floors=raised(split.floors, grid.energy))
+    if (grid := grid_artefact(runs, replay)) is not None and mean_energy(grid, split.noise_models) > SMALLEST_ARTEFACT:
+        split = dataclasses.replace(split, noise_models=raised(split.noise_models, grid.energy))
         marks.append(grid)
     return Aligned(
         nominal=nominal,
@@ -102,18 +108,18 @@ def without_copies(
     return *found, warnings
 
 
-def steadied(replay: Replay, ready: Aligned, calibrated: Hypothesis) -> Split:
+def with_run_to_run_covariance(replay: Replay, ready: Aligned, calibrated: Hypothesis) -> Split:
     """Return the split in which what changes from run to run, about the re-calibrated model, is told from noise."""
     found = Repeatability(replay, calibrated, ready.runs)
-    noise: Mapping[str, Floor] = found.floors
+    noise: Mapping[str, NoiseModel] = found.noise_models
     for mark in ready.marks:
-        if not mark.bridged:
+        if not mark.interpolated:
             noise = raised(noise, mark.energy)
     changes = [found.change(run, noise) for run in ready.split.runs]
-    return dataclasses.replace(ready.split, floors=noise, changes=changes)
+    return dataclasses.replace(ready.split, noise_models=noise, changes=changes)
 
 
-def split_runs(records: Sequence[Run], holdouts: Sequence[Run], found: Mapping[str, Floor]) -> tuple[Split, str]:
+def split_runs(records: Sequence[Run], holdouts: Sequence[Run], found: Mapping[str, NoiseModel]) -> tuple[Split, str]:
     """Return what is fitted and what is judged on.
 
     With held-out records these are judged on; else the last laps of records that repeat themselves, else the last of
@@ -123,7 +129,7 @@ def split_runs(records: Sequence[Run], holdouts: Sequence[Run], found: Mapping[s
         fitted, judged = merged(records), merged(holdouts)
         masks = [np.zeros(run.n_samples, dtype=np.bool_) for run in fitted]
         masks += [np.ones(run.n_samples, dtype=np.bool_) for run in judged]
-        return Split(runs=[*fitted, *judged], held_out=masks, floors=found), "held-out"
+        return Split(runs=[*fitted, *judged], held_out=masks, noise_models=found), "held-out"
     last = [run for index, run in enumerate(records) if _is_last_repeat(records, index)]
     if last:
         return split_runs([run for run in records if run not in last], last, found)[0], "held-out repeats"
@@ -137,7 +143,7 @@ def split_runs(records: Sequence[Run], holdouts: Sequence[Run], found: Mapping[s
             mask[round(run.n_samples * (1.0 - HELD_OUT_SHARE)) :] = True
         masks.append(mask)
     by = "held-out laps" if all(run.lap is not None for run in records) else "held-out last third of each record"
-    return Split(runs=records, held_out=masks, floors=found), by
+    return Split(runs=records, held_out=masks, noise_models=found), by
 
 
 def _is_last_repeat(runs: Sequence[Run], index: int) -> bool:
@@ -164,6 +170,6 @@ def check_alike(runs: Sequence[Run]) -> None:
 def merged_runs(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> tuple[Replay, Split]:
     """Return the replay of a model and its runs, repeats merged, as they are without a look at their readings."""
     runs, others = ([prepare(item, nominal.drive) for item in group] for group in (records, holdouts))
-    split, _ = split_runs(runs, others, floors([*runs, *others]))
+    split, _ = split_runs(runs, others, noise_models([*runs, *others]))
     replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
-    return replay.coarsened(split.runs, split.floors), split
+    return replay.coarsened(split.runs, split.noise_models), split

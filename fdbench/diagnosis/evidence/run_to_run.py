@@ -13,7 +13,7 @@ import numpy as np
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.replay import Replay
-from fdbench.diagnosis.records.noise_model import SMALLEST, Floor, floors, spectrum_of
+from fdbench.diagnosis.records.noise_model import SMALLEST, NoiseModel, noise_models, spectrum_of
 from fdbench.diagnosis.records.runs import Run, deviations, repeated, same_command
 from fdbench.record import FloatArray
 
@@ -40,7 +40,7 @@ class Change:
     directions: FloatArray
     shrinkage: FloatArray
 
-    def take_out(self, signals: Sequence[FloatArray]) -> None:
+    def whiten(self, signals: Sequence[FloatArray]) -> None:
         """Whiten signals in place: for each channel an array (n_signals, n_samples) in units of the noise."""
         parts = list(zip(signals, self.directions.transpose(1, 0, 2), strict=True))
         along = sum(own @ directions.T for own, directions in parts) * self.shrinkage
@@ -48,7 +48,7 @@ class Change:
             own -= along @ directions
 
 
-def within(floor: Floor, left: Sequence[FloatArray]) -> Floor:
+def within(floor: NoiseModel, left: Sequence[FloatArray]) -> NoiseModel:
     """Return a floor whose noise within a run is half of what changes from run to run leave of the differences."""
     spectrum = 0.5 * spectrum_of(left)
     between = np.maximum(floor.spectrum - spectrum, 0.0)
@@ -79,14 +79,14 @@ class Repeatability:
 
     Attributes
     ----------
-    floors : mapping of str to Floor
+    noise_models : mapping of str to NoiseModel
         Noise of each channel; with repeated records, apart from what changes from run to run.
     """
 
     def __init__(self, replay: Replay, model: Hypothesis, runs: Sequence[Run]) -> None:
         self._replay, self._model = replay, model
         self._known: list[tuple[Run, FloatArray]] = []
-        self.floors = floors(runs)
+        self.noise_models = noise_models(runs)
         self._root = np.zeros((len(model.shifts),) * 2)
         pairs = repeated(runs)
         if not pairs:
@@ -95,7 +95,7 @@ class Repeatability:
         differences = [
             np.stack([deviations(later, name) - deviations(run, name) for name in names]) for run, later in pairs
         ]
-        rms = np.array([floor.rms for floor in self.floors.values()])
+        rms = np.array([floor.rms for floor in self.noise_models.values()])
         for _ in range(ROUNDS):
             thetas, left, by_noise = [], [], []
             for (run, _), difference in zip(pairs, differences, strict=True):
@@ -111,9 +111,9 @@ class Repeatability:
             0.5 * np.mean([np.outer(theta, theta) - own for theta, own in zip(thetas, by_noise, strict=True)], axis=0)
         )
         self._root = axes * np.sqrt(np.maximum(size, 0.0))
-        self.floors = {
+        self.noise_models = {
             name: within(floor, [parts[place] for parts in left])
-            for place, (name, floor) in enumerate(self.floors.items())
+            for place, (name, floor) in enumerate(self.noise_models.items())
         }
 
     @property
@@ -128,7 +128,7 @@ class Repeatability:
             self._known.append((run, known))
         return known
 
-    def change(self, run: Run, noise: Mapping[str, Floor]) -> Change | None:
+    def change(self, run: Run, noise: Mapping[str, NoiseModel]) -> Change | None:
         """Return the directions in which a run may differ from others of its command, if any."""
         if not self._root.any():
             return None

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdbench.diagnosis.model.replay import Replay, Variant
-from fdbench.diagnosis.records.noise_model import Floor
-from fdbench.diagnosis.records.runs import STRETCH, Run
+from fdbench.diagnosis.records.noise_model import NoiseModel
+from fdbench.diagnosis.records.runs import DEFLECTION, Run
 from fdbench.effects import Effect, Port, effects
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
@@ -24,7 +24,7 @@ ON_GRID = 0.4  # distance from the grid, relative to that of numbers that know n
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mark:
+class Artefact:
     """An effect that is seen in the readings; what it does to them cannot be simulated sample by sample.
 
     Attributes
@@ -35,7 +35,7 @@ class Mark:
         Its amplitude, with 95 % bounds.
     energy : mapping of str to float
         Mean square that it brings into each channel, in the channel's unit squared.
-    bridged : bool
+    interpolated : bool
         Whether the readings that are compared are without it.
     """
 
@@ -45,13 +45,13 @@ class Mark:
     low: float
     high: float
     energy: Mapping[str, float]
-    bridged: bool = False
+    interpolated: bool = False
 
 
 # ---- samples that were held ----
 
 
-def bridged(run: Run, simulated: Mapping[str, FloatArray]) -> tuple[Run, int]:
+def interpolated(run: Run, simulated: Mapping[str, FloatArray]) -> tuple[Run, int]:
     """Return the run with held samples replaced, and how many there were.
 
     A sample counts as held where the model moves by far more than the noise while every channel repeats itself. The
@@ -74,7 +74,7 @@ def bridged(run: Run, simulated: Mapping[str, FloatArray]) -> tuple[Run, int]:
     return dataclasses.replace(run, channels=channels, held=held), int(held.sum())
 
 
-def held_mark(raw: Sequence[Run], mended: Sequence[Run], counts: Sequence[int]) -> Mark | None:
+def held_artefact(raw: Sequence[Run], mended: Sequence[Run], counts: Sequence[int]) -> Artefact | None:
     """Return the effect of the logger, by how many samples it held; None where it held none or no effect is known."""
     kinds = [kind for kind in map(effects.get, effects.names()) if kind.port is Port.LOGGING]
     n_held, n_samples = sum(counts), sum(run.n_samples for run in raw)
@@ -86,21 +86,21 @@ def held_mark(raw: Sequence[Run], mended: Sequence[Run], counts: Sequence[int]) 
         / n_samples
         for name in raw[0].channels
     }
-    return Mark(
+    return Artefact(
         kind=kinds[0],
         probability=1.0 - math.exp(-float(n_held)),
         value=rate,
         low=max(rate - half, 0.0),
         high=rate + half,
         energy=energy,
-        bridged=True,
+        interpolated=True,
     )
 
 
 # ---- readings on a grid ----
 
 
-def grid_mark(runs: Sequence[Run], replay: Replay) -> Mark | None:
+def grid_artefact(runs: Sequence[Run], replay: Replay) -> Artefact | None:
     """Return the effect of an encoder that leaves the differences between readings as they are, or None.
 
     Such an effect moves every reading to a grid: applied once more, it changes nothing. The grid that the differences
@@ -120,7 +120,7 @@ def grid_mark(runs: Sequence[Run], replay: Replay) -> Mark | None:
         return None
     distance, effect = best
     value = float(getattr(effect, effect.amplitude))
-    return Mark(
+    return Artefact(
         kind=type(effect),
         probability=1.0 / (1.0 + math.exp(20.0 * (distance - ON_GRID))),
         value=value,
@@ -135,9 +135,9 @@ def _readings(runs: Sequence[Run], drive: FeedDrive, port: Port) -> Iterator[Flo
     for run in runs:
         if own:
             yield run.channels["position_m"]
-        elif STRETCH in run.channels:
+        elif DEFLECTION in run.channels:
             sign = 1.0 if port is Port.MOTOR_ENCODER else -1.0
-            yield run.channels["position_m"] + sign * run.channels[STRETCH]
+            yield run.channels["position_m"] + sign * run.channels[DEFLECTION]
 
 
 def _coarsest_grid(kind: type[Effect], differences: FloatArray) -> tuple[float, Effect] | None:
@@ -182,11 +182,11 @@ def _energy(runs: Sequence[Run], replay: Replay, effect: Effect) -> dict[str, fl
     return {name: total / sum(run.n_samples for run in runs) for name, total in sums.items()}
 
 
-def energies(mark: Mark, floors: Mapping[str, Floor]) -> FloatArray:
+def energies(mark: Artefact, noise_models: Mapping[str, NoiseModel]) -> FloatArray:
     """Return the mean square that an effect brings into each channel, in units of the floor."""
-    return np.array([mark.energy[name] / floor.rms**2 for name, floor in floors.items()])
+    return np.array([mark.energy[name] / floor.rms**2 for name, floor in noise_models.items()])
 
 
-def mean_energy(mark: Mark, floors: Mapping[str, Floor]) -> float:
+def mean_energy(mark: Artefact, noise_models: Mapping[str, NoiseModel]) -> float:
     """Return the mean square that an effect brings into the channels, in units of the floor."""
-    return float(np.mean(energies(mark, floors)))
+    return float(np.mean(energies(mark, noise_models)))

@@ -16,9 +16,9 @@ from fdbench.diagnosis.answer import ExpectedProbability, Experiment, Separation
 from fdbench.diagnosis.evidence.evidence import MODEL_ERROR, Split, gather, solved
 from fdbench.diagnosis.experiment.trajectory import Trajectory
 from fdbench.diagnosis.judge import probability_models as confidence
-from fdbench.diagnosis.judge.probability_models import Heads
-from fdbench.diagnosis.judge.verdict import alike, divided
-from fdbench.diagnosis.model.candidates import candidates, middle_of_each
+from fdbench.diagnosis.judge.probability_models import ProbabilityModels
+from fdbench.diagnosis.judge.verdict import divided, indistinguishable
+from fdbench.diagnosis.model.candidates import candidates, middle_shapes
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.runs import Run
 from fdbench.diagnosis.search.search import EFFECTIVE_SAMPLES, NOISE_ALONE, Rival, Stage
@@ -35,54 +35,54 @@ FOLLOWED = 0.1  # share of the stroke by which the simulated axis may miss the c
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reader:
+class VerdictReader:
     """Reads a stage as the verdict does.
 
     Attributes
     ----------
-    heads : Heads
+    models : ProbabilityModels
         What probabilities are drawn from.
     unknown : float
         Probability of an unknown cause: where nothing was found, it is not probable that there is nothing.
     """
 
-    heads: Heads = field(default_factory=confidence.heads)
+    models: ProbabilityModels = field(default_factory=confidence.models)
     unknown: float = 0.0
 
-    def told(self, stage: Stage) -> dict[str, float]:
+    def probabilities(self, stage: Stage) -> dict[str, float]:
         """Return the probabilities that the verdict gives to rivals and to none; what lacks to 1 is what it doubts."""
         own = stage.probabilities()
         none = max(1.0 - sum(own), 0.0)
         best = int(np.argmax(own))
         kind = stage.rivals[best].kind
         if own[best] > none:
-            same = alike(stage, kind)
-            chance = self.heads.effect.probability(confidence.of_effect(stage, kind, same))
+            same = indistinguishable(stage, kind)
+            chance = self.models.effect.probability(confidence.effect_features(stage, kind, same))
         else:
             same = []
-            chance = min(self.heads.suspect.probability(confidence.of_effect(stage, kind)), own[best])
+            chance = min(self.models.suspect.probability(confidence.effect_features(stage, kind)), own[best])
         found = divided(stage, kind, same, chance)
         most = 1.0 if stage.base.effects else 1.0 - self.unknown
         return {**found, NOTHING: min(none, most, 1.0 - sum(found.values()))}
 
-    def serious(self, stage: Stage) -> Stage:
+    def shortlisted(self, stage: Stage) -> Stage:
         """Return a stage with its most probable rivals alone."""
-        belief = self.told(stage)
+        belief = self.probabilities(stage)
         every = sorted(stage.rivals, key=lambda rival: -belief.get(rival.kind.name, 0.0))[:MOST_RIVALS]
         likely = (rival for rival in every if belief.get(rival.kind.name, 0.0) >= SMALLEST_PROBABILITY)
         return replace(stage, rivals=tuple(likely))
 
 
-def overlooked(serious: Stage) -> list[Rival]:
+def undetected(shortlisted: Stage) -> list[Rival]:
     """Return the effects of the library beside the rivals of a stage: of typical size, with nothing explained yet."""
-    known = {rival.kind for rival in serious.rivals}
-    others = middle_of_each(item for item in candidates(serious.base) if item.kind not in known)
+    known = {rival.kind for rival in shortlisted.rivals}
+    others = middle_shapes(item for item in candidates(shortlisted.base) if item.kind not in known)
     return [
         Rival(
             kind=item.kind,
-            hypothesis=item.hypotheses(serious.base)[0],
-            misfit=serious.misfit,
-            penalty=serious.penalty,
+            hypothesis=item.hypotheses(shortlisted.base)[0],
+            misfit=shortlisted.misfit,
+            penalty=shortlisted.penalty,
             refined=False,
             size=0.0,
         )
@@ -164,15 +164,15 @@ class Forecaster:
     replay : Replay
     split : Split
     stage : Stage
-    reader : Reader
+    reader : VerdictReader
     """
 
-    def __init__(self, replay: Replay, split: Split, stage: Stage, reader: Reader) -> None:
-        known = reader.serious(stage)
-        hidden = overlooked(known)
+    def __init__(self, replay: Replay, split: Split, stage: Stage, reader: VerdictReader) -> None:
+        known = reader.shortlisted(stage)
+        hidden = undetected(known)
         self.replay, self.split, self.reader = replay, split, reader
         self.stage = replace(known, rivals=(*known.rivals, *hidden))
-        belief = reader.told(stage)
+        belief = reader.probabilities(stage)
         own, none = [belief.get(rival.kind.name, 0.0) for rival in known.rivals], belief[NOTHING]
         left = max(1.0 - sum(own) - none, OVERLOOKED)
         weights = np.array([*own, *(left / len(hidden) for _ in hidden), none])
@@ -205,9 +205,14 @@ class Forecaster:
         if run is None:
             return None
         # What changes from run to run is not known of another motion, and counts as noise.
-        alike = Split(runs=[run], held_out=[np.zeros(run.n_samples, dtype=np.bool_)], floors=self.split.plain.floors)
-        evidence = gather(self.replay, alike, self.stage.base, self.variants)
-        count, changes = float(evidence.counts.sum()), np.maximum(self.changes, evidence.sizes(alike)[self._columns])
+        indistinguishable = Split(
+            runs=[run], held_out=[np.zeros(run.n_samples, dtype=np.bool_)], noise_models=self.split.plain.noise_models
+        )
+        evidence = gather(self.replay, indistinguishable, self.stage.base, self.variants)
+        count, changes = (
+            float(evidence.counts.sum()),
+            np.maximum(self.changes, evidence.sizes(indistinguishable)[self._columns]),
+        )
         after = []
         for truth, size in zip((*self._columns, 0), (*self.sizes, 0.0), strict=True):
             excess = np.maximum(size**2 * evidence.products[:, truth, truth] / evidence.counts - 1.0, 0.0)
@@ -260,7 +265,7 @@ class Forecaster:
 
     def _read(self, stage: Stage) -> FloatArray:
         """Return the probability of each rival and, last, of none, as the verdict gives them."""
-        found = self.reader.told(stage)
+        found = self.reader.probabilities(stage)
         return np.array([*(found.get(rival.kind.name, 0.0) for rival in stage.rivals), found[NOTHING]])
 
     def _judged(self, added: FloatArray, sizes: FloatArray, count: float) -> Stage:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from fdbench.diagnosis.evidence.evidence import Split
-from fdbench.diagnosis.experiment.expected_information import Forecast, Forecaster, Reader
+from fdbench.diagnosis.experiment.expected_information import Forecast, Forecaster, VerdictReader
 from fdbench.diagnosis.experiment.menu import menu_of
 from fdbench.diagnosis.experiment.trajectory import Trajectory
 from fdbench.diagnosis.model.nominal import Nominal
@@ -14,13 +14,13 @@ SURE = 0.9  # probability from which on a verdict needs no further experiment
 SMALLEST_GAIN = 0.02  # of the probability of the truth, below which nothing is proposed
 
 
-def most_open(stages: Sequence[Stage], reader: Reader) -> Stage | None:
+def most_open(stages: Sequence[Stage], reader: VerdictReader) -> Stage | None:
     """Return the stage that is furthest from a decision; None where all are decided.
 
     Beside effects that were found, rivals count only if one of them is there more likely than not.
     """
     found = [stage for stage in stages if stage.rivals and (stage.present() >= 0.5 or not stage.base.effects)]
-    surest = [max(reader.told(stage).values()) for stage in found]
+    surest = [max(reader.probabilities(stage).values()) for stage in found]
     open_ = [(p, stage) for p, stage in zip(surest, found, strict=True) if p < SURE]
     return min(open_, key=lambda item: item[0])[1] if open_ else None
 
@@ -30,7 +30,7 @@ def design(
     split: Split,
     stages: Sequence[Stage],
     nominal: Nominal,
-    reader: Reader,
+    reader: VerdictReader,
     trajectories: Sequence[Trajectory] | None = None,
 ) -> Forecast | None:
     """Return the motion after which the truth is expected to be most probable, its time paid for, or None.
@@ -43,7 +43,7 @@ def design(
     stages : sequence of Stage
         Whose rivals may compete.
     nominal : Nominal
-    reader : Reader
+    reader : VerdictReader
     trajectories : sequence of Trajectory, optional
         In place of the menu for the drive's limits.
 

@@ -11,7 +11,7 @@ import numpy as np
 from fdbench.diagnosis.evidence.evidence import Split, distance, silenced, solved
 from fdbench.diagnosis.judge.localise import PHASES, phase_of
 from fdbench.diagnosis.model.replay import Replay
-from fdbench.diagnosis.search.periods import balances
+from fdbench.diagnosis.search.periods import inverse_dynamics_residuals
 from fdbench.diagnosis.search.search import Stage
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
@@ -21,7 +21,7 @@ MOVING = PHASES.index("acceleration")  # first of the phases in which the fricti
 MARGIN_S = 0.05  # at either end of a run, which the filter does not know
 
 
-def forces_removed(replay: Replay, split: Split, contest: Stage) -> dict[type[Effect], float]:
+def force_balances_removed(replay: Replay, split: Split, contest: Stage) -> dict[type[Effect], float]:
     """Return the share of the squared held-out force balances that each rival of a contest removes.
 
     Their sizes and the values on paper are fitted anew, to the balances of the training segments and linearly from
@@ -39,7 +39,9 @@ def forces_removed(replay: Replay, split: Split, contest: Stage) -> dict[type[Ef
         for name, measured in run.channels.items():
             changes[name][0] = measured - simulated[name][0]
         silenced(changes)
-        forces = smoothed(balances(run, changes, split.floors, base.nominal.drive), run.period_s)
+        forces = smoothed(
+            inverse_dynamics_residuals(run, changes, split.noise_models, base.nominal.drive), run.period_s
+        )
         margin = round(MARGIN_S / run.period_s)
         inside = phase_of(run)[1:-2] >= MOVING
         inside[:margin] = inside[len(inside) - margin :] = False

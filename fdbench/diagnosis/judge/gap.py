@@ -9,7 +9,7 @@ import numpy as np
 from fdbench.diagnosis.answer import ChannelGap, Gap, NoiseBand, NoiseFloor
 from fdbench.diagnosis.evidence.evidence import Split
 from fdbench.diagnosis.judge.localise import bands_up_to
-from fdbench.diagnosis.records.noise_model import Floor
+from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.record import FloatArray
 from fdbench.units import unit_of
 
@@ -41,14 +41,14 @@ def gap_of(split: Split, simulated: Sequence[Sequence[Mapping[str, FloatArray]]]
             recalibrated=recalibrated,
             repaired=repaired,
             reduction=1.0 - (repaired / recalibrated) ** 2 if recalibrated > 0.0 else 0.0,
-            noise_floor=split.floors[name].total,
+            noise_floor=split.noise_models[name].total,
             unit=unit_of(name),
             relative=before / spread if spread > 0.0 else 0.0,
         )
     return Gap(channels=result)
 
 
-def noise_floor(floor: Floor, unit: str, period_s: float) -> NoiseFloor:
+def noise_floor(floor: NoiseModel, unit: str, period_s: float) -> NoiseFloor:
     """Return the floor of a channel: what repeats differ by, its parts, and that of the noise in bands of frequency."""
     edges = bands_up_to(0.5 / period_s)
     parts = floor.shares([2.0 * period_s * edge for edge in edges]).tolist()

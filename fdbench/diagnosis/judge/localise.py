@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fdbench.diagnosis.answer import Cell, FrequencyCell, Pair, PositionCell, TimeCell, VelocityCell, Where
 from fdbench.diagnosis.evidence.evidence import SEGMENT_S, Split
 from fdbench.diagnosis.judge.reduction import RESAMPLES
-from fdbench.diagnosis.records.noise_model import Floor
+from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import Run
 from fdbench.record import FloatArray
 
@@ -43,13 +43,15 @@ class Gaps:
 
     runs: Sequence[Run]
     scaled: Sequence[Mapping[str, FloatArray]]
-    floors: Mapping[str, Floor]
+    noise_models: Mapping[str, NoiseModel]
 
     @classmethod
     def of(cls, split: Split, simulated: Sequence[Mapping[str, FloatArray]]) -> "Gaps":
         """Return the gaps between runs and their simulations, (n_samples,) each."""
         return cls(
-            runs=split.runs, floors=split.floors, scaled=[split.gap(place, own) for place, own in enumerate(simulated)]
+            runs=split.runs,
+            noise_models=split.noise_models,
+            scaled=[split.gap(place, own) for place, own in enumerate(simulated)],
         )
 
     def energy(self) -> FloatArray:
@@ -73,7 +75,7 @@ class Gaps:
             frequency = np.fft.rfftfreq(run.n_samples, run.period_s)
             place = np.clip(np.searchsorted(edges_Hz, frequency, side="right") - 1, 0, n_bands - 1)
             relative = [2.0 * run.period_s * edge for edge in edges_Hz]
-            noise = np.sum([floor.shares(relative) for floor in self.floors.values()], axis=0)
+            noise = np.sum([floor.shares(relative) for floor in self.noise_models.values()], axis=0)
             squares = np.zeros((n_bands, run.n_samples))
             for values in item.values():
                 spectrum = np.fft.rfft(values)

@@ -14,12 +14,12 @@ from fdbench.specification import load_toml, read
 FILE = Path(__file__).with_name("probability_models.toml")
 SMALLEST_SIZE, SMALLEST_MISFIT = 1e-3, 0.3
 
-Signs = Mapping[str, float]
+Features = Mapping[str, float]
 """What speaks for a claim, by name."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sign:
+class Feature:
     """One sign in a logistic model: its mean and scatter in the trials that were learned from, and its weight."""
 
     centre: float
@@ -28,52 +28,52 @@ class Sign:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Head:
+class ProbabilityModel:
     r"""Probability that a claim is right, :math:`p = 1 / (1 + e^{-z})`, :math:`z = b + \sum_i w_i (s_i - c_i) / d_i`.
 
     Attributes
     ----------
     bias : float
         :math:`b`.
-    signs : mapping of str to Sign
+    features : mapping of str to Feature
         Centre :math:`c`, scatter :math:`d` and weight :math:`w` of each.
     claims, right : int
         How many claims were learned from, and how many of them were right.
     """
 
     bias: float
-    signs: Mapping[str, Sign]
+    features: Mapping[str, Feature]
     claims: int
     right: int
 
-    def probability(self, found: Signs) -> float:
+    def probability(self, found: Features) -> float:
         """Return the probability of a claim; never surer than one claim more could contradict."""
         z = self.bias + sum(
-            sign.weight * (found[name] - sign.centre) / sign.scatter for name, sign in self.signs.items()
+            sign.weight * (found[name] - sign.centre) / sign.scatter for name, sign in self.features.items()
         )
         surest = 1.0 / (self.claims + 2.0)
         return min(max(1.0 / (1.0 + math.exp(-max(min(z, 50.0), -50.0))), surest), 1.0 - surest)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Heads:
+class ProbabilityModels:
     """Heads for an effect, one that was nearly added, a value on paper, an unknown cause, no gap; and their origin."""
 
-    effect: Head
-    suspect: Head
-    value: Head
-    unknown: Head
-    none: Head
+    effect: ProbabilityModel
+    suspect: ProbabilityModel
+    value: ProbabilityModel
+    unknown: ProbabilityModel
+    none: ProbabilityModel
     source: str
 
 
 @lru_cache(maxsize=1)
-def heads() -> Heads:
+def models() -> ProbabilityModels:
     """Return the heads that the package was shipped with."""
-    return read(Heads, load_toml(FILE), FILE.name)
+    return read(ProbabilityModels, load_toml(FILE), FILE.name)
 
 
-def of_effect(contest: Stage, kind: type[Effect], alike: Collection[str] = ()) -> dict[str, float]:
+def effect_features(contest: Stage, kind: type[Effect], indistinguishable: Collection[str] = ()) -> dict[str, float]:
     """Return the signs of an effect, or of one of several that cannot be told apart.
 
     What an effect changes counts beside the evidence for it: machines have traces of every effect, and forms that are
@@ -85,12 +85,14 @@ def of_effect(contest: Stage, kind: type[Effect], alike: Collection[str] = ()) -
     contest : Stage
         The model without the effect, and what rivals make of that.
     kind : Effect class
-    alike : collection of str
+    indistinguishable : collection of str
         Names of the rivals that cannot be told from it.
     """
     own = next(rival for rival in contest.rivals if rival.kind is kind)
     effect = next(item for item in own.hypothesis.effects if type(item) is kind)
-    different = (rival for rival in contest.rivals if rival.kind is not kind and rival.kind.name not in alike)
+    different = (
+        rival for rival in contest.rivals if rival.kind is not kind and rival.kind.name not in indistinguishable
+    )
     others = [contest.log_evidence(rival.misfit, rival.penalty) for rival in different]
     best = max([contest.log_evidence(contest.misfit, contest.penalty), *others])
     return {
@@ -100,7 +102,7 @@ def of_effect(contest: Stage, kind: type[Effect], alike: Collection[str] = ()) -
     }
 
 
-def of_value(distance: float, closed: float, misfit: float) -> dict[str, float]:
+def value_features(distance: float, closed: float, misfit: float) -> dict[str, float]:
     """Return the signs of a value on paper that is off by more than it should.
 
     Parameters
@@ -117,7 +119,7 @@ def of_value(distance: float, closed: float, misfit: float) -> dict[str, float]:
     }
 
 
-def of_unknown(misfit: float, worst: float) -> dict[str, float]:
+def unknown_features(misfit: float, worst: float) -> dict[str, float]:
     """Return the signs of an unknown cause.
 
     Parameters
@@ -133,7 +135,7 @@ def of_unknown(misfit: float, worst: float) -> dict[str, float]:
     }
 
 
-def of_none(misfit: float, moved: float, size: float) -> dict[str, float]:
+def no_gap_features(misfit: float, moved: float, size: float) -> dict[str, float]:
     """Return the signs of no gap.
 
     Parameters

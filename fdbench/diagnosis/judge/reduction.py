@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from fdbench.diagnosis.answer import Pair, Parametric, Shrinkage, Step
 from fdbench.diagnosis.evidence.evidence import Split, gather
-from fdbench.diagnosis.evidence.sensor_artefacts import Mark, mean_energy
-from fdbench.diagnosis.model.hypothesis import Hypothesis, calibrations
+from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, mean_energy
+from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
 from fdbench.diagnosis.model.replay import Replay
-from fdbench.diagnosis.records.noise_model import Floor
+from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
 
@@ -22,7 +22,7 @@ MEASURABLE = 1.5  # mean squared gap in units of the floor below which its expla
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Closure:
+class Reductions:
     """Mean squared gaps on the held-out segments, in units of the floor, of the model and every subset of effects.
 
     Attributes
@@ -76,12 +76,12 @@ def explained_fraction(before: float, after: float) -> float | None:
 def channel_gaps(replay: Replay, split: Split, hypothesis: Hypothesis) -> FloatArray:
     """Return the mean squared held-out gap of each channel in units of the floor, (n_channels,)."""
     evidence = gather(replay, split, hypothesis, ())
-    out, n = evidence.held_out, len(split.floors)
+    out, n = evidence.held_out, len(split.noise_models)
     squares = np.bincount(evidence.channel[out], weights=evidence.gaps[out], minlength=n)
     return np.asarray(squares / np.maximum(np.bincount(evidence.channel[out], evidence.counts[out], n), 1.0))
 
 
-def closure(replay: Replay, split: Split, base: Hypothesis, final: Hypothesis) -> Closure:
+def reductions_of(replay: Replay, split: Split, base: Hypothesis, final: Hypothesis) -> Reductions:
     """Simulate every subset of the final effects at their final values; each is re-calibrated on its own.
 
     Re-calibration is linear around the final hypothesis and made on the training segments, and that of the model
@@ -107,7 +107,7 @@ def closure(replay: Replay, split: Split, base: Hypothesis, final: Hypothesis) -
         combined = residual - np.linalg.solve(normal, right) @ responses if subsets[place] else residual
         squares = np.einsum("i,sij,j->s", combined, evidence.products[outside], combined)
         gaps.append(squares / evidence.weights[outside])
-    return Closure(
+    return Reductions(
         subsets=subsets,
         by_segment=np.array(gaps).T,
         counts=evidence.counts[outside],
@@ -146,13 +146,13 @@ def shapley(values: dict[tuple[int, ...], float], n: int) -> list[float]:
 
 
 def shrinkage(
-    shut: Closure, final: Hypothesis, seen: Sequence[Mark], split: Split, judged_on: str, raw: float
+    reductions: Reductions, final: Hypothesis, seen: Sequence[Artefact], split: Split, judged_on: str, raw: float
 ) -> Shrinkage:
     """Return how the held-out mean squared gap falls as the effects are added one by one, with intervals."""
-    means, draws = shut.mean(), shut.mean(shut.draws())
-    place = {subset: index for index, subset in enumerate(shut.subsets)}
-    by_channel = {name: shut.of_channel(index) for index, name in enumerate(split.floors)}
-    steps = [held_step(mark, float(means[0]), by_channel, split.floors) for mark in seen if mark.bridged]
+    means, draws = reductions.mean(), reductions.mean(reductions.draws())
+    place = {subset: index for index, subset in enumerate(reductions.subsets)}
+    by_channel = {name: reductions.of_channel(index) for index, name in enumerate(split.noise_models)}
+    steps = [held_step(mark, float(means[0]), by_channel, split.noise_models) for mark in seen if mark.interpolated]
     for count, effect in enumerate(final.effects):
         before, after = place[tuple(range(count))], place[tuple(range(count + 1))]
         steps.append(
@@ -178,10 +178,12 @@ def shrinkage(
     )
 
 
-def held_step(mark: Mark, after: float, by_channel: Mapping[str, FloatArray], floors: Mapping[str, Floor]) -> Step:
+def held_step(
+    mark: Artefact, after: float, by_channel: Mapping[str, FloatArray], noise_models: Mapping[str, NoiseModel]
+) -> Step:
     """Return the step from the samples as they were logged to those that are compared."""
-    energy = mean_energy(mark, floors)
-    own = {name: mark.energy[name] / floor.rms**2 for name, floor in floors.items()}
+    energy = mean_energy(mark, noise_models)
+    own = {name: mark.energy[name] / floor.rms**2 for name, floor in noise_models.items()}
     low, high = (energy * bound / mark.value for bound in (mark.low, mark.high))
     return Step(
         added=mark.kind.name,
@@ -194,10 +196,10 @@ def held_step(mark: Mark, after: float, by_channel: Mapping[str, FloatArray], fl
     )
 
 
-def parametric(raw: float, shut: Closure, calibrated: Hypothesis, final: Hypothesis) -> Parametric:
+def parametric(raw: float, reductions: Reductions, calibrated: Hypothesis, final: Hypothesis) -> Parametric:
     """Return what re-calibration alone does: the parametric gap, and how far each nominal parameter moved."""
-    structural = float(shut.mean()[0])
-    names = [item.name for item in calibrations(calibrated.nominal)]
+    structural = float(reductions.mean()[0])
+    names = [item.name for item in nominal_parameters(calibrated.nominal)]
     return Parametric(
         closed_by_recalibration=max(0.0, 1.0 - structural / raw),
         moved_in_standard_deviations=dict(zip(names, calibrated.shifts, strict=True)),

@@ -24,7 +24,9 @@ NOISE = 0.1  # mean square beyond the noise, in units of it, below which there i
 Cells = NDArray[np.intp]
 
 
-def types(split: Split, simulated: Sequence[Mapping[str, FloatArray]], drive: FeedDrive) -> tuple[Dependence, ...]:
+def dependences(
+    split: Split, simulated: Sequence[Mapping[str, FloatArray]], drive: FeedDrive
+) -> tuple[Dependence, ...]:
     """Return what the rest depends on, the share of it that such a function removes, and where most; best first.
 
     The function is a mean in each of 24 cells (48 where it may differ by direction), fitted on the training samples of
@@ -78,7 +80,7 @@ def _most(
     while last < CELLS - 1 and enough[last + 1]:
         last += 1
     there = (cell >= first) & (cell <= last)
-    mean_N = split.floors["motor_force_N"].rms * float(force[there].mean())
+    mean_N = split.noise_models["motor_force_N"].rms * float(force[there].mean())
     return Most(low=float(value[there].min()), high=float(value[there].max()), unit=unit, force_N=mean_N)
 
 
@@ -119,7 +121,7 @@ def _cells(values: Sequence[FloatArray], root: bool) -> list[Cells]:
 def _share(split: Split, rest: Sequence[Mapping[str, FloatArray]], cells: Sequence[Cells]) -> float:
     before = after = 0.0
     n_judged = 0
-    for name in split.floors:
+    for name in split.noise_models:
         sums, counts = np.zeros(2 * CELLS), np.zeros(2 * CELLS)
         for own, place, out in zip(rest, cells, split.held_out, strict=True):
             sums += np.bincount(place[~out], weights=own[name][~out], minlength=2 * CELLS)

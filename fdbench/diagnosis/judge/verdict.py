@@ -9,14 +9,14 @@ import numpy as np
 
 from fdbench.diagnosis.answer import READING, VALUE, Cause, ForceBalances, Pair, Quantity, Rival, Suspect
 from fdbench.diagnosis.evidence.evidence import gather
-from fdbench.diagnosis.evidence.sensor_artefacts import Mark, energies
+from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, energies
 from fdbench.diagnosis.judge import probability_models as confidence
-from fdbench.diagnosis.judge.force_balance_check import forces_removed
-from fdbench.diagnosis.judge.probability_models import Heads, Signs
-from fdbench.diagnosis.judge.reduction import Closure, channel_gaps, shapley
-from fdbench.diagnosis.model.candidates import candidates, middle_of_each
-from fdbench.diagnosis.model.hypothesis import Hypothesis, adjustables, calibrations
-from fdbench.diagnosis.search.search import SMALLEST_GAIN, Search, Stage, numbers_of
+from fdbench.diagnosis.judge.force_balance_check import force_balances_removed
+from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
+from fdbench.diagnosis.judge.reduction import Reductions, channel_gaps, shapley
+from fdbench.diagnosis.model.candidates import candidates, middle_shapes
+from fdbench.diagnosis.model.hypothesis import Hypothesis, adjustables, nominal_parameters
+from fdbench.diagnosis.search.search import SMALLEST_GAIN, Search, Stage, adjustables_of
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
 
@@ -42,8 +42,8 @@ class Findings:
         The model as given, what the search began with, and with effects.
     stages, contests : sequences of Stage
         Of the search, and for each final effect the model without it beside its rivals.
-    shut : Closure
-    marks : sequence of Mark
+    reductions : Reductions
+    marks : sequence of Artefact
         Effects that are seen in the readings themselves.
     """
 
@@ -53,8 +53,8 @@ class Findings:
     final: Hypothesis
     stages: Sequence[Stage]
     contests: Sequence[Stage]
-    shut: Closure
-    marks: Sequence[Mark]
+    reductions: Reductions
+    marks: Sequence[Artefact]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,8 +67,8 @@ class Verdict:
     suspects : tuple of Suspect
     nearest : Rival or None
     unknown_probability, no_gap_probability : float
-    signs : mapping
-        By the kind of claim (see `fdbench.diagnosis.judge.probability_models.Heads`) and the name
+    features : mapping
+        By the kind of claim (see `fdbench.diagnosis.judge.probability_models.ProbabilityModels`) and the name
         of what is claimed; names of effects that cannot be told apart are joined by " or ".
     """
 
@@ -77,7 +77,7 @@ class Verdict:
     nearest: Rival | None
     unknown_probability: float
     no_gap_probability: float
-    signs: Mapping[str, Mapping[str, Signs]] = field(default_factory=dict)
+    features: Mapping[str, Mapping[str, Features]] = field(default_factory=dict)
 
 
 class Shares:
@@ -87,12 +87,12 @@ class Shares:
     ----------
     gaps : (n_channels,) array
         Mean squared held-out gap in units of the floor.
-    bridged : (n_channels,) array
+    interpolated : (n_channels,) array
         What was taken out of the readings beforehand.
     """
 
-    def __init__(self, gaps: FloatArray, bridged: FloatArray) -> None:
-        self.total = gaps + bridged
+    def __init__(self, gaps: FloatArray, interpolated: FloatArray) -> None:
+        self.total = gaps + interpolated
         weights = np.sqrt(np.maximum(self.total - 1.0, 0.0))
         self.weights = weights / weights.sum() if weights.sum() > 0.0 else np.full(len(weights), 1.0 / len(weights))
 
@@ -105,37 +105,42 @@ class Shares:
         return np.asarray(np.clip(closed / np.maximum(self.total, 1e-12), 0.0, 1.0))
 
 
-def verdict(found: Findings, heads: Heads) -> Verdict:
+def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     """Return the verdict; see the contract for the answer.
 
     Shares of effects are of the gap that re-calibration leaves, those of values on paper of the gap on paper.
     """
-    search, shut = found.search, found.shut
+    search, reductions = found.search, found.reductions
     plain = search.split.plain
-    floors = plain.floors
+    noise_models = plain.noise_models
     on_paper = channel_gaps(search.replay, plain, found.paper)
-    bridged = sum((energies(mark, floors) for mark in found.marks if mark.bridged), np.zeros(len(floors)))
-    recalibrated = np.array([shut.of_channel(place)[0] for place in range(len(floors))])
-    shares = Shares(recalibrated, bridged)
-    repaired = np.array([shut.of_channel(place)[-1] for place in range(len(floors))])
-    belief = credit(Shares(on_paper, bridged).of(np.maximum(repaired - UNREPEATED, 0.0)))
+    interpolated = sum(
+        (energies(mark, noise_models) for mark in found.marks if mark.interpolated), np.zeros(len(noise_models))
+    )
+    recalibrated = np.array([reductions.of_channel(place)[0] for place in range(len(noise_models))])
+    shares = Shares(recalibrated, interpolated)
+    repaired = np.array([reductions.of_channel(place)[-1] for place in range(len(noise_models))])
+    belief = plausibility_discount(Shares(on_paper, interpolated).of(np.maximum(repaired - UNREPEATED, 0.0)))
     beside_twins = found.final.nominal.beside_twins
-    closed = [shut.of_channel(place)[0] - shut.of_channel(place) for place in range(len(floors))]
-    by_subset = {subset: np.array([gains[index] for gains in closed]) for index, subset in enumerate(shut.subsets)}
+    closed = [reductions.of_channel(place)[0] - reductions.of_channel(place) for place in range(len(noise_models))]
+    by_subset = {
+        subset: np.array([gains[index] for gains in closed]) for index, subset in enumerate(reductions.subsets)
+    }
     everything = tuple(range(len(found.final.effects)))
     parts = [
-        shapley({subset: own[c] for subset, own in by_subset.items()}, len(everything)) for c in range(len(floors))
+        shapley({subset: own[c] for subset, own in by_subset.items()}, len(everything))
+        for c in range(len(noise_models))
     ]
     bounds = intervals(search, found.final)
     causes: list[Cause] = []
-    effect_signs: dict[str, Signs] = {}
+    effect_features_of: dict[str, Features] = {}
     for index, (effect, contest) in enumerate(zip(found.final.effects, found.contests, strict=True)):
         alone = tuple(other for other in everything if other != index)
-        same = alike(contest, type(effect))
-        signs = confidence.of_effect(contest, type(effect), same)
-        told = forces_removed(search.replay, search.split, contest)
-        effect_signs[OR.join((effect.name, *same))] = signs
-        odds = divided(contest, type(effect), same, heads.effect.probability(signs))
+        same = indistinguishable(contest, type(effect))
+        features = confidence.effect_features(contest, type(effect), same)
+        told = force_balances_removed(search.replay, search.split, contest)
+        effect_features_of[OR.join((effect.name, *same))] = features
+        odds = divided(contest, type(effect), same, models.effect.probability(features))
         chances = {name: belief * p for name, p in odds.items()}
         own = np.maximum([part[index] for part in parts], 0.0)
         causes.append(
@@ -143,7 +148,7 @@ def verdict(found: Findings, heads: Heads) -> Verdict:
                 effect=effect.name,
                 probability=chances[effect.name],
                 share=shares.of(own),
-                share_of_channel=dict(zip(floors, shares.by_channel(own).tolist(), strict=True)),
+                share_of_channel=dict(zip(noise_models, shares.by_channel(own).tolist(), strict=True)),
                 unique_share=shares.of(np.maximum(by_subset[everything] - by_subset[alone], 0.0)),
                 parameters=parameters(effect, bounds[index]),
                 indistinguishable_from=tuple(beside_twins([effect.name, *same])[1:]),
@@ -155,30 +160,30 @@ def verdict(found: Findings, heads: Heads) -> Verdict:
                 at_bound=tuple(at_bound(effect)),
             )
         )
-    corrected = Shares(on_paper, bridged).of(np.maximum(on_paper - recalibrated, 0.0))
-    values, value_signs, moved = off_paper(search, found.final, corrected, heads)
+    corrected = Shares(on_paper, interpolated).of(np.maximum(on_paper - recalibrated, 0.0))
+    values, value_features_of, moved = deviating_parameters(search, found.final, corrected, models)
     causes += [dataclasses.replace(value, probability=belief * value.probability) for value in values]
-    causes += [marked(mark, shares.of(energies(mark, floors))) for mark in found.marks]
+    causes += [marked(mark, shares.of(energies(mark, noise_models))) for mark in found.marks]
     causes.sort(key=lambda cause: (cause.probability <= NAMED, -cause.share))
-    suspects, suspect_signs = suspected(found, heads, belief)
+    suspects, suspect_features_of = suspected(found, models, belief)
     before = search.compared(found.base, [(Effect, found.final, True)])
     left = gather(search.replay, search.split, found.final, ())
-    unknown = confidence.of_unknown(before.rivals[0].misfit, left.worst())
+    unknown = confidence.unknown_features(before.rivals[0].misfit, left.worst())
     rivals = [rival.size for stage in (*found.contests, *found.stages[-1:]) for rival in stage.rivals[:1]]
-    none = confidence.of_none(before.misfit, moved, max(rivals, default=0.0))
+    none = confidence.no_gap_features(before.misfit, moved, max(rivals, default=0.0))
     surest = max((cause.probability for cause in causes), default=0.0)
-    claims = {"effect": effect_signs, "suspect": suspect_signs, "value": value_signs}
+    claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": value_features_of}
     return Verdict(
         causes=tuple(causes),
         suspects=tuple(suspects),
         nearest=nearest(found),
-        unknown_probability=max(heads.unknown.probability(unknown), 1.0 - belief),
-        no_gap_probability=min(heads.none.probability(none), 1.0 - surest),
-        signs={**claims, "unknown": {"unknown": unknown}, "none": {"none": none}},
+        unknown_probability=max(models.unknown.probability(unknown), 1.0 - belief),
+        no_gap_probability=min(models.none.probability(none), 1.0 - surest),
+        features={**claims, "unknown": {"unknown": unknown}, "none": {"none": none}},
     )
 
 
-def credit(left: float) -> float:
+def plausibility_discount(left: float) -> float:
     """Return by how much to believe what is named, from the share of the gap on paper that it surely leaves.
 
     It is believed in full from where it explains half of the gap: little of a large gap may be a value or an effect
@@ -190,7 +195,7 @@ def credit(left: float) -> float:
     return min(1.0, (1.0 - left) / ENOUGH)
 
 
-def marked(mark: Mark, share: float) -> Cause:
+def marked(mark: Artefact, share: float) -> Cause:
     """Return the cause that is seen in the readings themselves."""
     amplitude = mark.kind.amplitude
     unit = next(item.unit for item in mark.kind.parameters() if item.name == amplitude)
@@ -204,16 +209,16 @@ def marked(mark: Mark, share: float) -> Cause:
     )
 
 
-def suspected(found: Findings, heads: Heads, belief: float) -> tuple[list[Suspect], dict[str, Signs]]:
+def suspected(found: Findings, models: ProbabilityModels, belief: float) -> tuple[list[Suspect], dict[str, Features]]:
     """Return the effect that the search came closest to adding when it ended, if any, and its signs."""
     last = found.stages[-1] if found.stages else None
     named = {type(effect) for effect in found.final.effects}
     if last is None or not last.rivals or last.rivals[0].kind in named:
         return [], {}
     best = last.rivals[0]
-    signs = confidence.of_effect(last, best.kind)
-    chance = belief * min(heads.suspect.probability(signs), NAMED)
-    return [Suspect(effect=best.kind.name, probability=chance)], {best.kind.name: signs}
+    features = confidence.effect_features(last, best.kind)
+    chance = belief * min(models.suspect.probability(features), NAMED)
+    return [Suspect(effect=best.kind.name, probability=chance)], {best.kind.name: features}
 
 
 def nearest(found: Findings) -> Rival | None:
@@ -231,7 +236,7 @@ def intervals(search: Search, final: Hypothesis) -> list[dict[str, Pair]]:
     left as it is, correlated in time or not (White 1980; segments as clusters). Every other effect of the library may
     be there too, with a standard deviation of 5 % of its typical size, which the numbers may make up for.
     """
-    numbers, others = numbers_of(final), one_of_each(final)
+    numbers, others = adjustables_of(final), one_of_each(final)
     evidence = search.probed(final, others)
     inside = ~evidence.held_out
     n, n_all = len(numbers), len(numbers) + len(others)
@@ -260,12 +265,12 @@ def intervals(search: Search, final: Hypothesis) -> list[dict[str, Pair]]:
 def one_of_each(final: Hypothesis) -> list[Hypothesis]:
     """Return a hypothesis with each effect that it lacks, at a typical size and in the middle of its shapes."""
     added = (item for item in candidates(final) if item.replaces is None)
-    return [item.hypotheses(final)[0] for item in middle_of_each(added)]
+    return [item.hypotheses(final)[0] for item in middle_shapes(added)]
 
 
-def off_paper(
-    search: Search, final: Hypothesis, recalibrated: float, heads: Heads
-) -> tuple[list[Cause], dict[str, Signs], float]:
+def deviating_parameters(
+    search: Search, final: Hypothesis, recalibrated: float, models: ProbabilityModels
+) -> tuple[list[Cause], dict[str, Features], float]:
     """Return the effects whose size is a value on paper that moved further than it should be wrong, and their signs.
 
     A kind of value that is corrected on both sides of the screw counts once, with the sum of its changes. The share of
@@ -273,7 +278,7 @@ def off_paper(
     all others. The third result is the largest distance that any of them moved, in standard deviations.
     """
     replay, split = search.replay, search.split.plain
-    scale = calibrations(final.nominal)
+    scale = nominal_parameters(final.nominal)
     groups: dict[str, list[int]] = {}
     for place, calibration in enumerate(scale):
         groups.setdefault(f"{calibration.kind}_{calibration.index}", []).append(place)
@@ -289,26 +294,26 @@ def off_paper(
     total = max(sum(max(without - closed, 0.0) for _, _, _, without, _ in moves), 1e-12)
     present = {item.name for item in final.effects}
     found: list[Cause] = []
-    all_signs: dict[str, Signs] = {}
+    all_features: dict[str, Features] = {}
     for name, change, distance, without, unit in moves:
         if distance <= BEYOND_DOUBT or not name or name in present or without - closed < SMALLEST_GAIN * without:
             continue
         share = recalibrated * (without - closed) / total
-        all_signs[name] = confidence.of_value(distance, without - closed, closed)
+        all_features[name] = confidence.value_features(distance, without - closed, closed)
         found.append(
             Cause(
                 effect=name,
                 kind=VALUE,
-                probability=heads.value.probability(all_signs[name]),
+                probability=models.value.probability(all_features[name]),
                 share=share,
                 unique_share=share,
                 parameters={"change": Quantity(value=change, ci95=None, unit=unit)},
             )
         )
-    return found, all_signs, max((distance for _, _, distance, _, _ in moves), default=0.0)
+    return found, all_features, max((distance for _, _, distance, _, _ in moves), default=0.0)
 
 
-def alike(contest: Stage, kind: type[Effect]) -> list[str]:
+def indistinguishable(contest: Stage, kind: type[Effect]) -> list[str]:
     """Return the names of rivals that explain nearly as much as an effect."""
     gains = {rival.kind: contest.gain(rival) for rival in contest.rivals}
     return [rival.name for rival, gain in gains.items() if rival is not kind and gain >= ALIKE * gains[kind]]

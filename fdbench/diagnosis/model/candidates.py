@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from fdbench.diagnosis.model.hypothesis import Hypothesis, calibrations
+from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
 from fdbench.effects import Effect, Port
 
 QUARTER_TURN = math.pi / 2.0
@@ -71,7 +71,7 @@ class Candidate:
         return [Candidate(members=(self.members[0].scaled(share),)) for share in shares]
 
 
-def middle_of_each(items: Iterable[Candidate]) -> list[Candidate]:
+def middle_shapes(items: Iterable[Candidate]) -> list[Candidate]:
     """Return of each class of effect the candidate in the middle of its shapes."""
     found: dict[type[Effect], list[Candidate]] = {}
     for item in items:
@@ -102,7 +102,7 @@ def candidates(base: Hypothesis, located: Mapping[str, Sequence[float]] | None =
     """
     drive = base.nominal.drive
     present = {type(effect) for effect in (*base.effects, *drive.effects)}
-    covered = {item.cause(base.nominal) for item in calibrations(base.nominal)}
+    covered = {item.cause(base.nominal) for item in nominal_parameters(base.nominal)}
     found: list[Candidate] = []
     for kind in base.nominal.library:
         unseen = drive.screw is None and (kind.port is Port.TABLE_SCALE or kind.needs_screw)

@@ -64,7 +64,7 @@ class Hypothesis:
         """Return the drive that is simulated."""
         drive = self.nominal.drive
         offsets: tuple[Effect, ...] = ()
-        for calibration, shift in zip(calibrations(self.nominal), self.shifts, strict=True):
+        for calibration, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True):
             if shift != 0.0:
                 drive, extra = calibration.apply(drive, shift)
                 offsets += extra
@@ -76,7 +76,7 @@ class Hypothesis:
         """Return the squared distance from the values on paper, in standard deviations."""
         return float(sum(shift**2 for shift in self.shifts))
 
-    def surprise(self) -> float:
+    def prior_penalty(self) -> float:
         r"""Return :math:`\sum_i (\nu + 1) \ln(1 + s_i^2 / \nu)`, minus twice the log prior of Student's t."""
         return float(sum((FREEDOM + 1.0) * math.log1p(shift**2 / FREEDOM) for shift in self.shifts))
 
@@ -133,7 +133,7 @@ def _with_known(drive: FeedDrive, index: int, ratio: float) -> FeedDrive:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Calibration:
+class NominalParameter:
     """A value on paper that every hypothesis may move, with its standard deviation.
 
     Attributes
@@ -198,21 +198,23 @@ class Calibration:
         return next((kind.name for kind in nominal.library if kind.calibrates == self.kind), "")
 
 
-def calibrations(nominal: Nominal) -> tuple[Calibration, ...]:
+def nominal_parameters(nominal: Nominal) -> tuple[NominalParameter, ...]:
     """Return what every hypothesis may re-calibrate: masses, viscous friction, known effects, a force offset."""
     drive, doubt = nominal.drive, nominal.uncertainty
     sides = ("motor", "table") if drive.screw is not None else ("motor",)
     viscous = max(drive.viscous_friction_N_s_per_m, 1e-3 * drive.mass_kg) * doubt.viscous
     lever = 1.0 if drive.screw is not None else drive.mass_kg / drive.motor.mass_kg
-    found = [Calibration(name=f"{side}_mass", kind="mass", side=side, deviation=doubt.mass * lever) for side in sides]
-    found += [Calibration(name=f"{side}_viscous", kind="viscous", side=side, deviation=viscous) for side in sides]
+    found = [
+        NominalParameter(name=f"{side}_mass", kind="mass", side=side, deviation=doubt.mass * lever) for side in sides
+    ]
+    found += [NominalParameter(name=f"{side}_viscous", kind="viscous", side=side, deviation=viscous) for side in sides]
     found += [
-        Calibration(name=f"known_{known.name}", kind="known_effects", index=index, deviation=doubt.known_effects)
+        NominalParameter(name=f"known_{known.name}", kind="known_effects", index=index, deviation=doubt.known_effects)
         for index, known in enumerate(drive.effects)
     ]
     offsets = [kind for kind in nominal.library if kind.calibrates == "force_offset"]
     found += [
-        Calibration(name="force_offset", kind="force_offset", deviation=doubt.force_offset_N, effect=kind)
+        NominalParameter(name="force_offset", kind="force_offset", deviation=doubt.force_offset_N, effect=kind)
         for kind in offsets[:1]
         if doubt.force_offset_N > 0.0
     ]
@@ -221,7 +223,7 @@ def calibrations(nominal: Nominal) -> tuple[Calibration, ...]:
 
 def start(nominal: Nominal) -> Hypothesis:
     """Return the model on paper as a hypothesis."""
-    return Hypothesis(nominal=nominal, shifts=(0.0,) * len(calibrations(nominal)))
+    return Hypothesis(nominal=nominal, shifts=(0.0,) * len(nominal_parameters(nominal)))
 
 
 def adjustables(effect: Effect) -> list[Adjustable]:

@@ -9,8 +9,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from fdbench.diagnosis.records.noise_model import Floor
-from fdbench.diagnosis.records.runs import STRETCH, Run
+from fdbench.diagnosis.records.noise_model import NoiseModel
+from fdbench.diagnosis.records.runs import DEFLECTION, Run
 from fdbench.effects import Effect
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
@@ -99,7 +99,7 @@ class Replay:
             list(_threads().map(advance, blocks))
         return result
 
-    def coarsened(self, runs: Sequence[Run], floors: Mapping[str, Floor]) -> "Replay":
+    def coarsened(self, runs: Sequence[Run], noise_models: Mapping[str, NoiseModel]) -> "Replay":
         """Return the simulator with the fewest substeps that move no reading by a tenth of the noise within a run."""
         plain = [Variant(plant=self.drive)]
         fine = [self.simulate(run, plain) for run in runs]
@@ -110,8 +110,8 @@ class Replay:
             coarse = copy.copy(self)
             coarse.substeps = substeps
             both = [(own, coarse.simulate(run, plain)) for own, run in zip(fine, runs, strict=True)]
-            moved = {name: sum(float(np.sum((a[name] - b[name]) ** 2)) for a, b in both) for name in floors}
-            if all(moved[name] <= n_samples * (MISSED * floor.rms) ** 2 for name, floor in floors.items()):
+            moved = {name: sum(float(np.sum((a[name] - b[name]) ** 2)) for a, b in both) for name in noise_models}
+            if all(moved[name] <= n_samples * (MISSED * floor.rms) ** 2 for name, floor in noise_models.items()):
                 return coarse
         return self
 
@@ -152,7 +152,7 @@ class Replay:
         return {
             "motor_force_N": out[0, :, layout.OUT_FORCE],
             "position_m": out[0, :, feedback],
-            STRETCH: out[0, :, layout.OUT_MOTOR] - out[0, :, layout.OUT_TABLE],
+            DEFLECTION: out[0, :, layout.OUT_MOTOR] - out[0, :, layout.OUT_TABLE],
         }
 
     @staticmethod

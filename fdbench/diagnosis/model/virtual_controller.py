@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.diagnosis.model.nominal import Nominal
-from fdbench.diagnosis.records.plausibility import check_content, check_sizes, roughness
+from fdbench.diagnosis.records.plausibility import check_content, check_sizes, noise_estimate
 from fdbench.diagnosis.records.runs import (
     COMMAND,
     SAME_COMMAND,
@@ -92,8 +92,8 @@ def virtual_controller(drive: FeedDrive, records: Sequence[Record]) -> Following
         feedback=side,
         greatest_force_N=max(float(np.abs(force).max()) for force in forces) or None,
     )
-    noise_m = max(roughness(item[_column(item, drive, controller)]) for item in records)
-    quiet_N = max(max(roughness(force), REACTION * float(np.std(force))) for force in forces)
+    noise_m = max(noise_estimate(item[_column(item, drive, controller)]) for item in records)
+    quiet_N = max(max(noise_estimate(force), REACTION * float(np.std(force))) for force in forces)
     while not holds(drive, controller, period):
         controller = _slower(controller)
         if controller.bandwidth_Hz < LOWEST_HZ:
@@ -101,7 +101,7 @@ def virtual_controller(drive: FeedDrive, records: Sequence[Record]) -> Following
                 f"plant: no virtual controller holds this axis at one sample each {period:.4g} s. Check that time_s is "
                 "in seconds, masses and stiffness, or give the real controller as [plant.controller]."
             )
-    while loudness(controller, period) * noise_m > quiet_N and controller.bandwidth_Hz > QUIETEST_HZ:
+    while noise_gain(controller, period) * noise_m > quiet_N and controller.bandwidth_Hz > QUIETEST_HZ:
         controller = _slower(controller)
     return controller
 
@@ -110,7 +110,7 @@ def _slower(controller: Following) -> Following:
     return dataclasses.replace(controller, bandwidth_Hz=SLOWER * controller.bandwidth_Hz)
 
 
-def loudness(controller: Following, period_s: float) -> float:
+def noise_gain(controller: Following, period_s: float) -> float:
     """Return the force per metre of white position noise, by the velocity that is differenced from it."""
     return controller.velocity_gain_N_s_per_m * math.sqrt(2.0) / (controller.difference_span * period_s)
 
@@ -168,7 +168,7 @@ def follow(record: Record, drive: FeedDrive) -> Run:
         raise SpecError("plant.controller: a motion is followed with a controller of kind following.")
     channels = channels_of(record, drive, _column(record, drive, controller))
     held = held_samples(record)
-    position, force = (_bridged(channels[name], held) for name in ("position_m", "motor_force_N"))
+    position, force = (_interpolated(channels[name], held) for name in ("position_m", "motor_force_N"))
     motion = smoothed(position, period, controller.bandwidth_Hz)
     run = Run(name=record.source, period_s=period, reference=motion, channels=channels, lap=None, held=held)
     start, slope = run.start()
@@ -183,7 +183,7 @@ def follow(record: Record, drive: FeedDrive) -> Run:
     return dataclasses.replace(run, reference=reference, lap=lap_length(own, period, same), motion=(own, same))
 
 
-def _bridged(values: FloatArray, held: NDArray[np.bool_]) -> FloatArray:
+def _interpolated(values: FloatArray, held: NDArray[np.bool_]) -> FloatArray:
     """Return the values with held samples interpolated."""
     time = np.arange(len(values))
     return np.interp(time, time[~held], values[~held])

@@ -20,7 +20,7 @@ SMALLEST = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Floor:
+class NoiseModel:
     """Noise of one channel.
 
     Attributes
@@ -48,11 +48,11 @@ class Floor:
         return self.rms if self.from_run_to_run is None else self.whole.rms
 
     @property
-    def whole(self) -> "Floor":
+    def whole(self) -> "NoiseModel":
         """The floor in which what changes from run to run counts as noise."""
         if self.from_run_to_run is None:
             return self
-        return Floor(spectrum=self.spectrum + self.from_run_to_run, measured=self.measured)
+        return NoiseModel(spectrum=self.spectrum + self.from_run_to_run, measured=self.measured)
 
     def shares(self, edges: Sequence[float]) -> FloatArray:
         """Return the shares of the noise within a run in bands of frequency, (n_edges - 1,).
@@ -73,14 +73,14 @@ class Floor:
         return np.asarray(np.diff(np.interp(edges, ends, below)) / max(below[-1], SMALLEST**2))
 
 
-def white(rms: float, measured: bool) -> Floor:
+def white(rms: float, measured: bool) -> NoiseModel:
     """Return a floor that is alike at all frequencies."""
     spectrum = np.ones(PIECE // 2 + 1)
     spectrum[[0, -1]] = 0.5
-    return Floor(spectrum=spectrum * (rms**2 / spectrum.sum()), measured=measured)
+    return NoiseModel(spectrum=spectrum * (rms**2 / spectrum.sum()), measured=measured)
 
 
-def noise_floor(runs: Sequence[Run], channel: str) -> Floor:
+def noise_floor(runs: Sequence[Run], channel: str) -> NoiseModel:
     """Return the floor of a channel.
 
     With repeats (of records, or of laps within one) it is half of what they differ by, drift from repeat to repeat
@@ -88,9 +88,9 @@ def noise_floor(runs: Sequence[Run], channel: str) -> Floor:
     """
     found = differences(runs, channel)
     if found:
-        return Floor(spectrum=0.5 * spectrum_of(found), measured=True)
+        return NoiseModel(spectrum=0.5 * spectrum_of(found), measured=True)
     left = [run.channels[channel] if run.left is None else run.left[channel] for run in runs]
-    return Floor(spectrum=assumed(left), measured=False)
+    return NoiseModel(spectrum=assumed(left), measured=False)
 
 
 def spectrum_of(signals: Sequence[FloatArray]) -> FloatArray:
@@ -136,12 +136,12 @@ def _long_enough(values: FloatArray, length: int) -> FloatArray:
     return np.pad(values, (0, missing), mode="reflect") if missing > 0 else values
 
 
-def floors(runs: Sequence[Run]) -> Mapping[str, Floor]:
+def noise_models(runs: Sequence[Run]) -> Mapping[str, NoiseModel]:
     """Return the floor of each channel."""
     return {channel: noise_floor(runs, channel) for channel in runs[0].channels}
 
 
-def raised(found: Mapping[str, Floor], energy: Mapping[str, float]) -> Mapping[str, Floor]:
+def raised(found: Mapping[str, NoiseModel], energy: Mapping[str, float]) -> Mapping[str, NoiseModel]:
     """Return floors that mean squares are added to, of what cannot be simulated sample by sample."""
     result = {}
     for name, floor in found.items():

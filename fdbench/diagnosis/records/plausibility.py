@@ -63,7 +63,7 @@ def check_content(runs: Sequence[Run]) -> None:
         )
 
 
-def roughness(values: FloatArray) -> float:
+def noise_estimate(values: FloatArray) -> float:
     """Return the standard deviation of the white noise in a channel, from differences that no motion is left in."""
     return float(np.median(np.abs(np.diff(values, 4)))) / (0.6745 * math.sqrt(70.0)) if len(values) > 4 else 0.0
 
@@ -71,7 +71,7 @@ def roughness(values: FloatArray) -> float:
 def _moves(run: Run) -> bool:
     position = run.channels[POSITION]
     commanded = run.motion is None and float(np.ptp(run.reference[:, 0])) > 0.0
-    return commanded or float(np.ptp(position)) > MOVES * roughness(position)
+    return commanded or float(np.ptp(position)) > MOVES * noise_estimate(position)
 
 
 def check_record(run: Run, drive: FeedDrive) -> None:

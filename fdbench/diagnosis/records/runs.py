@@ -13,7 +13,7 @@ from fdbench.record import FloatArray, Record, held_samples
 
 COMMAND = "reference_position_m"
 SIDES = ("motor_position_m", "table_position_m")
-STRETCH = "motor_minus_table_position_m"
+DEFLECTION = "motor_minus_table_position_m"
 SAME_COMMAND = 1e-5  # largest difference between the commands of repeats, relative to their range
 SAME_MOTION = 1e-3  # the same between measured motions
 SUDDEN = 20.0  # times the next bend of a command that counts as a step of its rate
@@ -123,7 +123,7 @@ def channels_of(record: Record, drive: FeedDrive, position: str) -> dict[str, Fl
     """Return what is compared: force, position of the loop, and the stretch where both positions were measured."""
     channels = {"motor_force_N": drive.motor_force(record), "position_m": record[position]}
     if set(SIDES) <= set(record):
-        channels[STRETCH] = record[SIDES[0]] - record[SIDES[1]]
+        channels[DEFLECTION] = record[SIDES[0]] - record[SIDES[1]]
     return {name: np.asarray(values, dtype=np.float64) for name, values in channels.items()}
 
 

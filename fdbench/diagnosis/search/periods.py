@@ -8,8 +8,8 @@ import numpy as np
 from fdbench.diagnosis.evidence.evidence import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.replay import Replay
-from fdbench.diagnosis.records.noise_model import Floor
-from fdbench.diagnosis.records.runs import STRETCH, Run
+from fdbench.diagnosis.records.noise_model import NoiseModel
+from fdbench.diagnosis.records.runs import DEFLECTION, Run
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 
@@ -44,7 +44,10 @@ def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list
         for place, own in enumerate(simulated)
     ]
     turned = [gap * np.sign(run.reference[:, 1]) for gap, run in zip(scaled, split.runs, strict=True)]
-    lacking = [balances(run, own, split.floors, base.nominal.drive) for run, own in zip(split.runs, gaps, strict=True)]
+    lacking = [
+        inverse_dynamics_residuals(run, own, split.noise_models, base.nominal.drive)
+        for run, own in zip(split.runs, gaps, strict=True)
+    ]
     lead_m = getattr(base.nominal.drive.motor, "lead_m", None)
     times_force = [own * run.channels["motor_force_N"][1:-2] for own, run in zip(lacking, split.runs, strict=True)]
     return {
@@ -55,7 +58,9 @@ def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list
     }
 
 
-def balances(run: Run, gap: Mapping[str, FloatArray], floors: Mapping[str, Floor], drive: FeedDrive) -> FloatArray:
+def inverse_dynamics_residuals(
+    run: Run, gap: Mapping[str, FloatArray], noise_models: Mapping[str, NoiseModel], drive: FeedDrive
+) -> FloatArray:
     r"""Return the forces that the gap of a run asks for, (n_balances, ..., n_samples - 3), in units of their noise.
 
     The gaps of two runs of one linear drive obey its equations of motion, so that what is left is what acts on the
@@ -69,21 +74,21 @@ def balances(run: Run, gap: Mapping[str, FloatArray], floors: Mapping[str, Floor
     those in the middle between samples, where a force that is held acts on average.
     """
     h, force, position = run.period_s, gap["motor_force_N"][..., 1:-2], gap["position_m"]
-    noise = {name: floor.rms for name, floor in floors.items()}
+    noise = {name: floor.rms for name, floor in noise_models.items()}
     motor, table, screw = drive.motor, drive.table, drive.screw
 
     def inertia_and_drag(mass_kg: float, viscous: float, x: FloatArray) -> FloatArray:
         acceleration = (x[..., 3:] - x[..., 2:-1] - x[..., 1:-2] + x[..., :-3]) / (2.0 * h**2)
         return np.asarray(mass_kg * acceleration + viscous * (x[..., 2:-1] - x[..., 1:-2]) / h)
 
-    if screw is None or table is None or STRETCH not in gap:
+    if screw is None or table is None or DEFLECTION not in gap:
         left = force - inertia_and_drag(drive.mass_kg, drive.viscous_friction_N_s_per_m, position)
         return np.asarray(left / math.hypot(noise["motor_force_N"], drive.mass_kg / h**2 * noise["position_m"]))[None]
-    stretch = gap[STRETCH]
+    stretch = gap[DEFLECTION]
     x_t = position if drive.controller.uses_table else position - stretch
     k, c = screw.stiffness_N_per_m, screw.damping_N_s_per_m
     spring = k * 0.5 * (stretch[..., 1:-2] + stretch[..., 2:-1]) + c * (stretch[..., 2:-1] - stretch[..., 1:-2]) / h
-    spread = noise[STRETCH] * math.hypot(k / math.sqrt(2.0), c * math.sqrt(2.0) / h)
+    spread = noise[DEFLECTION] * math.hypot(k / math.sqrt(2.0), c * math.sqrt(2.0) / h)
     on_motor = force - inertia_and_drag(motor.mass_kg, motor.viscous_friction_N_s_per_m, x_t + stretch) - spring
     on_table = spring - inertia_and_drag(table.mass_kg, table.viscous_friction_N_s_per_m, x_t)
     jerky = noise["position_m"] / h**2

@@ -9,7 +9,7 @@ import numpy as np
 
 from fdbench.diagnosis.evidence.evidence import Evidence, Fit, Scores, Split, gather
 from fdbench.diagnosis.model.candidates import Candidate, candidates
-from fdbench.diagnosis.model.hypothesis import Adjustable, Hypothesis, adjustables, calibrations
+from fdbench.diagnosis.model.hypothesis import Adjustable, Hypothesis, adjustables, nominal_parameters
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.search.periods import located
 from fdbench.effects import Effect
@@ -173,7 +173,7 @@ class Search:
                 kind=kind,
                 hypothesis=hypothesis,
                 misfit=misfit,
-                penalty=hypothesis.surprise(),
+                penalty=hypothesis.prior_penalty(),
                 refined=refined,
                 size=size,
             )
@@ -182,7 +182,7 @@ class Search:
         stage = Stage(
             base=base,
             misfit=alone,
-            penalty=base.surprise(),
+            penalty=base.prior_penalty(),
             test_count=float(np.sum(evidence.counts[outside])),
             rivals=tuple(rivals),
             effective=min(EFFECTIVE_SAMPLES, float(len(np.unique(evidence.group[outside])))),
@@ -258,7 +258,7 @@ class Search:
         """Fit all numbers of a hypothesis on the training segments by guarded Gauss-Newton steps in closed loop."""
         evidence = self.probed(hypothesis)
         for _ in range(ITERATIONS):
-            numbers = numbers_of(hypothesis)
+            numbers = adjustables_of(hypothesis)
             columns = range(1, 1 + len(numbers))
             fit = Scores(evidence, dict(enumerate(hypothesis.shifts, start=1))).fit(columns)
             step = fit.coefficients * np.array([item.step for item in numbers])
@@ -287,15 +287,17 @@ class Search:
         Those of the hypotheses ``beside`` it follow.
         """
         values = read(hypothesis)
-        probes = [write(hypothesis, values + row) for row in np.diag([item.step for item in numbers_of(hypothesis)])]
+        probes = [
+            write(hypothesis, values + row) for row in np.diag([item.step for item in adjustables_of(hypothesis)])
+        ]
         return gather(self.replay, self.split, hypothesis, [*probes, *beside], fitted_only=True)
 
 
-def numbers_of(hypothesis: Hypothesis) -> list[Adjustable]:
+def adjustables_of(hypothesis: Hypothesis) -> list[Adjustable]:
     """Return what a fit may move: the shifts of the values on paper, then the numbers of each effect."""
     found = [
         Adjustable(name=item.name, step=1.0, low=-math.inf, high=math.inf, prior=True)
-        for item in calibrations(hypothesis.nominal)
+        for item in nominal_parameters(hypothesis.nominal)
     ]
     for effect in hypothesis.effects:
         found += adjustables(effect)
@@ -303,7 +305,7 @@ def numbers_of(hypothesis: Hypothesis) -> list[Adjustable]:
 
 
 def read(hypothesis: Hypothesis) -> FloatArray:
-    """Return the numbers of a hypothesis in the order of `numbers_of`."""
+    """Return the numbers of a hypothesis in the order of `adjustables_of`."""
     values = list(hypothesis.shifts)
     for effect in hypothesis.effects:
         values += [getattr(effect, item.name) for item in adjustables(effect)]

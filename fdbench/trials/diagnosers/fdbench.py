@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import final
 
 from fdbench.diagnosis.diagnose import diagnose
-from fdbench.diagnosis.judge.reduction import explained_fraction
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.record import Record
 from fdbench.trials.diagnoser import Answer, Diagnoser

@@ -36,7 +36,7 @@ class LargestCorrelation(Diagnoser):
             signals[0] = run.channels[CHANNEL] - simulated[0]
             signals = np.where(np.isfinite(signals).all(axis=1, keepdims=True), signals, 0.0)
             signals -= signals.mean(axis=1, keepdims=True)
-            signals *= np.sqrt(run.repeats) / split.floors[CHANNEL].rms
+            signals *= np.sqrt(run.repeats) / split.noise_models[CHANNEL].rms
             products += signals @ signals.T
             count += run.n_samples
         chances: dict[str, float] = {}

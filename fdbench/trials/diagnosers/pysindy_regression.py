@@ -50,7 +50,7 @@ class PysindyRegression(Diagnoser):
             for member in item.members
         ]
         residual = np.concatenate([motion.residual for motion in motions])
-        noise = split.floors["motor_force_N"].rms ** 2 / min(run.repeats for run in runs)
+        noise = split.noise_models["motor_force_N"].rms ** 2 / min(run.repeats for run in runs)
         kept, left = self._inclusion(np.stack(columns, axis=1), residual)
         chances: dict[str, float] = {}
         first = 0

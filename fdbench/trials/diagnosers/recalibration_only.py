@@ -6,7 +6,7 @@ from typing import final
 from fdbench.diagnosis.evidence.prepare import merged_runs
 from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.reduction import channel_gaps, explained_fraction
-from fdbench.diagnosis.judge.verdict import off_paper
+from fdbench.diagnosis.judge.verdict import deviating_parameters
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.search.search import Search
@@ -29,8 +29,8 @@ class RecalibrationOnly(Diagnoser):
         fitted = search.refine(paper)
         after = float(channel_gaps(replay, split, fitted).mean())
         closed_share = 1.0 - after / max(float(before.mean()), 1e-12)
-        values, _, _ = off_paper(search, fitted, closed_share, confidence.heads())
-        causes = {cause["effect"]: float(cause["probability"]) for cause in values}
+        values, _, _ = deviating_parameters(search, fitted, closed_share, confidence.models())
+        causes = {cause.effect: cause.probability for cause in values}
         left = 1.0 - 1.0 / max(after, 1.0)
         none = (1.0 - left) * (1.0 - max(causes.values(), default=0.0))
         return Answer(effects=causes, unknown=left, none=none, closure=explained_fraction(float(before.mean()), after))

@@ -7,7 +7,7 @@ import numpy as np
 
 from fdbench.diagnosis.evidence.prepare import merged_runs
 from fdbench.diagnosis.model.candidates import Candidate, candidates
-from fdbench.diagnosis.model.hypothesis import calibrations, start
+from fdbench.diagnosis.model.hypothesis import nominal_parameters, start
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.records.runs import Run
 from fdbench.diagnosis.search.periods import located
@@ -55,7 +55,7 @@ class SparseRegression(Diagnoser):
         runs = [run for run, out in zip(split.runs, split.held_out, strict=True) if not out.all()]
         sums = _products(runs, nominal, every)
         count = sum(run.n_samples for run in runs) / STRIDE
-        noise = count * split.floors["motor_force_N"].rms ** 2 / min(run.repeats for run in runs)
+        noise = count * split.noise_models["motor_force_N"].rms ** 2 / min(run.repeats for run in runs)
         groups = _best_of_class(sums.sum(axis=0), every)
         kept: dict[str, list[float]] = {item.name: [] for item, _ in groups}
         limits = _limits(nominal)
@@ -138,7 +138,7 @@ def _best_of_class(total: FloatArray, every: Sequence[Candidate]) -> list[tuple[
 def _limits(nominal: Nominal) -> dict[str, float]:
     """Return the standard deviation of each kind of value on paper, over all places that it is corrected at."""
     found: dict[str, float] = {}
-    for item in calibrations(nominal):
+    for item in nominal_parameters(nominal):
         size = item.deviation if item.effect is not None else item.size(nominal.drive)
         found[item.kind] = float(np.hypot(found.get(item.kind, 0.0), size))
     return found
