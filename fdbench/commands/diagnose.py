@@ -66,10 +66,10 @@ def diagnose(
         nominal = load_nominal(model)
         fitted, judged = ([read(path) for path in paths] for paths in (records, holdout or ()))
         models = None
-        if rehearse:
+        if calibrate or rehearse:
             from fdbench.trials.machine_calibration import calibrated_models
 
-            models = calibrated_models(nominal, fitted, judged, rehearse, status.update)
+            models = calibrated_models(nominal, fitted, judged, calibrate or rehearse, status.update)
         found = find(nominal, fitted, judged, status.update, models)
     if next_experiment is not None:
         from fdbench.diagnosis.diagnose import write_experiment
