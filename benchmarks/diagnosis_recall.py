@@ -22,7 +22,7 @@ from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.runs import prepare
-from fdbench.diagnosis.search.search import Stage
+from fdbench.diagnosis.search.stage import Stage
 from fdbench.effects import Effect, Port, effects
 from fdbench.record import FloatArray, Record
 from fdbench.specification import read

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fdbench.cli import app
-from fdbench.diagnosis.evidence.evidence import Split
+from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.expected_information import (
     NOTHING,
     OTHER,
@@ -29,7 +29,7 @@ from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import Run
-from fdbench.diagnosis.search.search import Rival, Stage
+from fdbench.diagnosis.search.stage import Rival, Stage
 from fdbench.effects import Effect, effects
 from fdbench.reading import read_record
 from fdbench.scenario import load_scenario

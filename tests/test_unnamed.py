@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fdbench.diagnosis.evidence.evidence import Split
+from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.judge.residual_dependence import dependences
 from fdbench.diagnosis.model.nominal import Nominal

@@ -3,10 +3,10 @@
 import pytest
 from axis_lab import drive
 
-from fdbench.diagnosis.judge.verdict import divided, force_balances
+from fdbench.diagnosis.judge.look_alikes import divided, force_balances
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
-from fdbench.diagnosis.search.search import Rival, Stage
+from fdbench.diagnosis.search.stage import Rival, Stage
 from fdbench.effects import effects
 
 LAG, DELAY, CABLE = (type(effects.get(name).typical()) for name in ("current_loop_lag", "dead_time", "cable_stiffness"))

@@ -5,9 +5,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from fdbench.diagnosis.answer import Answer, Recorded
-from fdbench.diagnosis.evidence.evidence import Split, gather
+from fdbench.diagnosis.evidence.evidence import gather, with_explained
 from fdbench.diagnosis.evidence.prepare import SMALLEST_ARTEFACT, aligned, with_run_to_run_covariance
 from fdbench.diagnosis.evidence.sensor_artefacts import mean_energy
+from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.expected_information import Forecast, VerdictReader
 from fdbench.diagnosis.experiment.proposal import design
 from fdbench.diagnosis.judge import probability_models
@@ -19,7 +20,8 @@ from fdbench.diagnosis.judge.residual_dependence import dependences
 from fdbench.diagnosis.judge.verdict import Findings, verdict
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.nominal import Nominal
-from fdbench.diagnosis.search.search import Search, Stage
+from fdbench.diagnosis.search.search import Search
+from fdbench.diagnosis.search.stage import Stage
 from fdbench.record import FloatArray, Record
 from fdbench.units import unit_of
 
@@ -87,7 +89,7 @@ def diagnose(
     split = search.split = with_run_to_run_covariance(replay, ready, calibrated)
     replay = search.replay = ready.replay.coarsened(split.runs, split.noise_models)
     base = search.refine(calibrated)
-    split = search.split = split.beside(gather(replay, split, base, ()))
+    split = search.split = with_explained(split, gather(replay, split, base, ()))
     final, stages = search.run(base)
     final, contests = search.review(final, stages)
     reductions = reductions_of(replay, split.plain, calibrated, final)

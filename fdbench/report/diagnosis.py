@@ -6,7 +6,8 @@ from pathlib import Path
 from fdbench.diagnosis.diagnose import Diagnosis
 from fdbench.diagnosis.model.hypothesis import nominal_parameters
 from fdbench.diagnosis.repaired import model_text
-from fdbench.diagnosis.search.search import SMALLEST_GAIN, Stage
+from fdbench.diagnosis.search.search import SMALLEST_GAIN
+from fdbench.diagnosis.search.stage import Stage
 from fdbench.report._curves import Curves
 from fdbench.report._figures import bars
 from fdbench.report._page import Block, Section, folded, note, paragraph, table, tag, write_page

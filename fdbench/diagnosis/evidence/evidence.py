@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.diagnosis.evidence.run_to_run import Change
+from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.replay import Replay
-from fdbench.diagnosis.records.noise_model import NoiseModel
-from fdbench.diagnosis.records.runs import Run
 from fdbench.record import FloatArray
 
 MODEL_ERROR = 0.03
@@ -19,55 +17,6 @@ EXPLAINED_ERROR = 1e-3  # of what effects explain, which are not exactly of the 
 SEGMENT_S = 0.25
 HUGE = 1e30  # reading of a simulation that diverges, while its square is still a number
 DIVERGED = 1e6  # gap, in units of the floor, of a simulation that diverges
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Split:
-    """Runs, and which samples of each are judged on instead of fitted."""
-
-    runs: Sequence[Run]
-    held_out: Sequence[NDArray[np.bool_]]
-    noise_models: Mapping[str, NoiseModel]
-    changes: Sequence[Change | None] = ()
-    explained: Sequence[Mapping[str, FloatArray]] = ()
-
-    @property
-    def plain(self) -> "Split":
-        """The split in which what changes from run to run is noise as any other: that gaps are reported in."""
-        return Split(
-            runs=self.runs,
-            held_out=self.held_out,
-            noise_models={name: floor.whole for name, floor in self.noise_models.items()},
-        )
-
-    def scaled(self, place: int, signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return signals (n_signals, n_samples) of each channel of a run in units of the noise of their mean.
-
-        What changes from run to run is shrunk to the size of the noise.
-        """
-        run = self.runs[place]
-        found = {
-            name: values * (np.sqrt(run.repeats) / self.noise_models[name].rms) for name, values in signals.items()
-        }
-        if self.changes and (change := self.changes[place]) is not None:
-            change.whiten(list(found.values()))
-        return found
-
-    def gap(self, place: int, simulated: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return what a simulation leaves of each channel of a run, (n_samples,), in the same units."""
-        left = {name: (measured - simulated[name])[None] for name, measured in self.runs[place].channels.items()}
-        return {name: values[0] for name, values in self.scaled(place, left).items()}
-
-    def beside(self, evidence: "Evidence") -> "Split":
-        """Return the split with the gaps of a model without effects, which is what effects explain at most."""
-        explained = [
-            {
-                name: evidence.gaps[(evidence.run == place) & (evidence.channel == index)]
-                for index, name in enumerate(run.channels)
-            }
-            for place, run in enumerate(self.runs)
-        ]
-        return dataclasses.replace(self, explained=explained)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,11 +77,6 @@ class Evidence:
         sums = np.zeros((len(runs), squares.shape[1]))
         np.add.at(sums, place, squares)
         return np.asarray((sums / np.bincount(place, self.counts)[:, None]).max(axis=0))
-
-
-def misfit(squares: FloatArray | float, weights: FloatArray, counts: FloatArray) -> FloatArray:
-    """Return the misfit of weighted squares that are summed over segments."""
-    return np.asarray(1.0 + (squares - np.sum(weights * counts)) / max(float(counts.sum()), 1.0))
 
 
 def silenced(signals: Mapping[str, FloatArray]) -> NDArray[np.bool_]:
@@ -197,80 +141,18 @@ def gather(
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Fit:
-    """Coefficients of the chosen columns, found on the training segments.
-
-    Attributes
-    ----------
-    coefficients : (n_chosen,) array
-    train, misfit : float
-        On the training and on the held-out segments; 1 is noise alone.
-    squares : float
-        Weighted squared distance on the training segments.
-    penalty : float
-        Squared distance of the values on paper in standard deviations.
-    """
-
-    coefficients: FloatArray
-    train: float
-    misfit: float
-    squares: float
-    penalty: float
+def misfit(squares: FloatArray | float, weights: FloatArray, counts: FloatArray) -> FloatArray:
+    """Return the misfit of weighted squares that are summed over segments."""
+    return np.asarray(1.0 + (squares - np.sum(weights * counts)) / max(float(counts.sum()), 1.0))
 
 
-class Scores:
-    """Fits on sums over training segments, judged on sums over held-out segments.
-
-    Parameters
-    ----------
-    evidence : Evidence
-    priors : mapping of int to float
-        Columns with unit prior, and where they stand before the fit, in standard deviations.
-    """
-
-    def __init__(self, evidence: Evidence, priors: Mapping[int, float]) -> None:
-        self.priors = dict(priors)
-        inside = ~evidence.held_out
-        self.train, self.test = evidence.products[inside].sum(axis=0), evidence.products[~inside].sum(axis=0)
-        self._parts = [(evidence.weights[part], evidence.counts[part]) for part in (inside, ~inside)]
-
-    def fit(self, columns: Sequence[int]) -> Fit:
-        """Fit the columns by regularised least squares."""
-        chosen = list(columns)
-        normal, right = self.normal(chosen), self.train[chosen, 0].copy()
-        for place, column in enumerate(chosen):
-            right[place] -= self.priors.get(column, 0.0)
-        theta = solved(normal, right)
-        fitted, judged = (distance(sums, chosen, theta) for sums in (self.train, self.test))
-        return Fit(
-            coefficients=theta,
-            train=float(misfit(fitted, *self._parts[0])),
-            misfit=float(misfit(judged, *self._parts[1])),
-            squares=fitted,
-            penalty=self._penalty(chosen, theta),
-        )
-
-    def normal(self, columns: Sequence[int]) -> FloatArray:
-        """Return the normal matrix of the columns, priors included."""
-        chosen = list(columns)
-        normal: FloatArray = self.train[np.ix_(chosen, chosen)].copy()
-        normal[np.diag_indices(len(chosen))] += [float(column in self.priors) for column in chosen]
-        return normal
-
-    def _penalty(self, chosen: list[int], theta: FloatArray) -> float:
-        moved = dict(zip(chosen, theta.tolist(), strict=True))
-        return float(sum((stand + moved.get(column, 0.0)) ** 2 for column, stand in self.priors.items()))
-
-
-def solved(normal: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the solution of normal equations, or of each of a stack of them, scaled and held off singularity."""
-    scale = np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 1e-30))
-    held = normal / (scale[..., :, None] * scale[..., None, :]) + 1e-9 * np.eye(scale.shape[-1])
-    return np.asarray(np.linalg.solve(held, (right / scale)[..., None])[..., 0] / scale)
-
-
-def distance(sums: FloatArray, columns: Sequence[int], theta: FloatArray) -> float:
-    """Return the squared distance of the gap, column 0, from columns with the coefficients theta."""
-    inner = sums[np.ix_(columns, columns)]
-    return float(sums[0, 0] - 2.0 * theta @ sums[columns, 0] + theta @ inner @ theta)
+def with_explained(split: Split, evidence: Evidence) -> Split:
+    """Return the split with the gaps of a model without effects, which is what effects explain at most."""
+    explained = [
+        {
+            name: evidence.gaps[(evidence.run == place) & (evidence.channel == index)]
+            for index, name in enumerate(run.channels)
+        }
+        for place, run in enumerate(split.runs)
+    ]
+    return dataclasses.replace(split, explained=explained)

@@ -13,15 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.diagnosis.answer import ExpectedProbability, Experiment, Separation
-from fdbench.diagnosis.evidence.evidence import MODEL_ERROR, Split, gather, solved
+from fdbench.diagnosis.evidence.evidence import MODEL_ERROR, gather
+from fdbench.diagnosis.evidence.least_squares import solved
+from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import Trajectory
 from fdbench.diagnosis.judge import probability_models as confidence
+from fdbench.diagnosis.judge.look_alikes import divided, indistinguishable
 from fdbench.diagnosis.judge.probability_models import ProbabilityModels
-from fdbench.diagnosis.judge.verdict import divided, indistinguishable
 from fdbench.diagnosis.model.candidates import candidates, middle_shapes
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.runs import Run
-from fdbench.diagnosis.search.search import EFFECTIVE_SAMPLES, NOISE_ALONE, Rival, Stage
+from fdbench.diagnosis.search.search import NOISE_ALONE
+from fdbench.diagnosis.search.stage import EFFECTIVE_SAMPLES, Rival, Stage
 from fdbench.record import FloatArray
 
 MOST_RIVALS = 6

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdbench.diagnosis.evidence.evidence import Split
+from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import FADE_S, Trajectory, from_position, moves, multisine
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.plants.feed_drive import FeedDrive, Following

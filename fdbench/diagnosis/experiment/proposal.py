@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 
-from fdbench.diagnosis.evidence.evidence import Split
+from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.expected_information import Forecast, Forecaster, VerdictReader
 from fdbench.diagnosis.experiment.menu import menu_of
 from fdbench.diagnosis.experiment.trajectory import Trajectory
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay
-from fdbench.diagnosis.search.search import Stage
+from fdbench.diagnosis.search.stage import Stage
 
 SURE = 0.9  # probability from which on a verdict needs no further experiment
 SMALLEST_GAIN = 0.02  # of the probability of the truth, below which nothing is proposed

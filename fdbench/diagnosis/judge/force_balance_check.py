@@ -8,11 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from fdbench.diagnosis.evidence.evidence import Split, distance, silenced, solved
+from fdbench.diagnosis.evidence.evidence import silenced
+from fdbench.diagnosis.evidence.least_squares import distance, solved
+from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.judge.localise import PHASES, phase_of
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.search.periods import inverse_dynamics_residuals
-from fdbench.diagnosis.search.search import Stage
+from fdbench.diagnosis.search.stage import Stage
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
 

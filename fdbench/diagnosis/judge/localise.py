@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.diagnosis.answer import Cell, FrequencyCell, Pair, PositionCell, TimeCell, VelocityCell, Where
-from fdbench.diagnosis.evidence.evidence import SEGMENT_S, Split
+from fdbench.diagnosis.evidence.evidence import SEGMENT_S
+from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.judge.reduction import RESAMPLES
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import Run

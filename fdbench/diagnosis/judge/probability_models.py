@@ -7,7 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from fdbench.diagnosis.model.hypothesis import adjustables
-from fdbench.diagnosis.search.search import Stage
+from fdbench.diagnosis.search.stage import Stage
 from fdbench.effects import Effect
 from fdbench.specification import load_toml, read
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.diagnosis.answer import Pair, Parametric, Shrinkage, Step
-from fdbench.diagnosis.evidence.evidence import Split, gather
+from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, mean_energy
+from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import NoiseModel

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.diagnosis.answer import Dependence, Most
-from fdbench.diagnosis.evidence.evidence import Split
+from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.records.runs import Run
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray

@@ -1,32 +1,29 @@
 """The verdict: causes with probabilities, shares and intervals, and the chances of an unknown cause and of no gap."""
 
 import dataclasses
-import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from fdbench.diagnosis.answer import READING, VALUE, Cause, ForceBalances, Pair, Quantity, Rival, Suspect
+from fdbench.diagnosis.answer import READING, Cause, Quantity, Rival, Suspect
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, energies
 from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.force_balance_check import force_balances_removed
+from fdbench.diagnosis.judge.intervals import at_bound, intervals, not_fitted, parameters
+from fdbench.diagnosis.judge.look_alikes import divided, force_balances, indistinguishable, instead, one_of
+from fdbench.diagnosis.judge.nominal_values import deviating_parameters
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
 from fdbench.diagnosis.judge.reduction import Reductions, channel_gaps, shapley
-from fdbench.diagnosis.model.candidates import candidates, middle_shapes
-from fdbench.diagnosis.model.hypothesis import Hypothesis, adjustables, nominal_parameters
-from fdbench.diagnosis.search.search import SMALLEST_GAIN, Search, Stage, adjustables_of
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.search.search import Search
+from fdbench.diagnosis.search.stage import Stage
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
 
-ALIKE = 0.9  # a rival that removes this share of what the best removes cannot be told apart
-BEYOND_DOUBT = 1.5  # standard deviations of a value on paper below which it is no cause
 NAMED = 0.5  # probability above which causes stand first
-FEWEST = 0.01  # probability of a rival that is worth mentioning
-HIDDEN = 0.05  # of its typical size: standard deviation of an effect that is not named
 OR = " or "  # between the names of one claim
-LEVEL = 0.9  # probability with which the cause is one of a set
 ENOUGH = 0.5  # share of the gap that everything named must explain to be believed
 UNREPEATED = 10.0  # floors that the mean square of one run may come to by chance, where three repeats gave the floor
 
@@ -227,163 +224,3 @@ def nearest(found: Findings) -> Rival | None:
     if last is None or not last.rivals:
         return None
     return Rival(effect=last.rivals[0].kind.name, reduction=last.gain(last.rivals[0]))
-
-
-def intervals(search: Search, final: Hypothesis) -> list[dict[str, Pair]]:
-    """Return the 95 % interval of each fitted parameter of each effect.
-
-    From the normal matrix and the scatter of its right-hand sides from segment to segment, which counts what is
-    left as it is, correlated in time or not (White 1980; segments as clusters). Every other effect of the library may
-    be there too, with a standard deviation of 5 % of its typical size, which the numbers may make up for.
-    """
-    numbers, others = adjustables_of(final), one_of_each(final)
-    evidence = search.probed(final, others)
-    inside = ~evidence.held_out
-    n, n_all = len(numbers), len(numbers) + len(others)
-    prior = np.r_[[float(item.prior) for item in numbers], np.full(len(others), HIDDEN**-2)]
-    normal = evidence.products[inside].sum(axis=0)[1:, 1:] + np.diag(prior)
-    groups, place = np.unique(evidence.group[inside], return_inverse=True)
-    sums = np.zeros((len(groups), n_all))
-    np.add.at(sums, place, evidence.products[inside, 0, 1:])
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
-    inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
-    spread = sums.T @ sums * len(groups) / max(len(groups) - n, 1)
-    deviations = 1.96 * np.sqrt(np.diag(inverse @ (spread + np.diag(prior)) @ inverse))
-    found, first = [], len(final.shifts)
-    for effect in final.effects:
-        items = adjustables(effect)
-        own: dict[str, Pair] = {}
-        for item, deviation in zip(items, deviations[first : first + len(items)].tolist(), strict=True):
-            value = float(getattr(effect, item.name))
-            half = deviation * item.step
-            own[item.name] = max(value - half, item.low), min(value + half, item.high)
-        found.append(own)
-        first += len(items)
-    return found
-
-
-def one_of_each(final: Hypothesis) -> list[Hypothesis]:
-    """Return a hypothesis with each effect that it lacks, at a typical size and in the middle of its shapes."""
-    added = (item for item in candidates(final) if item.replaces is None)
-    return [item.hypotheses(final)[0] for item in middle_shapes(added)]
-
-
-def deviating_parameters(
-    search: Search, final: Hypothesis, recalibrated: float, models: ProbabilityModels
-) -> tuple[list[Cause], dict[str, Features], float]:
-    """Return the effects whose size is a value on paper that moved further than it should be wrong, and their signs.
-
-    A kind of value that is corrected on both sides of the screw counts once, with the sum of its changes. The share of
-    the gap that re-calibration closes, ``recalibrated``, is divided in proportion to what each correction closes beside
-    all others. The third result is the largest distance that any of them moved, in standard deviations.
-    """
-    replay, split = search.replay, search.split.plain
-    scale = nominal_parameters(final.nominal)
-    groups: dict[str, list[int]] = {}
-    for place, calibration in enumerate(scale):
-        groups.setdefault(f"{calibration.kind}_{calibration.index}", []).append(place)
-    closed = float(channel_gaps(replay, split, final).mean())
-    moves: list[tuple[str, float, float, float, str]] = []
-    for places in groups.values():
-        sizes = [scale[place].size(final.nominal.drive) for place in places]
-        change = sum(final.shifts[place] * size for place, size in zip(places, sizes, strict=True))
-        distance = abs(change) / max(math.hypot(*sizes), 1e-30)
-        shifts = tuple(0.0 if place in places else shift for place, shift in enumerate(final.shifts))
-        without = float(channel_gaps(replay, split, dataclasses.replace(final, shifts=shifts)).mean())
-        moves.append((scale[places[0]].cause(final.nominal), change, distance, without, scale[places[0]].unit))
-    total = max(sum(max(without - closed, 0.0) for _, _, _, without, _ in moves), 1e-12)
-    present = {item.name for item in final.effects}
-    found: list[Cause] = []
-    all_features: dict[str, Features] = {}
-    for name, change, distance, without, unit in moves:
-        if distance <= BEYOND_DOUBT or not name or name in present or without - closed < SMALLEST_GAIN * without:
-            continue
-        share = recalibrated * (without - closed) / total
-        all_features[name] = confidence.value_features(distance, without - closed, closed)
-        found.append(
-            Cause(
-                effect=name,
-                kind=VALUE,
-                probability=models.value.probability(all_features[name]),
-                share=share,
-                unique_share=share,
-                parameters={"change": Quantity(value=change, ci95=None, unit=unit)},
-            )
-        )
-    return found, all_features, max((distance for _, _, distance, _, _ in moves), default=0.0)
-
-
-def indistinguishable(contest: Stage, kind: type[Effect]) -> list[str]:
-    """Return the names of rivals that explain nearly as much as an effect."""
-    gains = {rival.kind: contest.gain(rival) for rival in contest.rivals}
-    return [rival.name for rival, gain in gains.items() if rival is not kind and gain >= ALIKE * gains[kind]]
-
-
-def instead(contest: Stage, kind: type[Effect], same: Collection[str]) -> Rival | None:
-    """Return the best effect that can be told from one, and the share of the held-out excess that each would remove.
-
-    It is the control against mere flexibility: a wrong effect, fitted just as well, should remove much less.
-    """
-    gains = {rival.kind.name: contest.gain(rival) for rival in contest.rivals}
-    others = {name: gain for name, gain in gains.items() if name != kind.name and name not in same}
-    if not others:
-        return None
-    best = max(others, key=lambda name: others[name])
-    return Rival(effect=best, reduction=others[best], reduction_of_named=gains[kind.name])
-
-
-def force_balances(told: Mapping[type[Effect], float], kind: type[Effect], same: Collection[str]) -> ForceBalances:
-    """Return what an effect removes of the force balances, and the best other effect that can be told from it."""
-    others = {rival.name: share for rival, share in told.items() if rival is not kind and rival.name not in same}
-    best = max(others, key=lambda name: others[name], default=None)
-    rival = None if best is None else Rival(effect=best, reduction=others[best])
-    return ForceBalances(reduction=told[kind], instead=rival)
-
-
-def divided(contest: Stage, kind: type[Effect], same: Collection[str], probability: float) -> dict[str, float]:
-    """Return the probabilities of an effect and its rivals.
-
-    The effect and those that cannot be told from it divide ``probability`` as the contest has it. The others divide
-    the chance that it is another or none, but keep their odds against these.
-    """
-    chances = {rival.kind.name: p for rival, p in zip(contest.rivals, contest.probabilities(), strict=True)}
-    together = sum(p for name, p in chances.items() if name == kind.name or name in same)
-    if together <= 0.0:
-        return {kind.name: probability}
-    own = probability / together
-    other = min((1.0 - probability) / (1.0 - together), own) if together < 1.0 else 0.0
-    found = {name: p * (own if name == kind.name or name in same else other) for name, p in chances.items()}
-    return {name: p for name, p in found.items() if p >= FEWEST or name == kind.name}
-
-
-def one_of(chances: Mapping[str, float]) -> list[str]:
-    """Return the fewest effects that hold the cause with a probability of at least 0.9, or all where that is less.
-
-    >>> one_of({"backlash": 0.8, "dead_time": 0.05, "axial_compliance": 0.12})
-    ['backlash', 'axial_compliance']
-    """
-    found: list[str] = []
-    for name in sorted(chances, key=lambda name: -chances[name]):
-        if sum(chances[item] for item in found) >= LEVEL:
-            break
-        found.append(name)
-    return found
-
-
-def parameters(effect: Effect, bounds: Mapping[str, Pair]) -> dict[str, Quantity]:
-    """Return the parameters of an effect with units; those that no fit moves have no interval."""
-    return {
-        item.name: Quantity(value=getattr(effect, item.name), ci95=bounds.get(item.name), unit=item.unit)
-        for item in type(effect).parameters()
-    }
-
-
-def not_fitted(effect: Effect) -> list[str]:
-    """Return the parameters that are neither searched nor fitted, so that they have their typical values."""
-    fitted = {item.name for item in adjustables(effect)}
-    return [item.name for item in effect.parameters() if item.name not in fitted and not item.grid]
-
-
-def at_bound(effect: Effect) -> list[str]:
-    """Return the fitted parameters that lie on a bound of what the library allows."""
-    return [item.name for item in adjustables(effect) if getattr(effect, item.name) in (item.low, item.high)]

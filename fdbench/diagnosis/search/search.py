@@ -1,19 +1,20 @@
 """Search: add the effect that explains most, refine it in closed-loop simulation, look again at what is left."""
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from fdbench.diagnosis.evidence.evidence import Evidence, Fit, Scores, Split, gather
+from fdbench.diagnosis.evidence.evidence import Evidence, gather
+from fdbench.diagnosis.evidence.least_squares import Fit, Scores
+from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.candidates import Candidate, candidates
-from fdbench.diagnosis.model.hypothesis import Adjustable, Hypothesis, adjustables, nominal_parameters
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_vector, with_parameters
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.search.periods import located
+from fdbench.diagnosis.search.stage import EFFECTIVE_SAMPLES, Rival, Stage
 from fdbench.effects import Effect
-from fdbench.record import FloatArray
 
 MOST_EFFECTS = 4
 RESCALED = 10  # classes that are simulated again at their fitted size
@@ -22,90 +23,11 @@ REFINED = 3  # classes that are refined in closed loop before one is chosen, at 
 SERIOUS = 0.5  # share of the best gain that makes a class worth refining
 SMALLEST_GAIN = 0.04  # share of the excess misfit that an effect must remove
 NOISE_ALONE = 1.05  # misfit below which nothing is left to explain
-EFFECTIVE_SAMPLES = 60.0  # independent samples that a misfit is worth at most, as far as probabilities go
 ITERATIONS = 8
 CONVERGED = 3e-4  # fall of the objective in units of its excess over noise below which a refinement ends
 SMALLEST_FALL = 2.0  # and fall that is no evidence of anything
 STEPS = (1.0, 0.3, 0.1)
 REVIEWS = 3
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Rival:
-    """A class of effect at one stage of the search.
-
-    Attributes
-    ----------
-    kind : Effect class
-    hypothesis : Hypothesis
-        The base of the stage with the effect.
-    misfit : float
-        On held-out segments, weighted, after the fit.
-    penalty : float
-        Minus twice the log prior of the values on paper.
-    refined : bool
-        Whether it was fitted in closed loop, and not only linearly.
-    size : float
-        Mean square of what it changes in the base, in the run where that is most, in units of what repeats differ by.
-    """
-
-    kind: type[Effect]
-    hypothesis: Hypothesis
-    misfit: float
-    penalty: float
-    refined: bool
-    size: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Stage:
-    r"""One round: the misfit without another effect, and what each class would make of it, best first.
-
-    Attributes
-    ----------
-    base : Hypothesis
-    misfit, penalty : float
-        Of the base; all misfits of a stage have the weights of its base.
-    test_count : float
-        Weighted samples that are judged on.
-    rivals : tuple of Rival
-    effective : float
-        Independent samples :math:`n` that a misfit M is worth in the tempered log evidence
-        :math:`-\tfrac12 [n \ln M + \text{penalty}]`.
-    """
-
-    base: Hypothesis
-    misfit: float
-    penalty: float
-    test_count: float
-    rivals: tuple[Rival, ...]
-    effective: float = EFFECTIVE_SAMPLES
-
-    def gain(self, rival: Rival) -> float:
-        """Return the share of the excess misfit that a rival removes."""
-        return (self.misfit - rival.misfit) / max(self.misfit - 1.0, 1e-12)
-
-    def log_evidence(self, misfit: float, penalty: float) -> float:
-        """Return the tempered log evidence of a misfit."""
-        return -0.5 * (self.effective * math.log(max(misfit, 1e-9)) + penalty)
-
-    def probabilities(self) -> list[float]:
-        """Return the probability of each rival; what is missing to 1 is that there is none.
-
-        That one of the library is present is taken to be as likely beforehand as that none is.
-        """
-        logs = [self.log_evidence(rival.misfit, rival.penalty) for rival in self.rivals]
-        logs.append(self.log_evidence(self.misfit, self.penalty) + math.log(max(len(self.base.nominal.library), 1)))
-        weights = [math.exp(log - max(logs)) for log in logs]
-        return [weight / sum(weights) for weight in weights[:-1]]
-
-    def probability_of(self, kind: type[Effect]) -> float:
-        """Return the probability of one class."""
-        return next(p for p, rival in zip(self.probabilities(), self.rivals, strict=True) if rival.kind is kind)
-
-    def present(self) -> float:
-        """Return the probability that one of the rivals is there."""
-        return sum(self.probabilities())
 
 
 class Search:
@@ -269,7 +191,7 @@ class Search:
             if before - fit.squares - fit.penalty < enough:
                 return hypothesis
             for share in STEPS:
-                trial = write(hypothesis, read(hypothesis) + share * step)
+                trial = with_parameters(hypothesis, parameter_vector(hypothesis) + share * step)
                 probed = self.probed(trial)
                 after = float((evidence.weights * probed.gaps)[inside].sum()) + trial.penalty()
                 if after < before:
@@ -286,43 +208,9 @@ class Search:
 
         Those of the hypotheses ``beside`` it follow.
         """
-        values = read(hypothesis)
+        values = parameter_vector(hypothesis)
         probes = [
-            write(hypothesis, values + row) for row in np.diag([item.step for item in adjustables_of(hypothesis)])
+            with_parameters(hypothesis, values + row)
+            for row in np.diag([item.step for item in adjustables_of(hypothesis)])
         ]
         return gather(self.replay, self.split, hypothesis, [*probes, *beside], fitted_only=True)
-
-
-def adjustables_of(hypothesis: Hypothesis) -> list[Adjustable]:
-    """Return what a fit may move: the shifts of the values on paper, then the numbers of each effect."""
-    found = [
-        Adjustable(name=item.name, step=1.0, low=-math.inf, high=math.inf, prior=True)
-        for item in nominal_parameters(hypothesis.nominal)
-    ]
-    for effect in hypothesis.effects:
-        found += adjustables(effect)
-    return found
-
-
-def read(hypothesis: Hypothesis) -> FloatArray:
-    """Return the numbers of a hypothesis in the order of `adjustables_of`."""
-    values = list(hypothesis.shifts)
-    for effect in hypothesis.effects:
-        values += [getattr(effect, item.name) for item in adjustables(effect)]
-    return np.array(values)
-
-
-def write(hypothesis: Hypothesis, values: FloatArray) -> Hypothesis:
-    """Return a hypothesis with other numbers, kept within the bounds of its effects."""
-    n = len(hypothesis.shifts)
-    place = n
-    effects = []
-    for effect in hypothesis.effects:
-        changes = {}
-        for item in adjustables(effect):
-            changes[item.name] = float(min(max(values[place], item.low), item.high))
-            place += 1
-        phases = {item.name for item in type(effect).parameters() if item.phase}
-        changes |= {name: math.remainder(changes[name], 2.0 * math.pi) for name in phases & changes.keys()}
-        effects.append(effect.changed(**changes))
-    return dataclasses.replace(hypothesis, shifts=tuple(values[:n].tolist()), effects=tuple(effects))

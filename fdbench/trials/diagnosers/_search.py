@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from fdbench.diagnosis.diagnose import Diagnosis
-from fdbench.diagnosis.search.search import Stage
+from fdbench.diagnosis.search.stage import Stage
 
 
 def accepted(found: Diagnosis) -> list[Stage]:

@@ -5,8 +5,8 @@ from typing import final
 
 from fdbench.diagnosis.evidence.prepare import merged_runs
 from fdbench.diagnosis.judge import probability_models as confidence
+from fdbench.diagnosis.judge.nominal_values import deviating_parameters
 from fdbench.diagnosis.judge.reduction import channel_gaps, explained_fraction
-from fdbench.diagnosis.judge.verdict import deviating_parameters
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.search.search import Search

@@ -1,0 +1,50 @@
+"""Runs split into what is fitted and what is judged on, with their noise."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.diagnosis.evidence.run_to_run import Change
+from fdbench.diagnosis.records.noise_model import NoiseModel
+from fdbench.diagnosis.records.runs import Run
+from fdbench.record import FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Split:
+    """Runs, and which samples of each are judged on instead of fitted."""
+
+    runs: Sequence[Run]
+    held_out: Sequence[NDArray[np.bool_]]
+    noise_models: Mapping[str, NoiseModel]
+    changes: Sequence[Change | None] = ()
+    explained: Sequence[Mapping[str, FloatArray]] = ()
+
+    @property
+    def plain(self) -> "Split":
+        """The split in which what changes from run to run is noise as any other: that gaps are reported in."""
+        return Split(
+            runs=self.runs,
+            held_out=self.held_out,
+            noise_models={name: floor.whole for name, floor in self.noise_models.items()},
+        )
+
+    def scaled(self, place: int, signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return signals (n_signals, n_samples) of each channel of a run in units of the noise of their mean.
+
+        What changes from run to run is shrunk to the size of the noise.
+        """
+        run = self.runs[place]
+        found = {
+            name: values * (np.sqrt(run.repeats) / self.noise_models[name].rms) for name, values in signals.items()
+        }
+        if self.changes and (change := self.changes[place]) is not None:
+            change.whiten(list(found.values()))
+        return found
+
+    def gap(self, place: int, simulated: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return what a simulation leaves of each channel of a run, (n_samples,), in the same units."""
+        left = {name: (measured - simulated[name])[None] for name, measured in self.runs[place].channels.items()}
+        return {name: values[0] for name, values in self.scaled(place, left).items()}

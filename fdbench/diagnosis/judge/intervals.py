@@ -1,0 +1,72 @@
+"""Parameters of the named effects with their 95 % intervals."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fdbench.diagnosis.answer import Pair, Quantity
+from fdbench.diagnosis.model.candidates import candidates, middle_shapes
+from fdbench.diagnosis.model.hypothesis import Hypothesis, adjustables
+from fdbench.diagnosis.model.parameter_vector import adjustables_of
+from fdbench.diagnosis.search.search import Search
+from fdbench.effects import Effect
+
+HIDDEN = 0.05  # of its typical size: standard deviation of an effect that is not named
+
+
+def intervals(search: Search, final: Hypothesis) -> list[dict[str, Pair]]:
+    """Return the 95 % interval of each fitted parameter of each effect.
+
+    From the normal matrix and the scatter of its right-hand sides from segment to segment, which counts what is
+    left as it is, correlated in time or not (White 1980; segments as clusters). Every other effect of the library may
+    be there too, with a standard deviation of 5 % of its typical size, which the numbers may make up for.
+    """
+    numbers, others = adjustables_of(final), one_of_each(final)
+    evidence = search.probed(final, others)
+    inside = ~evidence.held_out
+    n, n_all = len(numbers), len(numbers) + len(others)
+    prior = np.r_[[float(item.prior) for item in numbers], np.full(len(others), HIDDEN**-2)]
+    normal = evidence.products[inside].sum(axis=0)[1:, 1:] + np.diag(prior)
+    groups, place = np.unique(evidence.group[inside], return_inverse=True)
+    sums = np.zeros((len(groups), n_all))
+    np.add.at(sums, place, evidence.products[inside, 0, 1:])
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+    inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
+    spread = sums.T @ sums * len(groups) / max(len(groups) - n, 1)
+    deviations = 1.96 * np.sqrt(np.diag(inverse @ (spread + np.diag(prior)) @ inverse))
+    found, first = [], len(final.shifts)
+    for effect in final.effects:
+        items = adjustables(effect)
+        own: dict[str, Pair] = {}
+        for item, deviation in zip(items, deviations[first : first + len(items)].tolist(), strict=True):
+            value = float(getattr(effect, item.name))
+            half = deviation * item.step
+            own[item.name] = max(value - half, item.low), min(value + half, item.high)
+        found.append(own)
+        first += len(items)
+    return found
+
+
+def one_of_each(final: Hypothesis) -> list[Hypothesis]:
+    """Return a hypothesis with each effect that it lacks, at a typical size and in the middle of its shapes."""
+    added = (item for item in candidates(final) if item.replaces is None)
+    return [item.hypotheses(final)[0] for item in middle_shapes(added)]
+
+
+def parameters(effect: Effect, bounds: Mapping[str, Pair]) -> dict[str, Quantity]:
+    """Return the parameters of an effect with units; those that no fit moves have no interval."""
+    return {
+        item.name: Quantity(value=getattr(effect, item.name), ci95=bounds.get(item.name), unit=item.unit)
+        for item in type(effect).parameters()
+    }
+
+
+def not_fitted(effect: Effect) -> list[str]:
+    """Return the parameters that are neither searched nor fitted, so that they have their typical values."""
+    fitted = {item.name for item in adjustables(effect)}
+    return [item.name for item in effect.parameters() if item.name not in fitted and not item.grid]
+
+
+def at_bound(effect: Effect) -> list[str]:
+    """Return the fitted parameters that lie on a bound of what the library allows."""
+    return [item.name for item in adjustables(effect) if getattr(effect, item.name) in (item.low, item.high)]

@@ -1,0 +1,58 @@
+"""Nominal parameters that moved further than they should be wrong."""
+
+import dataclasses
+import math
+
+from fdbench.diagnosis.answer import VALUE, Cause, Quantity
+from fdbench.diagnosis.judge import probability_models as confidence
+from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
+from fdbench.diagnosis.judge.reduction import channel_gaps
+from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
+from fdbench.diagnosis.search.search import SMALLEST_GAIN, Search
+
+BEYOND_DOUBT = 1.5  # standard deviations of a value on paper below which it is no cause
+
+
+def deviating_parameters(
+    search: Search, final: Hypothesis, recalibrated: float, models: ProbabilityModels
+) -> tuple[list[Cause], dict[str, Features], float]:
+    """Return the effects whose size is a value on paper that moved further than it should be wrong, and their signs.
+
+    A kind of value that is corrected on both sides of the screw counts once, with the sum of its changes. The share of
+    the gap that re-calibration closes, ``recalibrated``, is divided in proportion to what each correction closes beside
+    all others. The third result is the largest distance that any of them moved, in standard deviations.
+    """
+    replay, split = search.replay, search.split.plain
+    scale = nominal_parameters(final.nominal)
+    groups: dict[str, list[int]] = {}
+    for place, calibration in enumerate(scale):
+        groups.setdefault(f"{calibration.kind}_{calibration.index}", []).append(place)
+    closed = float(channel_gaps(replay, split, final).mean())
+    moves: list[tuple[str, float, float, float, str]] = []
+    for places in groups.values():
+        sizes = [scale[place].size(final.nominal.drive) for place in places]
+        change = sum(final.shifts[place] * size for place, size in zip(places, sizes, strict=True))
+        distance = abs(change) / max(math.hypot(*sizes), 1e-30)
+        shifts = tuple(0.0 if place in places else shift for place, shift in enumerate(final.shifts))
+        without = float(channel_gaps(replay, split, dataclasses.replace(final, shifts=shifts)).mean())
+        moves.append((scale[places[0]].cause(final.nominal), change, distance, without, scale[places[0]].unit))
+    total = max(sum(max(without - closed, 0.0) for _, _, _, without, _ in moves), 1e-12)
+    present = {item.name for item in final.effects}
+    found: list[Cause] = []
+    all_features: dict[str, Features] = {}
+    for name, change, distance, without, unit in moves:
+        if distance <= BEYOND_DOUBT or not name or name in present or without - closed < SMALLEST_GAIN * without:
+            continue
+        share = recalibrated * (without - closed) / total
+        all_features[name] = confidence.value_features(distance, without - closed, closed)
+        found.append(
+            Cause(
+                effect=name,
+                kind=VALUE,
+                probability=models.value.probability(all_features[name]),
+                share=share,
+                unique_share=share,
+                parameters={"change": Quantity(value=change, ci95=None, unit=unit)},
+            )
+        )
+    return found, all_features, max((distance for _, _, distance, _, _ in moves), default=0.0)

@@ -1,0 +1,87 @@
+"""One round of the search: rival effects beside a base, and their tempered evidence."""
+
+import math
+from dataclasses import dataclass
+
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.effects import Effect
+
+EFFECTIVE_SAMPLES = 60.0  # independent samples that a misfit is worth at most, as far as probabilities go
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rival:
+    """A class of effect at one stage of the search.
+
+    Attributes
+    ----------
+    kind : Effect class
+    hypothesis : Hypothesis
+        The base of the stage with the effect.
+    misfit : float
+        On held-out segments, weighted, after the fit.
+    penalty : float
+        Minus twice the log prior of the values on paper.
+    refined : bool
+        Whether it was fitted in closed loop, and not only linearly.
+    size : float
+        Mean square of what it changes in the base, in the run where that is most, in units of what repeats differ by.
+    """
+
+    kind: type[Effect]
+    hypothesis: Hypothesis
+    misfit: float
+    penalty: float
+    refined: bool
+    size: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stage:
+    r"""One round: the misfit without another effect, and what each class would make of it, best first.
+
+    Attributes
+    ----------
+    base : Hypothesis
+    misfit, penalty : float
+        Of the base; all misfits of a stage have the weights of its base.
+    test_count : float
+        Weighted samples that are judged on.
+    rivals : tuple of Rival
+    effective : float
+        Independent samples :math:`n` that a misfit M is worth in the tempered log evidence
+        :math:`-\tfrac12 [n \ln M + \text{penalty}]`.
+    """
+
+    base: Hypothesis
+    misfit: float
+    penalty: float
+    test_count: float
+    rivals: tuple[Rival, ...]
+    effective: float = EFFECTIVE_SAMPLES
+
+    def gain(self, rival: Rival) -> float:
+        """Return the share of the excess misfit that a rival removes."""
+        return (self.misfit - rival.misfit) / max(self.misfit - 1.0, 1e-12)
+
+    def log_evidence(self, misfit: float, penalty: float) -> float:
+        """Return the tempered log evidence of a misfit."""
+        return -0.5 * (self.effective * math.log(max(misfit, 1e-9)) + penalty)
+
+    def probabilities(self) -> list[float]:
+        """Return the probability of each rival; what is missing to 1 is that there is none.
+
+        That one of the library is present is taken to be as likely beforehand as that none is.
+        """
+        logs = [self.log_evidence(rival.misfit, rival.penalty) for rival in self.rivals]
+        logs.append(self.log_evidence(self.misfit, self.penalty) + math.log(max(len(self.base.nominal.library), 1)))
+        weights = [math.exp(log - max(logs)) for log in logs]
+        return [weight / sum(weights) for weight in weights[:-1]]
+
+    def probability_of(self, kind: type[Effect]) -> float:
+        """Return the probability of one class."""
+        return next(p for p, rival in zip(self.probabilities(), self.rivals, strict=True) if rival.kind is kind)
+
+    def present(self) -> float:
+        """Return the probability that one of the rivals is there."""
+        return sum(self.probabilities())
