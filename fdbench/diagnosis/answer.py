@@ -204,6 +204,23 @@ class Cause:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CauseType:
+    """A type of cause, on which side of the screw, and how probable it is that one of that type is there.
+
+    Attributes
+    ----------
+    type : str
+        One of `fdbench.effects.CAUSE_TYPES`.
+    side : str or None
+        ``motor`` or ``table``; None on a rigid axis and for what is between the two.
+    """
+
+    type: str
+    side: str | None
+    probability: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Suspect:
     """An effect that the search came close to adding."""
 
@@ -387,6 +404,8 @@ class Answer:
     causes : tuple of Cause
         Those that are more probable than not first, largest share first.
     suspects : tuple of Suspect
+    types : tuple of CauseType
+        Most probable first; where the effect is in doubt its type may not be.
     unknown_probability, no_gap_probability : float
     probabilities_from : str
         What they were learned from.
@@ -405,6 +424,7 @@ class Answer:
     where: Where
     causes: tuple[Cause, ...]
     suspects: tuple[Suspect, ...] = ()
+    types: tuple[CauseType, ...] = ()
     unknown_probability: float
     no_gap_probability: float
     probabilities_from: str = ""

@@ -12,6 +12,7 @@ from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.expected_information import Forecast, VerdictReader
 from fdbench.diagnosis.experiment.proposal import design
 from fdbench.diagnosis.judge import probability_models
+from fdbench.diagnosis.judge.cause_types import cause_types
 from fdbench.diagnosis.judge.gap import gap_of, noise_floor
 from fdbench.diagnosis.judge.localise import Gaps, where
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
@@ -92,6 +93,7 @@ def diagnose(
     split = search.split = with_explained(split, gather(replay, split, base, ()))
     final, stages = search.run(base)
     final, contests = search.review(final, stages)
+    final = settled(Search(replay, split.plain), calibrated, final)
     reductions = reductions_of(replay, split.plain, calibrated, final)
     hypotheses = [item.variant() for item in (paper, calibrated, final)]
     every = [replay.simulate(run, hypotheses) for run in split.runs]
@@ -111,6 +113,7 @@ def diagnose(
     judged = verdict(findings, models)
     reader = VerdictReader(models=models, unknown=judged.unknown_probability)
     forecast = design(replay, split, [*contests, *stages[-1:]], nominal, reader)
+    rest = dependences(split.plain, simulated[2], drive)
     answer = Answer(
         gap=gap_of(split, simulated),
         where=where(Gaps.of(split.plain, simulated[1])),
@@ -120,7 +123,8 @@ def diagnose(
         no_gap_probability=judged.no_gap_probability,
         probabilities_from=models.source,
         nearest=judged.nearest,
-        rest_depends_on=dependences(split.plain, simulated[2], drive),
+        types=cause_types(judged.causes, judged.suspects, judged.unknown_probability, rest, drive),
+        rest_depends_on=rest,
         shrinkage=shrinkage(reductions, final, seen, split.plain, ready.judged_on, raw),
         next_experiment=None if forecast is None else forecast.experiment(),
         warnings=tuple(ready.warnings),
@@ -146,6 +150,17 @@ def diagnose(
         forecast=forecast,
         features=judged.features,
     )
+
+
+def settled(search: Search, calibrated: Hypothesis, final: Hypothesis) -> Hypothesis:
+    """Return the final hypothesis with the numbers that predict the records best, friction of all runs being one.
+
+    The search weighs what friction may do in each run; what is judged, drawn and written is one model for all.
+    """
+    if not final.effects:
+        return calibrated
+    starts = (final, dataclasses.replace(final, shifts=calibrated.shifts))
+    return min((search.refine(item) for item in starts), key=search.objective)
 
 
 def write_experiment(found: Diagnosis, path: str | Path) -> Diagnosis:

@@ -130,6 +130,24 @@ def parameter(
     return dataclasses.field(default=default, metadata={**metadata, **search})
 
 
+CAUSE_TYPES = (
+    *("actuator", "friction_over_velocity", "friction_over_position", "friction_over_load", "friction_over_time"),
+    *("force_over_position", "stiffness", "play", "structure", "inertia", "constant_force", "sensor", "controller"),
+    *("delay", "process_force"),
+)
+
+_TYPE_OF_PORT = {
+    Port.COMMAND: "actuator",
+    Port.MOTOR_FORCE: "friction_over_velocity",
+    Port.TABLE_FORCE: "friction_over_velocity",
+    Port.TABLE_INERTIA: "inertia",
+    Port.TRANSMISSION: "stiffness",
+    Port.MOTOR_ENCODER: "sensor",
+    Port.TABLE_SCALE: "sensor",
+    Port.LOGGING: "sensor",
+}
+
+
 class Effect(ABC):
     """Base of all effects: a frozen keyword-only dataclass of parameters with a compiled ``kernel``.
 
@@ -160,6 +178,8 @@ class Effect(ABC):
     calibrates : str
         Uncertain value on paper that the effect corrects: ``mass``, ``viscous``, ``known_effects`` or
         ``force_offset``; within that uncertainty a gap is parametric and the effect is not a cause.
+    cause_type : str
+        What type of cause the effect is, one of `CAUSE_TYPES`; without, that of its port, see `type_of`.
     """
 
     name: ClassVar[str]
@@ -175,8 +195,14 @@ class Effect(ABC):
     confusable_with: ClassVar[tuple[str, ...]] = ()
     same_signal_as: ClassVar[str] = ""
     calibrates: ClassVar[str] = ""
+    cause_type: ClassVar[str] = ""
     kernel: ClassVar[Any]
     expected_failures: ClassVar[Mapping[str, str]] = {}
+
+    @classmethod
+    def type_of(cls) -> str:
+        """Return what type of cause the effect is, one of `CAUSE_TYPES`."""
+        return cls.cause_type or ("process_force" if cls.disturbance else _TYPE_OF_PORT[cls.port])
 
     def __post_init__(self) -> None:
         check_bounds(self)

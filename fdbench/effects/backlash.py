@@ -34,6 +34,7 @@ class Backlash(Effect):
     port = Port.TRANSMISSION
     rank = 1
     amplitude = "gap_m"
+    cause_type = "play"
     confusable_with = ("axial_compliance", "lugre_friction")
 
     gap_m: float = parameter("b", low=0.0, high=2e-4, typical=5e-6)

@@ -31,6 +31,7 @@ class CableStiffness(Effect):
     port = Port.TABLE_FORCE
     states = ("z",)
     amplitude = "spring_stiffness_N_per_m"
+    cause_type = "force_over_position"
     further_amplitudes = ("dahl_force_N",)
     confusable_with = ("thermal_expansion",)
 

@@ -32,6 +32,7 @@ class Cogging(Effect):
 
     port = Port.MOTOR_FORCE
     amplitude = "cogging_force_N"
+    cause_type = "force_over_position"
     confusable_with = ("torque_ripple", "lead_error")
 
     cogging_force_N: float = parameter("A", low=0.0, high=500.0, typical=10.0)

@@ -23,6 +23,7 @@ class ConstantForce(Effect):
 
     port = Port.TABLE_FORCE
     amplitude = "constant_force_N"
+    cause_type = "constant_force"
     confusable_with = ("direction_dependent_friction",)
     calibrates = "force_offset"
 

@@ -33,6 +33,7 @@ class CurrentLoopLag(Effect):
     rank = 1
     states = ("F",)
     amplitude = "time_constant_s"
+    cause_type = "delay"
     confusable_with = ("axial_compliance", "dead_time")
 
     time_constant_s: float = parameter("tau", low=0.0, high=0.02, typical=5e-4)

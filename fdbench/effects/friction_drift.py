@@ -29,6 +29,7 @@ class FrictionDrift(Effect):
 
     port = Port.TABLE_FORCE
     amplitude = "cold_force_N"
+    cause_type = "friction_over_time"
     confusable_with = ("position_dependent_friction", "stribeck_friction", "quadratic_drag")
 
     cold_force_N: float = parameter("F_w", low=-500.0, high=500.0, typical=24.0)

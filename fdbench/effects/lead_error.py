@@ -34,6 +34,7 @@ class LeadError(Effect):
 
     port = Port.TRANSMISSION
     amplitude = "periodic_error_m"
+    cause_type = "sensor"
     further_amplitudes = ("linear_error",)
     confusable_with = ("thermal_expansion", "cogging")
 

@@ -30,6 +30,7 @@ class LoadDependentFriction(Effect):
 
     port = Port.TABLE_FORCE
     amplitude = "friction_coefficient"
+    cause_type = "friction_over_load"
     confusable_with = ("stribeck_friction",)
 
     friction_coefficient: float = parameter("mu", low=0.0, high=0.5, typical=0.03)

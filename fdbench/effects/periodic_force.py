@@ -30,6 +30,7 @@ class PeriodicForce(Effect):
 
     port = Port.TABLE_FORCE
     amplitude = "force_amplitude_N"
+    cause_type = "process_force"
     confusable_with = ("shaker_force", "tooth_passing_force")
     disturbance = True
 

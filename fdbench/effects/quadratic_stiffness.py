@@ -25,6 +25,7 @@ class QuadraticStiffness(Effect):
 
     port = Port.TABLE_FORCE
     amplitude = "quadratic_stiffness_N_per_m2"
+    cause_type = "force_over_position"
 
     quadratic_stiffness_N_per_m2: float = parameter("kappa", low=0.0, high=1e6, typical=1e3)
 

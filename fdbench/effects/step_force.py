@@ -29,6 +29,7 @@ class StepForce(Effect):
 
     port = Port.TABLE_FORCE
     amplitude = "step_force_N"
+    cause_type = "process_force"
     disturbance = True
 
     step_force_N: float = parameter("F_0", low=-5000.0, high=5000.0, typical=100.0)

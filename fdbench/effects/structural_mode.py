@@ -40,6 +40,7 @@ class StructuralMode(Effect):
     port = Port.TABLE_FORCE
     states = ("q", "p")
     amplitude = "moving_mass_kg"
+    cause_type = "structure"
     confusable_with = ("axial_compliance", "inertia_mismatch")
 
     moving_mass_kg: float = parameter("m", low=0.0, high=60.0, typical=6.0)

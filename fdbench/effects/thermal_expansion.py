@@ -32,6 +32,7 @@ class ThermalExpansion(Effect):
 
     port = Port.TRANSMISSION
     amplitude = "temperature_rise_K"
+    cause_type = "sensor"
     confusable_with = ("cable_stiffness", "lead_error")
 
     temperature_rise_K: float = parameter("dT", low=-50.0, high=50.0, typical=4.0)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import SMALLEST, NoiseModel, noise_models, spectrum_of
 from fdbench.diagnosis.records.runs import Run, deviations, repeated, same_command
@@ -56,8 +56,13 @@ def within(floor: NoiseModel, left: Sequence[FloatArray]) -> NoiseModel:
 
 
 def responses(replay: Replay, model: Hypothesis, run: Run) -> FloatArray:
-    """Return what one standard deviation of each value on paper changes, (n_values, n_channels, n_samples)."""
-    simulated = replay.simulate(run, [item.variant() for item in (model, *model.moved_in_turn())])
+    """Return what one standard deviation of each nominal parameter that changes from run to run does to the channels.
+
+    An array (n_parameters, n_channels, n_samples).
+    """
+    changing = [item.changes_from_run_to_run for item in nominal_parameters(model.nominal)]
+    moved = [item for item, changes in zip(model.moved_in_turn(), changing, strict=True) if changes]
+    simulated = replay.simulate(run, [item.variant() for item in (model, *moved)])
     return np.stack([simulated[name][1:] - simulated[name][0] for name in run.channels], axis=1)
 
 
@@ -87,7 +92,8 @@ class Repeatability:
         self._replay, self._model = replay, model
         self._known: list[tuple[Run, FloatArray]] = []
         self.noise_models = noise_models(runs)
-        self._root = np.zeros((len(model.shifts),) * 2)
+        n_changing = sum(item.changes_from_run_to_run for item in nominal_parameters(model.nominal))
+        self._root = np.zeros((n_changing, n_changing))
         pairs = repeated(runs)
         if not pairs:
             return

@@ -26,6 +26,8 @@ def deviating_parameters(
     scale = nominal_parameters(final.nominal)
     groups: dict[str, list[int]] = {}
     for place, calibration in enumerate(scale):
+        if calibration.kind == "width":
+            continue
         groups.setdefault(f"{calibration.kind}_{calibration.index}", []).append(place)
     closed = float(channel_gaps(replay, split, final).mean())
     moves: list[tuple[str, float, float, float, str]] = []

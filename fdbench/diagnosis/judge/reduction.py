@@ -85,8 +85,8 @@ def channel_gaps(replay: Replay, split: Split, hypothesis: Hypothesis) -> FloatA
 def reductions_of(replay: Replay, split: Split, base: Hypothesis, final: Hypothesis) -> Reductions:
     """Simulate every subset of the final effects at their final values; each is re-calibrated on its own.
 
-    Re-calibration is linear around the final hypothesis and made on the training segments, and that of the model
-    without effects is ``base``; the gaps are those of the held-out segments.
+    Of a proper subset re-calibration is linear around the final hypothesis and made on the training segments; the model
+    without effects is ``base``, and that with all of them ``final``. The gaps are those of the held-out segments.
     """
     effects = list(final.effects)
     subsets = [c for n in range(len(effects) + 1) for c in itertools.combinations(range(len(effects)), n)]
@@ -105,7 +105,7 @@ def reductions_of(replay: Replay, split: Split, base: Hypothesis, final: Hypothe
         residual[0], residual[1 + place] = 1.0, -1.0
         normal = responses @ train @ responses.T + np.eye(m)
         right = responses @ train @ residual - np.asarray(variant.shifts)
-        combined = residual - np.linalg.solve(normal, right) @ responses if subsets[place] else residual
+        combined = residual if variant in (base, final) else residual - np.linalg.solve(normal, right) @ responses
         squares = np.einsum("i,sij,j->s", combined, evidence.products[outside], combined)
         gaps.append(squares / evidence.weights[outside])
     return Reductions(

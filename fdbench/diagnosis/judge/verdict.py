@@ -170,14 +170,29 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     none = confidence.no_gap_features(before.misfit, moved, max(rivals, default=0.0))
     surest = max((cause.probability for cause in causes), default=0.0)
     claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": value_features_of}
+    within_noise = noise_alone(float(reductions.mean()[0]))
+    unknown_probability = max(models.unknown.probability(unknown), 1.0 - belief)
     return Verdict(
         causes=tuple(causes),
         suspects=tuple(suspects),
         nearest=nearest(found),
-        unknown_probability=max(models.unknown.probability(unknown), 1.0 - belief),
-        no_gap_probability=min(models.none.probability(none), 1.0 - surest),
+        unknown_probability=unknown_probability,
+        no_gap_probability=min(within_noise, models.none.probability(none), 1.0 - surest, 1.0 - unknown_probability),
         features={**claims, "unknown": {"unknown": unknown}, "none": {"none": none}},
     )
+
+
+def noise_alone(mean_square: float) -> float:
+    r"""Return the probability that noise alone reaches a mean squared gap g, in units of its floor, after repeats.
+
+    .. math:: p = 1 / (1 + (g / g_0)^4)
+
+    with :math:`g_0` = `UNREPEATED`.
+
+    >>> round(noise_alone(1.0), 3), noise_alone(10.0), round(noise_alone(74.0), 5)
+    (1.0, 0.5, 0.00033)
+    """
+    return 1.0 / (1.0 + (max(mean_square, 0.0) / UNREPEATED) ** 4)
 
 
 def plausibility_discount(left: float) -> float:
@@ -186,7 +201,7 @@ def plausibility_discount(left: float) -> float:
     It is believed in full from where it explains half of the gap: little of a large gap may be a value or an effect
     that stands in for a cause that the library lacks.
 
-    >>> credit(0.3), credit(0.75)
+    >>> plausibility_discount(0.3), plausibility_discount(0.75)
     (1.0, 0.5)
     """
     return min(1.0, (1.0 - left) / ENOUGH)

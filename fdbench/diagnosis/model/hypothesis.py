@@ -15,6 +15,7 @@ from fdbench.record import FloatArray
 
 SMALLEST_RATIO = 0.05
 FREEDOM = 3.0  # degrees of freedom of a value on paper: most are nearly right, a few are far off
+WIDTH = "transition_velocity_m_per_s"  # parameter that any friction turns its sign over
 LINE_STEP = 3e-4  # relative; a record holds hundreds of periods
 
 
@@ -132,6 +133,14 @@ def _with_known(drive: FeedDrive, index: int, ratio: float) -> FeedDrive:
     return dataclasses.replace(drive, effects=(*drive.effects[:index], changed, *drive.effects[index + 1 :]))
 
 
+def _with_width(drive: FeedDrive, index: int, ratio: float) -> FeedDrive:
+    known = drive.effects[index]
+    bounds = next(item for item in known.parameters() if item.name == WIDTH)
+    width = min(max(getattr(known, WIDTH) * ratio, bounds.low), bounds.high)
+    changed = known.changed(**{WIDTH: width})
+    return dataclasses.replace(drive, effects=(*drive.effects[:index], changed, *drive.effects[index + 1 :]))
+
+
 @dataclass(frozen=True, kw_only=True)
 class NominalParameter:
     """A value on paper that every hypothesis may move, with its standard deviation.
@@ -140,7 +149,7 @@ class NominalParameter:
     ----------
     name : str
     kind : str
-        ``mass``, ``viscous``, ``known_effects`` or ``force_offset``.
+        ``mass``, ``viscous``, ``known_effects``, ``width`` (of the friction's turn) or ``force_offset``.
     side : str
         ``motor`` or ``table`` for masses and viscous friction.
     index : int
@@ -165,6 +174,8 @@ class NominalParameter:
             return drive, (self.effect.typical(**{self.effect.amplitude: change}),)
         if self.kind == "known_effects":
             return _with_known(drive, self.index, max(1.0 + change, 0.0)), ()
+        if self.kind == "width":
+            return _with_width(drive, self.index, math.exp(change)), ()
         part = drive.motor if self.side == "motor" else drive.table
         if part is None:
             return drive, ()
@@ -189,7 +200,12 @@ class NominalParameter:
     @property
     def unit(self) -> str:
         """Unit of `size`."""
-        return {"mass": "kg", "viscous": "N s/m"}.get(self.kind, "N")
+        return {"mass": "kg", "viscous": "N s/m", "width": ""}.get(self.kind, "N")
+
+    @property
+    def changes_from_run_to_run(self) -> bool:
+        """Whether it may differ between repeats: friction and offsets do, masses and the form of friction do not."""
+        return self.kind not in ("mass", "width")
 
     def cause(self, nominal: Nominal) -> str:
         """Return the name of the effect that a large change of this value is, or an empty text."""
@@ -211,6 +227,11 @@ def nominal_parameters(nominal: Nominal) -> tuple[NominalParameter, ...]:
     found += [
         NominalParameter(name=f"known_{known.name}", kind="known_effects", index=index, deviation=doubt.known_effects)
         for index, known in enumerate(drive.effects)
+    ]
+    found += [
+        NominalParameter(name=f"width_{known.name}", kind="width", index=index, deviation=doubt.transition_velocity)
+        for index, known in enumerate(drive.effects)
+        if doubt.transition_velocity > 0.0 and any(item.name == WIDTH for item in known.parameters())
     ]
     offsets = [kind for kind in nominal.library if kind.calibrates == "force_offset"]
     found += [

@@ -27,12 +27,14 @@ class Simulation:
 class Uncertainty:
     """Standard deviations of the values on paper; re-calibration moves within them.
 
-    Masses, viscous frictions and the effects that the model knows are relative, the force offset is in newtons.
+    Masses, viscous frictions and the effects that the model knows are relative, the force offset is in newtons. No
+    data sheet says over which speed friction turns its sign: ``transition_velocity`` is that of its natural logarithm.
     """
 
     mass: float = positive(default=0.03)
     viscous: float = positive(default=0.1)
     known_effects: float = positive(default=0.06)
+    transition_velocity: float = nonnegative(default=1.0)
     force_offset_N: float = nonnegative(default=2.0)
 
     def __post_init__(self) -> None:

@@ -1,6 +1,7 @@
 """Search: add the effect that explains most, refine it in closed-loop simulation, look again at what is left."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -67,11 +68,11 @@ class Search:
         if alone.train < NOISE_ALONE:
             return None
         best = self._best_of_class(base, every, fits)
-        order = sorted(best, key=lambda kind: best[kind][1].train)[:RESCALED]
+        order = sorted(best, key=lambda kind: _cost(base, best[kind][1].train, best[kind][1]))[:RESCALED]
         again = [size for kind in order for size in best[kind][0].sizes(SIZES)]
         alone, fits = self._screen(base, again)
         ranked = self._best_of_class(base, again, fits)
-        order = sorted(ranked, key=lambda kind: ranked[kind][1].misfit)
+        order = sorted(ranked, key=lambda kind: _cost(base, ranked[kind][1].misfit, ranked[kind][1]))
         most = max((alone.misfit - fit.misfit for _, fit in ranked.values()), default=0.0)
         hypotheses = []
         for place, kind in enumerate(order):
@@ -170,10 +171,12 @@ class Search:
         self, base: Hypothesis, every: Sequence[Candidate], fits: Sequence[Fit]
     ) -> dict[type[Effect], tuple[Candidate, Fit]]:
         best: dict[type[Effect], tuple[Candidate, Fit]] = {}
+        costs: dict[type[Effect], float] = {}
         for candidate, fit in zip(every, fits, strict=True):
             scaled = candidate.scaled(fit.coefficients[len(base.shifts) :].tolist())
-            if scaled is not None and (candidate.kind not in best or fit.train < best[candidate.kind][1].train):
-                best[candidate.kind] = (scaled, fit)
+            cost = _cost(base, fit.train, fit)
+            if scaled is not None and cost < costs.get(candidate.kind, math.inf):
+                best[candidate.kind], costs[candidate.kind] = (scaled, fit), cost
         return best
 
     def refine(self, hypothesis: Hypothesis) -> Hypothesis:
@@ -203,6 +206,12 @@ class Search:
                 return hypothesis
         return hypothesis
 
+    def objective(self, hypothesis: Hypothesis) -> float:
+        """Return the weighted squared gap on the training segments, with the weights of its own gap, and the prior."""
+        evidence = gather(self.replay, self.split, hypothesis, (), fitted_only=True)
+        inside = ~evidence.held_out
+        return float((np.log1p(evidence.gaps / evidence.counts) * evidence.counts)[inside].sum()) + hypothesis.penalty()
+
     def probed(self, hypothesis: Hypothesis, beside: Sequence[Hypothesis] = ()) -> Evidence:
         """Return the responses to a step of each number of a hypothesis, on the runs of which something is fitted.
 
@@ -214,3 +223,8 @@ class Search:
             for row in np.diag([item.step for item in adjustables_of(hypothesis)])
         ]
         return gather(self.replay, self.split, hypothesis, [*probes, *beside], fitted_only=True)
+
+
+def _cost(base: Hypothesis, misfit: float, fit: Fit) -> float:
+    """Return minus twice the tempered log evidence of a linear fit: its misfit, and how far nominal parameters move."""
+    return EFFECTIVE_SAMPLES * math.log(max(misfit, 1e-9)) + base.moved(fit.coefficients).prior_penalty()
