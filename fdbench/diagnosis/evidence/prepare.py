@@ -65,6 +65,10 @@ def aligned(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Reco
     check_alike(raw_runs)
     for run in raw_runs:
         check_record(run, drive)
+    if nominal.uncertainty.fastest_m_per_s == 0.0:
+        fastest = max(float(np.abs(run.reference[:, 1]).max()) for run in raw_runs)
+        known = dataclasses.replace(nominal.uncertainty, fastest_m_per_s=fastest)
+        nominal = dataclasses.replace(nominal, uncertainty=known)
     replay, paper = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
     runs, counts = [], []
     for run in raw_runs:

@@ -26,7 +26,7 @@ def deviating_parameters(
     scale = nominal_parameters(final.nominal)
     groups: dict[str, list[int]] = {}
     for place, calibration in enumerate(scale):
-        if calibration.kind == "width":
+        if calibration.kind in ("width", "friction_form"):
             continue
         groups.setdefault(f"{calibration.kind}_{calibration.index}", []).append(place)
     closed = float(channel_gaps(replay, split, final).mean())

@@ -116,8 +116,9 @@ def merged(offsets: Sequence[Effect], effects: Sequence[Effect]) -> tuple[Effect
         if place is None:
             result.append(offset)
         else:
-            total = getattr(result[place], kind.amplitude) + getattr(offset, kind.amplitude)
-            result[place] = result[place].changed(**{kind.amplitude: total})
+            names = (kind.amplitude, *kind.further_amplitudes)
+            sums = {name: getattr(result[place], name) + getattr(offset, name) for name in names}
+            result[place] = result[place].changed(**sums)
     return tuple(result)
 
 
@@ -149,15 +150,18 @@ class NominalParameter:
     ----------
     name : str
     kind : str
-        ``mass``, ``viscous``, ``known_effects``, ``width`` (of the friction's turn) or ``force_offset``.
+        ``mass``, ``viscous``, ``known_effects``, ``width`` (of the friction's turn), ``friction_form`` or
+        ``force_offset``.
     side : str
         ``motor`` or ``table`` for masses and viscous friction.
     index : int
         Of the known effect.
     deviation : float
         Relative, but N s/m for viscous friction and N for the force offset.
-    effect : Effect class or None
-        That carries a force offset.
+    effect : Effect or None
+        That carries a force offset or a bump of the friction's form, without it.
+    amplitude : str
+        Name of the parameter of ``effect`` that is moved.
     """
 
     name: str
@@ -165,13 +169,14 @@ class NominalParameter:
     deviation: float
     side: str = ""
     index: int = -1
-    effect: type[Effect] | None = None
+    effect: Effect | None = None
+    amplitude: str = ""
 
     def apply(self, drive: FeedDrive, shift: float) -> tuple[FeedDrive, tuple[Effect, ...]]:
         """Return the drive moved by ``shift`` standard deviations, and an effect that has to be added for it."""
         change = shift * self.deviation
         if self.effect is not None:
-            return drive, (self.effect.typical(**{self.effect.amplitude: change}),)
+            return drive, (self.effect.changed(**{self.amplitude: change}),)
         if self.kind == "known_effects":
             return _with_known(drive, self.index, max(1.0 + change, 0.0)), ()
         if self.kind == "width":
@@ -205,7 +210,7 @@ class NominalParameter:
     @property
     def changes_from_run_to_run(self) -> bool:
         """Whether it may differ between repeats: friction and offsets do, masses and the form of friction do not."""
-        return self.kind not in ("mass", "width")
+        return self.kind not in ("mass", "width", "friction_form")
 
     def cause(self, nominal: Nominal) -> str:
         """Return the name of the effect that a large change of this value is, or an empty text."""
@@ -235,11 +240,43 @@ def nominal_parameters(nominal: Nominal) -> tuple[NominalParameter, ...]:
     ]
     offsets = [kind for kind in nominal.library if kind.calibrates == "force_offset"]
     found += [
-        NominalParameter(name="force_offset", kind="force_offset", deviation=doubt.force_offset_N, effect=kind)
+        NominalParameter(
+            name="force_offset",
+            kind="force_offset",
+            deviation=doubt.force_offset_N,
+            effect=silent(kind),
+            amplitude=kind.amplitude,
+        )
         for kind in offsets[:1]
         if doubt.force_offset_N > 0.0
     ]
-    return tuple(found)
+    return (*found, *_friction_form(nominal))
+
+
+def _friction_form(nominal: Nominal) -> list[NominalParameter]:
+    """Return the bumps of a free friction curve, within a share of the friction that is known."""
+    drive, doubt = nominal.drive, nominal.uncertainty
+    known = sum(abs(_amplitude(item)) for item in drive.effects if any(p.name == WIDTH for p in item.parameters()))
+    kinds = [kind for kind in nominal.library if kind.calibrates == "friction_form"]
+    deviation = doubt.friction_form * known
+    if not kinds or deviation == 0.0 or doubt.fastest_m_per_s == 0.0:
+        return []
+    effect = silent(kinds[0]).changed(fastest_m_per_s=doubt.fastest_m_per_s)
+    return [
+        NominalParameter(
+            name=f"friction_{name}", kind="friction_form", deviation=deviation, effect=effect, amplitude=name
+        )
+        for name in (kinds[0].amplitude, *kinds[0].further_amplitudes)
+    ]
+
+
+def silent(kind: type[Effect]) -> Effect:
+    """Return an effect with all its amplitudes at zero."""
+    return kind.typical(**dict.fromkeys((kind.amplitude, *kind.further_amplitudes), 0.0))
+
+
+def _amplitude(effect: Effect) -> float:
+    return float(getattr(effect, type(effect).amplitude))
 
 
 def start(nominal: Nominal) -> Hypothesis:

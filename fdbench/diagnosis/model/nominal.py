@@ -29,12 +29,16 @@ class Uncertainty:
 
     Masses, viscous frictions and the effects that the model knows are relative, the force offset is in newtons. No
     data sheet says over which speed friction turns its sign: ``transition_velocity`` is that of its natural logarithm.
+    ``friction_form`` is that of friction at any speed up to ``fastest_m_per_s``, relative to the known friction; 0
+    stands for the fastest speed of the records.
     """
 
     mass: float = positive(default=0.03)
     viscous: float = positive(default=0.1)
     known_effects: float = positive(default=0.06)
     transition_velocity: float = nonnegative(default=1.0)
+    friction_form: float = nonnegative(default=0.05)
+    fastest_m_per_s: float = nonnegative(default=0.0)
     force_offset_N: float = nonnegative(default=2.0)
 
     def __post_init__(self) -> None:
