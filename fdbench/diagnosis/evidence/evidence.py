@@ -58,10 +58,13 @@ class Evidence:
         so that 1 is noise alone, and nothing exceeds :math:`1 + 1 / \kappa`.
         """
         part = self.held_out == held_out
-        sums = self.products[part].sum(axis=0)
-        own = np.diagonal(sums).copy()
-        own[0] = 0.0
-        return misfit(sums[0, 0] - 2.0 * np.r_[0.0, sums[0, 1:]] + own, self.weights[part], self.counts[part])
+        return misfit(self.squares()[part].sum(axis=0), self.weights[part], self.counts[part])
+
+    def squares(self) -> FloatArray:
+        """Return the weighted squared gap of the base and of each variant, (n_segments, n_columns)."""
+        own = np.diagonal(self.products, axis1=1, axis2=2).copy()
+        own[:, 1:] += self.products[:, :1, 0] - 2.0 * self.products[:, 0, 1:]
+        return own
 
     def worst(self) -> float:
         """Return the mean squared gap of the stretch of time in which it is largest, over all channels."""

@@ -47,10 +47,11 @@ class Scores:
         self.train, self.test = evidence.products[inside].sum(axis=0), evidence.products[~inside].sum(axis=0)
         self._parts = [(evidence.weights[part], evidence.counts[part]) for part in (inside, ~inside)]
 
-    def fit(self, columns: Sequence[int]) -> Fit:
-        """Fit the columns by regularised least squares."""
+    def fit(self, columns: Sequence[int], damping: float = 0.0) -> Fit:
+        """Fit the columns by regularised least squares, the diagonal of the normal matrix raised by ``damping``."""
         chosen = list(columns)
         normal, right = self.normal(chosen), self.train[chosen, 0].copy()
+        normal[np.diag_indices(len(chosen))] *= 1.0 + damping
         for place, column in enumerate(chosen):
             right[place] -= self.priors.get(column, 0.0)
         theta = solved(normal, right)

@@ -27,7 +27,7 @@ NOISE_ALONE = 1.05  # misfit below which nothing is left to explain
 ITERATIONS = 8
 CONVERGED = 3e-4  # fall of the objective in units of its excess over noise below which a refinement ends
 SMALLEST_FALL = 2.0  # and fall that is no evidence of anything
-STEPS = (1.0, 0.3, 0.1)
+DAMPINGS = (0.0, 0.03, 0.3, 3.0)  # of the diagonal of the normal matrix
 REVIEWS = 3
 
 
@@ -180,30 +180,29 @@ class Search:
         return best
 
     def refine(self, hypothesis: Hypothesis) -> Hypothesis:
-        """Fit all numbers of a hypothesis on the training segments by guarded Gauss-Newton steps in closed loop."""
-        evidence = self.probed(hypothesis)
+        """Fit all numbers of a hypothesis on the training segments in closed loop.
+
+        By damped Gauss-Newton steps (Levenberg 1944, Marquardt 1963): the normal matrix has its diagonal raised by
+        several factors at once, all of these steps are simulated together, and the best is taken.
+        """
         for _ in range(ITERATIONS):
             numbers = adjustables_of(hypothesis)
-            columns = range(1, 1 + len(numbers))
-            fit = Scores(evidence, dict(enumerate(hypothesis.shifts, start=1))).fit(columns)
-            step = fit.coefficients * np.array([item.step for item in numbers])
-            inside = ~evidence.held_out
-            before = float(evidence.products[inside, 0, 0].sum()) + hypothesis.penalty()
-            excess = before - float((evidence.weights * evidence.counts)[inside].sum())
-            enough = max(CONVERGED * excess, SMALLEST_FALL)
-            if before - fit.squares - fit.penalty < enough:
-                return hypothesis
-            for share in STEPS:
-                trial = with_parameters(hypothesis, parameter_vector(hypothesis) + share * step)
-                probed = self.probed(trial)
-                after = float((evidence.weights * probed.gaps)[inside].sum()) + trial.penalty()
-                if after < before:
-                    break
-            else:
-                return hypothesis
-            hypothesis, evidence = trial, probed
-            if before - after < enough:
-                return hypothesis
+            evidence = self.probed(hypothesis)
+            scores = Scores(evidence, dict(enumerate(hypothesis.shifts, start=1)))
+            values, scale = parameter_vector(hypothesis), np.array([item.step for item in numbers])
+            steps = (scores.fit(range(1, 1 + len(numbers)), damping).coefficients * scale for damping in DAMPINGS)
+            trials = [with_parameters(hypothesis, values + step) for step in steps]
+            judged = gather(self.replay, self.split, hypothesis, trials, fitted_only=True)
+            inside = ~judged.held_out
+            before, *after = (judged.squares()[inside].sum(axis=0)).tolist()
+            before += hypothesis.penalty()
+            after = [own + trial.penalty() for own, trial in zip(after, trials, strict=True)]
+            best = int(np.argmin(after))
+            excess = before - float((judged.weights * judged.counts)[inside].sum())
+            if after[best] < before:
+                hypothesis = trials[best]
+            if before - after[best] < max(CONVERGED * excess, SMALLEST_FALL):
+                break
         return hypothesis
 
     def objective(self, hypothesis: Hypothesis) -> float:
