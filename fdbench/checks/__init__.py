@@ -47,7 +47,7 @@ def check(plugin: str, limits: "WorkerLimits | None" = None) -> list[str]:
 
 
 def _declared(file: str, sandbox: "Sandbox") -> str:
-    """Return the name of a plug-in in a file, which is imported by a worker first; an estimator's by none but workers."""
+    """Return the name of a plug-in in a file, which a worker imports; only an effect is imported here after that."""
     from fdbench.effects import effects
     from fdbench.errors import PluginError
     from fdbench.estimator import estimators
