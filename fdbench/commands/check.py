@@ -17,18 +17,21 @@ def check(
     memory_limit: MemoryLimit = 4096.0,
 ) -> None:
     """Check an estimator, effect or scenario, such as your own file; exit with 1 where a check fails."""
-    from fdbench.checks import check as run_checks
+    from contextlib import closing
+
+    from fdbench.checks import check_declared, declare
     from fdbench.registry import fault
-    from fdbench.sandbox import WorkerLimits
+    from fdbench.sandbox import Sandbox, WorkerLimits
 
     add_effects(effect)
-    try:
-        lines = run_checks(plugin, WorkerLimits(time_s=time_limit, memory_MB=memory_limit))
-    except (Exception, SystemExit) as error:
-        if isinstance(error, FdbenchError) and not isinstance(error, PluginError):
-            raise
-        name = Path(plugin).stem if plugin.endswith(".py") else plugin
-        text = str(error) if isinstance(error, PluginError) else f"{name}: {fault(error, Path(plugin).resolve())}"
-        typer.echo(f"fdbench: {text}", err=True)
-        raise typer.Exit(1) from error
+    with closing(Sandbox(WorkerLimits(time_s=time_limit, memory_MB=memory_limit))) as sandbox:
+        name = declare(plugin, sandbox)
+        try:
+            lines = check_declared(name, sandbox)
+        except (Exception, SystemExit) as error:
+            if isinstance(error, FdbenchError) and not isinstance(error, PluginError):
+                raise
+            text = str(error) if isinstance(error, PluginError) else f"{name}: {fault(error, Path(plugin).resolve())}"
+            typer.echo(f"fdbench: {text}", err=True)
+            raise typer.Exit(1) from error
     typer.echo("\n".join(lines))
