@@ -13,7 +13,6 @@ request      comes with                        answer
 
 import ctypes
 import faulthandler
-import gc
 import json
 import os
 import shutil
@@ -63,15 +62,12 @@ def main(descriptor: int) -> None:
 def _warm_up() -> None:
     """Load what numba loads with the first kernel, and look up which plug-ins are installed."""
     import numba
-    import scipy.optimize  # noqa: F401
+    import scipy.linalg  # noqa: F401
 
     from fdbench.estimator import estimators
 
     numba.njit(lambda value: value + 1.0)(1.0)
     estimators.names()
-    # Workers share what is not written to, and a collection of garbage would write to all of it.
-    gc.collect()
-    gc.freeze()
 
 
 def _answer(
