@@ -46,6 +46,7 @@ class ForkServer:
 
     @property
     def is_alive(self) -> bool:
+        """Whether it has not been closed."""
         return self._close.alive
 
     def fork(self, channel: socket.socket, last_words: IO[bytes]) -> int:
