@@ -9,7 +9,7 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 # Estimators that are run by a test, and must not be imported by it.
-collect_ignore_glob = ["sandbox/cheats/*", "sandbox/misbehaving/*"]
+collect_ignore_glob = ["sandbox/cheats/*", "sandbox/misbehaving/*", "sandbox/neighbours/*"]
 
 
 def shared_file(*parts: str) -> Path:

@@ -1,5 +1,7 @@
 """Every registered estimator holds the shared checks."""
 
+from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -8,9 +10,16 @@ from fdbench.benchmark.validate import plant_parameters
 from fdbench.checks.check_estimator import CHECKS, Case, check_estimator, prepare
 from fdbench.errors import PluginError
 from fdbench.estimator import estimators
+from fdbench.sandbox import Sandbox, WorkerLimits
 from fdbench.scenario import load_scenario
 
 NAMES = estimators.names()
+
+
+@pytest.fixture(scope="module")
+def sandbox() -> Iterator[Sandbox]:
+    with closing(Sandbox(WorkerLimits())) as made:
+        yield made
 
 
 @pytest.fixture(scope="module")
@@ -20,11 +29,11 @@ def case_of() -> dict[str, Case]:
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("name", NAMES)
-def test_estimator(name: str, check: object, case_of: dict[str, Case]) -> None:
+def test_estimator(name: str, check: object, case_of: dict[str, Case], sandbox: Sandbox) -> None:
     if name not in case_of:
-        case_of[name] = prepare(estimators.get(name))
+        case_of[name] = prepare(name, sandbox)
     case = case_of[name]
-    expected = case.cls.expected_failures
+    expected = case.declaration.expected_failures
     if check.__name__ in expected:  # type: ignore[attr-defined]
         with pytest.raises(PluginError):
             check(case)  # type: ignore[operator]
@@ -44,7 +53,7 @@ def test_estimator(name: str, check: object, case_of: dict[str, Case]) -> None:
     ],
 )
 def test_a_bad_estimator_is_told_what_is_wrong(
-    name: str, claim: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, claim: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sandbox: Sandbox
 ) -> None:
     monkeypatch.setattr(estimators, "_files", {})
     file = tmp_path / f"{name}.py"
@@ -57,7 +66,7 @@ def test_a_bad_estimator_is_told_what_is_wrong(
         f"        return Estimate({claim})\n"
     )
     with pytest.raises(PluginError, match=f"{name}: returns_estimate: .*{message}"):
-        check_estimator(estimators.add_file(file))
+        check_estimator(estimators.declare(str(file)), sandbox)
 
 
 def test_parameters_may_have_the_names_of_the_model_and_of_what_follows_from_it() -> None:

@@ -35,7 +35,7 @@ class Kernel(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Fit:
+class PartiallyLinearFit:
     r"""Solution of the PL-LSSVM equations, :math:`A \alpha + P \theta = y,\; P^T \alpha = 0`.
 
     Attributes
@@ -63,7 +63,7 @@ class Fit:
         return np.asarray(np.einsum("ij,ji->i", rows, np.linalg.solve(self.information, rows.T)), dtype=np.float64)
 
 
-def partially_linear(system: System, basis: FloatArray, target: FloatArray) -> Fit:
+def partially_linear(system: System, basis: FloatArray, target: FloatArray) -> PartiallyLinearFit:
     r"""Fit y = P theta + f(t) + noise, the same as generalised least squares with covariance s^2 A.
 
     .. math:: A [S_0 | S] = [r | P], \quad \theta = \theta_0 + (S^T P)^{-1} S^T r, \quad
@@ -101,7 +101,7 @@ def partially_linear(system: System, basis: FloatArray, target: FloatArray) -> F
     information = weighted.T @ basis
     change = np.asarray(np.linalg.solve(information, weighted.T @ residual), dtype=np.float64)
     alpha = solutions[:, 0] - weighted @ change
-    return Fit(
+    return PartiallyLinearFit(
         coefficients=start + change,
         alpha=alpha,
         weighted_basis=weighted,
@@ -111,13 +111,13 @@ def partially_linear(system: System, basis: FloatArray, target: FloatArray) -> F
 
 
 def predict(
-    system: System, fit: Fit, kernel: FloatArray, prior_variance: float, basis: FloatArray
+    system: System, fit: PartiallyLinearFit, kernel: FloatArray, prior_variance: float, basis: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean and variance of P theta + f at new times (universal kriging); the variance is for s^2 = 1.
 
     Parameters
     ----------
-    system, fit : System, Fit
+    system, fit : System, PartiallyLinearFit
         The training matrix and its fit.
     kernel : (n, n_new) array
         Kernel between the training and the new times; ``prior_variance`` is the kernel at lag zero.
@@ -129,7 +129,7 @@ def predict(
     return basis @ fit.coefficients + kernel.T @ fit.alpha, prior_variance - explained + fit.quadratic(drift)
 
 
-def restricted_log_likelihood(system: Cholesky, fit: Fit) -> float:
+def restricted_log_likelihood(system: Cholesky, fit: PartiallyLinearFit) -> float:
     r"""Return the restricted log likelihood for s^2 = 1, to choose hyperparameters by.
 
     .. math:: -\tfrac12 \left( y^T \alpha + \log|A| + \log|P^T A^{-1} P| + (n - m) \log 2 \pi \right)

@@ -17,15 +17,15 @@ from typing import Any
 from fdbench.benchmark import oracle
 from fdbench.benchmark.provenance import SIMULATION, digest
 from fdbench.benchmark.store import DIVERGED, FAILED, OK, SKIPPED, Key, ParameterValue, Run, Score, Store
-from fdbench.benchmark.validate import check_estimate, plant_parameters
-from fdbench.errors import FdbenchError, MissingData, PluginError, SimulationDiverged
-from fdbench.estimator import Context, Estimate
+from fdbench.benchmark.validate import check_estimate, check_response, plant_parameters
+from fdbench.errors import FdbenchError, MissingData, SimulationDiverged
+from fdbench.estimator import Context
 from fdbench.metrics import Outcome, metrics
 from fdbench.metrics._parameters import signed_errors
 from fdbench.nonce import derived_seed
 from fdbench.record import FloatArray, Record
 from fdbench.regression import Regression
-from fdbench.sandbox import Limits, Misbehaved, Sandbox, Source
+from fdbench.sandbox import FitResult, Misbehaved, Sandbox, Source, WorkerLimits
 from fdbench.scenario import Scenario, Truth, load_scenario
 
 SPEED = "speed"
@@ -77,7 +77,7 @@ class Job:
         Plug-in files of the simulation, with the number of their registry in ``SIMULATION``.
     is_apart : bool
         Whether they are to be registered first, as this is another process.
-    limits : Limits
+    limits : WorkerLimits
         Of each estimator.
     """
 
@@ -90,7 +90,7 @@ class Job:
     folder: Path = Path()
     plugins: tuple[tuple[int, Path], ...] = ()
     is_apart: bool = False
-    limits: Limits = field(default_factory=Limits)
+    limits: WorkerLimits = field(default_factory=WorkerLimits)
 
     @property
     def runs(self) -> list[Key]:
@@ -158,14 +158,14 @@ def _observe(scenario: Scenario, seed: int) -> _Trial:
 
 def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str], store: Store | None, job: Job) -> Run:
     try:
-        estimate, seconds, response = _estimate(choice, trial, job)
+        fit, response = _estimate(choice, trial, job)
         outcome = Outcome(
             scenario=trial.scenario,
             record=trial.record,
             regression=trial.regression,
             truth=trial.truth,
-            estimate=estimate,
-            seconds=seconds,
+            estimate=fit.estimate,
+            seconds=fit.seconds,
             response=response,
         )
         parameters = tuple(_parameter_values(outcome))
@@ -173,7 +173,7 @@ def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str],
         calls = error.traceback if isinstance(error, Misbehaved) else ""
         return _without_scores(key, trial.scenario, *describe(error), origin, calls)
     if store is not None:
-        store.write_estimate(key, trial.regression, estimate)
+        store.write_estimate(key, trial.regression, fit.estimate)
     scores = tuple(_score(name, outcome) for name in metric_names(trial.scenario, key.estimator))
     failed = next((score for score in scores if score.status == FAILED), None)
     return Run(
@@ -181,37 +181,40 @@ def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str],
         plant=trial.scenario.plant.name,
         status=failed.status if failed else OK,
         message=f"{failed.metric}: {failed.message}" if failed else "",
-        seconds=seconds,
+        seconds=fit.seconds,
+        peak_memory_MB=fit.peak_memory_MB,
         provenance=origin,
         scores=scores,
         parameters=parameters,
     )
 
 
-def _estimate(choice: Choice, trial: _Trial, job: Job) -> tuple[Estimate, float, FloatArray | None]:
-    """Return an estimate, the time of the fit, and the response that it predicts."""
+def _estimate(choice: Choice, trial: _Trial, job: Job) -> tuple[FitResult, FloatArray | None]:
+    """Return what a fit came to, and the response that it predicts."""
     if choice.source is None:
         start = time.perf_counter()
-        return oracle.oracle(trial.regression, trial.truth), time.perf_counter() - start, trial.truth.response
+        estimate = oracle.oracle(trial.regression, trial.truth)
+        seconds = time.perf_counter() - start
+        return FitResult(estimate=estimate, seconds=seconds, peak_memory_MB=None), trial.truth.response
     worker = sandbox(job.limits, job.plugins).worker(choice.source)
-    worker.load(choice.source)
-    reason = worker.begin(choice.name, choice.arguments, trial.pickled_context)
+    worker.load()
+    reason = worker.begin(choice.arguments, trial.pickled_context)
     if reason is not None:
         raise _Skip(reason)
     if choice.digest not in worker.compiled:
         # The first fit compiles, which is no part of its time.
         worker.fit(trial.record)
         worker.compiled.add(choice.digest)
-        worker.begin(choice.name, choice.arguments, trial.pickled_context)
+        worker.begin(choice.arguments, trial.pickled_context)
     fit = worker.fit(trial.record)
     check_estimate(fit.estimate, trial.regression, plant_parameters(trial.context))
     response = None if trial.command is None else worker.predict(trial.command)
-    if response is not None and trial.truth.response is not None and response.shape != trial.truth.response.shape:
-        raise PluginError(f"predict returned the shape {response.shape}, expected {trial.truth.response.shape}.")
-    return fit.estimate, fit.seconds, response
+    if response is not None and trial.truth.response is not None:
+        check_response(response, trial.truth.response)
+    return fit, response
 
 
-def sandbox(limits: Limits, plugins: tuple[tuple[int, Path], ...] = ()) -> Sandbox:
+def sandbox(limits: WorkerLimits, plugins: tuple[tuple[int, Path], ...] = ()) -> Sandbox:
     """Return the sandbox of this thread, which is kept for further jobs with the same limits and plug-ins."""
     files = tuple((SIMULATION[number].kind, file) for number, file in plugins if SIMULATION[number].kind != "metric")
     made_for = (limits, files, digest(file.read_bytes() for _, file in files))

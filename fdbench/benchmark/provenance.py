@@ -100,11 +100,10 @@ def estimator_source(name: str, files: Sequence[Path] | None = None) -> Source:
     by_path = estimators.files()
     if name in by_path:
         file = by_path[name]
-        return Source(name=name, own=(file,), group=str(file), digest=estimator_digest([file], {}), file=file)
+        return Source(name=name, own=(file,), digest=estimator_digest([file], {}), file=file)
     module = estimators.modules()[name]
-    package = module.split(".")[0]
     digest = estimator_digest(source_files(module) if files is None else files, {})
-    return Source(name=name, own=(package_folder(package).resolve(),), group=package, digest=digest)
+    return Source(name=name, own=(package_folder(module.split(".")[0]).resolve(),), digest=digest)
 
 
 def source_files(module: str) -> list[Path]:

@@ -25,7 +25,7 @@ from fdbench.errors import FdbenchError, MissingData, PluginError
 from fdbench.estimator import estimators as registry
 from fdbench.nonce import check_nonce
 from fdbench.reading import measured_file
-from fdbench.sandbox import Limits, Misbehaved, confinement
+from fdbench.sandbox import Misbehaved, WorkerLimits, confinement
 from fdbench.scenario import Scenario, load_scenario
 
 NULL = "null"
@@ -144,8 +144,10 @@ def run(
     ):
         if not low <= value <= high:
             raise FdbenchError(f"{name} {value}: at least {low} and at most {high}.")
+    if sealed and nonce:
+        raise FdbenchError("sealed draws a nonce, and one is given: leave out one of the two.")
     drawn = range(first_seed, first_seed + seeds)
-    limits = Limits(time_s=time_limit_s, memory_MB=memory_limit_MB)
+    limits = WorkerLimits(time_s=time_limit_s, memory_MB=memory_limit_MB)
     kept_to = {"time_limit_s": f"{time_limit_s:g}", "memory_limit_MB": f"{memory_limit_MB:g}"}
     store, origin = Store(out), {**provenance(), **kept_to, "confinement": confinement()}
     names = select(registry.names() if estimators is None else estimators)
@@ -154,9 +156,7 @@ def run(
         if count > 1:
             raise FdbenchError(f"scenario '{name}' is given {count} times.")
     sources, plugins = _sources(names), _plugins()
-    _try_files(names, limits, plugins)
-    if sealed and nonce:
-        raise FdbenchError("sealed draws a nonce, and one is given: leave out one of the two.")
+    made_for = _made_for(sources, limits, plugins, store)
     origin["nonce"] = check_nonce(nonce) if nonce else ""
     if sealed:
         fixed = Seal(
@@ -166,11 +166,14 @@ def run(
             commit=origin["commit"],
         )
         origin["nonce"] = seal(store.folder, fixed).nonce
-    made_for = {} if estimators is not None else _made_for(sources, limits, plugins, store)
     plan = []
     for source, scenario in selected:
         is_of = {scenario.estimation.model, scenario.plant.name}
-        own_names = [name for name in names if (kinds := made_for.get(name)) is None or is_of.intersection(kinds)]
+        own_names = [
+            name
+            for name in names
+            if estimators is not None or (kinds := made_for.get(name)) is None or is_of.intersection(kinds)
+        ]
         choices = tuple(_choice(name, scenario, sources) for name in own_names)
         own = _jobs(source, scenario, choices, range(1) if scenario.measured else drawn, keep_estimates, origin)
         place = store.folder.resolve()
@@ -247,22 +250,27 @@ def select(names_or_files: Sequence[str]) -> tuple[str, ...]:
 
 
 def _made_for(
-    sources: Mapping[str, Sequence[Path]], limits: Limits, plugins: tuple[tuple[int, Path], ...], store: Store
+    sources: Mapping[str, Sequence[Path]], limits: WorkerLimits, plugins: tuple[tuple[int, Path], ...], store: Store
 ) -> dict[str, tuple[str, ...] | None]:
     """Return what each estimator is made for, None for anything; what is known of its very code is not asked again.
 
-    One that cannot be imported is for anything, so that it is reported.
+    An installed one that cannot be imported is for anything, so that it is reported.
+
+    Raises
+    ------
+    PluginError
+        If one that was given by path cannot be imported.
     """
-    known, found = store.made_for(), dict[str, tuple[str, ...] | None]()
+    known, found, by_path = store.made_for(), dict[str, tuple[str, ...] | None](), registry.files()
     for name, files in sources.items():
         content = estimator_digest(files, {})
         if content not in known:
-            source = estimator_source(name, files)
             try:
-                worker = sandbox(limits, plugins).worker(source)
-                worker.load(source)
-                known[content] = worker.made_for[name]
-            except Misbehaved:
+                known[content] = sandbox(limits, plugins).worker(estimator_source(name, files)).load().made_for
+            except Misbehaved as error:
+                if name in by_path:
+                    text = str(error).removeprefix("PluginError: ")
+                    raise PluginError(text if str(by_path[name]) in text else f"{by_path[name]}: {text}") from error
                 found[name] = None
                 continue
         found[name] = known[content]
@@ -284,24 +292,6 @@ def _choice(name: str, scenario: Scenario, sources: Mapping[str, Sequence[Path]]
     arguments = scenario.estimation.hyperparameters.get(name, {})
     digest_of_both = estimator_digest(sources[name], arguments)
     return Choice(name=name, arguments=arguments, digest=digest_of_both, source=estimator_source(name, sources[name]))
-
-
-def _try_files(names: Iterable[str], limits: Limits, plugins: tuple[tuple[int, Path], ...]) -> None:
-    """Have the estimators that were given by path imported once, so that a faulty one is known before anything is run.
-
-    Raises
-    ------
-    PluginError
-        If one cannot be.
-    """
-    by_path = registry.files()
-    for name in (name for name in names if name in by_path):
-        source = estimator_source(name, [by_path[name]])
-        try:
-            sandbox(limits, plugins).worker(source).load(source)
-        except Misbehaved as error:
-            text = str(error).removeprefix("PluginError: ")
-            raise PluginError(text if str(by_path[name]) in text else f"{by_path[name]}: {text}") from error
 
 
 def _jobs(

@@ -53,6 +53,7 @@ SCORE_COLUMNS = {
     "status": "string",
     "message": "string",
     "seconds": "float64",
+    "peak_memory_MB": "float64",
     **dict.fromkeys(PROVENANCE, "string"),
 }
 
@@ -110,6 +111,8 @@ class Run:
         Reason, in one line, unless ok.
     seconds : float or None
         Time of ``fit``.
+    peak_memory_MB : float or None
+        Largest resident memory of the worker during ``fit``, as it says itself; None of the oracle.
     provenance : mapping of str to str
         The columns ``PROVENANCE``.
     scores, parameters : tuples
@@ -124,6 +127,7 @@ class Run:
     status: str
     message: str
     seconds: float | None
+    peak_memory_MB: float | None = None
     provenance: Mapping[str, str]
     scores: tuple[Score, ...] = ()
     parameters: tuple[ParameterValue, ...] = ()
@@ -348,7 +352,8 @@ def _score_rows(runs: Sequence[Run]) -> Iterator[dict[str, Any]]:
     for run in runs:
         provenance = {name: run.provenance.get(name, "") for name in PROVENANCE}
         for score in run.scores:
-            yield {**run.key._asdict(), "plant": run.plant, **vars(score), "seconds": run.seconds, **provenance}
+            costs = {"seconds": run.seconds, "peak_memory_MB": run.peak_memory_MB}
+            yield {**run.key._asdict(), "plant": run.plant, **vars(score), **costs, **provenance}
 
 
 def _parameter_rows(runs: Sequence[Run]) -> Iterator[dict[str, Any]]:

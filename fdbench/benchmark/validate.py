@@ -7,6 +7,7 @@ import numpy as np
 
 from fdbench.errors import PluginError, did_you_mean
 from fdbench.estimator import Context
+from fdbench.record import FloatArray
 from fdbench.regression import Regression
 from fdbench.sandbox import check_kinds
 from fdbench.sandbox.claims import SERIES
@@ -48,6 +49,18 @@ def check_estimate(estimate: Any, regression: Regression, others: Iterable[str] 
     if estimate.covariance is not None:
         covariance = _check_array("covariance", estimate.covariance, (p, p), "in the order of parameters")
         _check_variance("the diagonal of covariance", np.diag(covariance))
+
+
+def check_response(response: FloatArray, expected: FloatArray) -> None:
+    """Check that what ``predict`` returned has one value for each of the true response.
+
+    Raises
+    ------
+    PluginError
+        If it has another shape.
+    """
+    if response.shape != expected.shape:
+        raise PluginError(f"predict returned the shape {response.shape}, expected {expected.shape}.")
 
 
 def _check_parameter(name: Any, value: Any, allowed: Iterable[str]) -> None:

@@ -1,16 +1,22 @@
 """Run a list of checks and honour the failures that a plug-in announces with a reason."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from types import MappingProxyType
 
 from fdbench.errors import PluginError
 
 
 def run_checks(
-    name: str, checks: Sequence[tuple[str, Callable[[], None]]], plugin: Any = None, *, first_only: bool = False
+    name: str,
+    checks: Sequence[tuple[str, Callable[[], None]]],
+    expected: Mapping[str, str] = MappingProxyType({}),
+    *,
+    first_only: bool = False,
 ) -> list[str]:
-    """Return one line for each check; raise a PluginError that lists all failures, or the first and what passed."""
-    expected: Mapping[str, str] = getattr(plugin, "expected_failures", {})
+    """Return one line for each check; raise a PluginError that lists all failures, or the first and what passed.
+
+    ``expected`` has the reasons of failures that the plug-in announces, by the name of the check.
+    """
     unknown = set(expected) - {check for check, _ in checks}
     lines, failures = [], [f"expected_failures names {item}, which is no check" for item in sorted(unknown)]
     for check, function in checks:
@@ -20,7 +26,7 @@ def run_checks(
             if check in expected:
                 lines.append(f"{check}: fails as announced ({expected[check]})")
             else:
-                text = str(error) if isinstance(error, PluginError) else repr(error)
+                text = str(error).removeprefix("PluginError: ") if isinstance(error, PluginError) else repr(error)
                 failures.append(f"{check}: {text}")
                 lines.append(f"{check}: FAILED: {text}")
         else:

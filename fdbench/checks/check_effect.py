@@ -361,5 +361,7 @@ def check_effect(cls: type[Effect]) -> list[str]:
     """
     case = Case(cls, Bench([cls]))
     return run_checks(
-        cls.name, [(check.__name__, cast(Callable[[], None], lambda c=check: c(case))) for check in CHECKS], cls
+        cls.name,
+        [(check.__name__, cast(Callable[[], None], lambda c=check: c(case))) for check in CHECKS],
+        cls.expected_failures,
     )

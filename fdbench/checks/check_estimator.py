@@ -1,11 +1,10 @@
 """Shared checks of estimators: what every plug-in must hold, whoever wrote it."""
 
 import dataclasses
-import pickle
+import secrets
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -15,28 +14,45 @@ from fdbench.benchmark.validate import check_estimate, plant_parameters
 from fdbench.catalogue import scenario_ids
 from fdbench.checks._report import run_checks
 from fdbench.errors import FdbenchError, PluginError
-from fdbench.estimator import Context, Estimate, Estimator, OnlineEstimator, Sample, estimators, samples
+from fdbench.estimator import Context, Estimate
 from fdbench.record import Record
 from fdbench.regression import Regression
-from fdbench.sandbox import Limits, Misbehaved, Sandbox
+from fdbench.sandbox import Declaration, Misbehaved, Sandbox, Source, Worker
+from fdbench.sandbox.claims import ARRAYS
 from fdbench.scenario import Scenario, load_scenario
 
 SHORT_S = 8.0
-ARRAYS = ("disturbance_N", "disturbance_variance_N2", "output", "output_variance")
+
+# Of a covariance of unit variances, what rounding in double precision may leave of symmetry and below zero.
+ROUNDING = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One estimator on the first scenario to which it applies."""
+    """One estimator, held by a worker, on the first scenario to which it applies."""
 
-    cls: type[Estimator]
+    sandbox: Sandbox
+    source: Source
+    declaration: Declaration
     context: Context
     record: Record
     regression: Regression
 
+    def begun(self) -> Worker:
+        """Return the worker with a new instance."""
+        worker = self.sandbox.worker(self.source)
+        worker.load()
+        worker.begin({}, self.context)
+        return worker
+
     def fit(self) -> Estimate:
         """Run a new instance."""
-        return self.cls().fit(self.context, self.record)
+        return self.begun().fit(self.record).estimate
+
+    @cached_property
+    def first(self) -> Estimate:
+        """The first estimate."""
+        return self.fit()
 
 
 def simulated() -> Iterator[Scenario]:
@@ -45,14 +61,6 @@ def simulated() -> Iterator[Scenario]:
         scenario = load_scenario(name)
         if scenario.timing is not None:
             yield scenario
-
-
-def cases(cls: type[Estimator]) -> Iterator[tuple[Scenario, Context]]:
-    """Yield simulated scenarios to which the estimator applies."""
-    for scenario in simulated():
-        context = scenario.context()
-        if cls().skip(context) is None:
-            yield scenario, context
 
 
 def shortened(scenario: Scenario) -> Scenario:
@@ -67,18 +75,26 @@ def shortened(scenario: Scenario) -> Scenario:
     return short
 
 
-def prepare(cls: type[Estimator]) -> Case:
+def prepare(name: str, sandbox: Sandbox) -> Case:
     """Return the case that the checks run on.
 
     Raises
     ------
     PluginError
-        If the estimator applies to no simulated scenario.
+        If the estimator cannot be made, or applies to no simulated scenario.
     """
-    for scenario, context in cases(cls):
-        record, _truth = shortened(scenario).observe(0)
-        return Case(cls, context, record, context.regression(record))
-    raise PluginError(f"{cls.name}: skip() declines every simulated scenario; nothing can be checked.")
+    source = estimator_source(name)
+    try:
+        worker = sandbox.worker(source)
+        declaration = worker.load()
+        for scenario in simulated():
+            context = scenario.context()
+            if worker.begin({}, context) is None:
+                record, _truth = shortened(scenario).observe(0)
+                return Case(sandbox, source, declaration, context, record, context.regression(record))
+    except Misbehaved as error:
+        raise PluginError(f"{name}: {str(error).removeprefix('PluginError: ')}") from error
+    raise PluginError(f"{name}: it declines every simulated scenario; nothing can be checked.")
 
 
 def equal(a: Estimate, b: Estimate, tolerance: float = 0.0) -> bool:
@@ -86,7 +102,7 @@ def equal(a: Estimate, b: Estimate, tolerance: float = 0.0) -> bool:
     if dict(a.parameters).keys() != dict(b.parameters).keys():
         return False
     pairs: list[tuple[Any, Any]] = [(a.parameters[name], b.parameters[name]) for name in a.parameters]
-    pairs += [(getattr(a, name), getattr(b, name)) for name in (*ARRAYS, "covariance")]
+    pairs += [(getattr(a, name), getattr(b, name)) for name in ARRAYS]
     for x, y in pairs:
         if (x is None) != (y is None):
             return False
@@ -100,82 +116,102 @@ def equal(a: Estimate, b: Estimate, tolerance: float = 0.0) -> bool:
 
 def has_defaults(case: Case) -> None:
     """Construct it without arguments."""
-    case.cls()
+    case.begun()
 
 
 def has_docstring(case: Case) -> None:
     """Class with a docstring of its own."""
-    if not (case.cls.__doc__ or "").strip() or case.cls.__doc__ == case.cls.__base__.__doc__:
+    if not case.declaration.has_docstring:
         raise PluginError("the class has no docstring; say in it what is estimated, by which equation, and the source.")
 
 
 def returns_estimate(case: Case) -> None:
     """Expect an Estimate with finite numbers and one value for each row."""
-    check_estimate(case.fit(), case.regression, plant_parameters(case.context))
+    check_estimate(case.first, case.regression, plant_parameters(case.context))
+
+
+def has_a_possible_covariance(case: Case) -> None:
+    """Expect a covariance that is symmetric and positive semidefinite."""
+    if case.first.covariance is None:
+        return
+    covariance, names = np.asarray(case.first.covariance), list(case.first.parameters)
+    deviations = np.sqrt(np.diag(covariance))
+    scaled = covariance / np.outer(*2 * [np.where(deviations > 0.0, deviations, 1.0)])
+    asymmetry = np.abs(scaled - scaled.T)
+    if asymmetry.size and asymmetry.max() > ROUNDING:
+        i, j = np.unravel_index(int(asymmetry.argmax()), asymmetry.shape)
+        raise PluginError(
+            f"covariance is not symmetric: {covariance[i, j]:g} of {names[i]} and {names[j]}, {covariance[j, i]:g} of "
+            f"{names[j]} and {names[i]}."
+        )
+    lowest = float(np.linalg.eigvalsh(scaled)[0]) if scaled.size else 0.0
+    if lowest < -ROUNDING * len(names):
+        raise PluginError(
+            f"covariance is not positive semidefinite: scaled to unit variances it has the eigenvalue {lowest:.3g}, so "
+            "that a sum of parameters would have a negative variance."
+        )
 
 
 def is_deterministic(case: Case) -> None:
     """Expect the same bits from the same record."""
-    if not equal(case.fit(), case.fit()):
+    if not (equal(case.first, case.fit()) and equal(case.first, case.fit())):
         raise PluginError("two runs on the same record differ; draw random numbers from a generator with a fixed seed.")
 
 
 def fits_again(case: Case) -> None:
     """One instance fitted twice gives the same bits: nothing of the first record is left."""
-    estimator = case.cls()
-    first = estimator.fit(case.context, case.record)
-    if not equal(first, estimator.fit(case.context, case.record)):
+    worker = case.begun()
+    first = worker.fit(case.record).estimate
+    if not equal(first, worker.fit(case.record).estimate):
         raise PluginError("the second fit of the same instance differs from the first: state is left over.")
 
 
 def leaves_global_random_state(case: Case) -> None:
-    """Numpy's global random state is as before."""
-    before = pickle.dumps(np.random.get_state())  # noqa: NPY002
-    case.fit()
-    if pickle.dumps(np.random.get_state()) != before:  # noqa: NPY002
-        raise PluginError("numpy's global random state was used; use numpy.random.default_rng(seed).")
+    """Numpy's global generator is neither seeded nor drawn from."""
+    worker = case.begun()
+    before = worker.random_state(secrets.randbits(32))
+    worker.fit(case.record)
+    if worker.random_state() != before:
+        raise PluginError(
+            "fit seeds NumPy's global generator or draws from it; use numpy.random.default_rng(seed) instead."
+        )
 
 
 def can_be_pickled(case: Case) -> None:
     """Instances travel to other processes."""
+    worker = case.begun()
     try:
-        copy = pickle.loads(pickle.dumps(case.cls()))
-    except Exception as error:
-        raise PluginError(f"an instance cannot be pickled: {error!r}.") from error
-    if not equal(copy.fit(case.context, case.record), case.fit()):
+        worker.copy()
+    except Misbehaved as error:
+        raise PluginError(f"an instance cannot be pickled: {error}.") from error
+    if not equal(worker.fit(case.record).estimate, case.first):
         raise PluginError("a pickled copy estimates something else than the original.")
 
 
 def streams_as_it_fits(case: Case) -> None:
     """Expect the same from ``update`` as from ``fit``."""
-    if not issubclass(case.cls, OnlineEstimator):
+    if not case.declaration.is_online:
         return
-    estimator = case.cls()
-    estimator.start(case.context)
-    for sample in samples(case.regression):
-        estimator.update(sample)
-    if not equal(estimator.estimate(), case.fit(), 1e-9):
+    if not equal(case.begun().fit(case.record, is_streamed=True).estimate, case.first, 1e-9):
         raise PluginError("start, update and estimate over a record give something else than fit.")
 
 
 def refuses_update_before_start(case: Case) -> None:
     """Expect a refusal where ``update`` comes before ``start``."""
-    if not issubclass(case.cls, OnlineEstimator):
+    if not case.declaration.is_online:
         return
-    regression = case.regression
-    sample: Sample = samples(regression)[0]
     try:
-        case.cls().update(sample)
-    except FdbenchError:
-        return
-    except Exception as error:
-        raise PluginError(f"update() before start() raised {error!r}; raise a PluginError that says so.") from error
-    raise PluginError("update() before start() was accepted.")
+        is_refused = case.begun().refuses_update(case.record)
+    except Misbehaved as error:
+        raise PluginError(f"update() before start(): {error}; raise a PluginError that says so.") from error
+    if not is_refused:
+        raise PluginError("update() before start() was accepted.")
 
 
 CHECKS: tuple[Callable[[Case], None], ...] = (
     has_defaults,
     returns_estimate,
+    has_a_possible_covariance,
     is_deterministic,
     fits_again,
     leaves_global_random_state,
@@ -186,37 +222,23 @@ CHECKS: tuple[Callable[[Case], None], ...] = (
 )
 
 
-def try_first(name: str) -> None:
-    """Fit once in a process of its own, so that one that crashes, hangs or exits does not take the checks with it.
-
-    Raises
-    ------
-    PluginError
-        If it does, or fails.
-    """
-    source, place = estimator_source(name), ""
-    with closing(Sandbox(Limits())) as sandbox:
-        try:
-            worker = sandbox.worker(source)
-            worker.load(source)
-            for scenario in simulated():
-                if worker.begin(name, {}, scenario.context()) is None:
-                    place = f"{returns_estimate.__name__}: "
-                    worker.fit(shortened(scenario).observe(0)[0])
-                    return
-        except Misbehaved as error:
-            raise PluginError(f"{name}: {place}{str(error).removeprefix('PluginError: ')}") from error
-
-
-def check_estimator(name: str) -> list[str]:
+def check_estimator(name: str, sandbox: Sandbox) -> list[str]:
     """Run the checks on a registered estimator, up to the first that fails, and return a line for each.
+
+    It is imported, made and fitted in a worker alone, so that one that crashes, hangs or exits does not take the checks
+    with it.
+
+    Parameters
+    ----------
+    name : str
+    sandbox : Sandbox
+        Whose worker it gets.
 
     Raises
     ------
     PluginError
         If a check fails that the plug-in does not list in ``expected_failures``, or passes although it does.
     """
-    try_first(name)
-    cls = estimators.get(name)
-    case = prepare(cls)
-    return run_checks(name, [(check.__name__, partial(check, case)) for check in CHECKS], cls, first_only=True)
+    case = prepare(name, sandbox)
+    checks = [(check.__name__, partial(check, case)) for check in CHECKS]
+    return run_checks(name, checks, case.declaration.expected_failures, first_only=True)

@@ -54,3 +54,9 @@ Effects = Annotated[
     ),
 ]
 Html = Annotated[Path, typer.Option("-o", "--output", callback=file_to_write, help="HTML file to write.")]
+TimeLimit = Annotated[
+    float, typer.Option(min=0.1, metavar="SECONDS", help="What one fit may take; beyond it, it has failed.")
+]
+MemoryLimit = Annotated[
+    float, typer.Option(min=512.0, metavar="MB", help="What memory an estimator may have; beyond it, as above.")
+]

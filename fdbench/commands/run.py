@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from fdbench.commands._options import DEFAULT_OUT, Effects
+from fdbench.commands._options import DEFAULT_OUT, Effects, MemoryLimit, TimeLimit
 from fdbench.commands._plugins import add_effects, distinct
 from fdbench.errors import FdbenchError
 
@@ -83,12 +83,8 @@ def run(
     no_report: Annotated[
         bool, typer.Option("--no-report", help="Leave out report.html; one of an earlier run stays as it is.")
     ] = False,
-    time_limit: Annotated[
-        float, typer.Option(min=0.1, metavar="SECONDS", help="What one fit may take; beyond it the run has failed.")
-    ] = 300.0,
-    memory_limit: Annotated[
-        float, typer.Option(min=512.0, metavar="MB", help="What memory an estimator may have; beyond it, as above.")
-    ] = 4096.0,
+    time_limit: TimeLimit = 300.0,
+    memory_limit: MemoryLimit = 4096.0,
     traceback: Annotated[
         bool, typer.Option("--traceback", help="Print the calls that led to each failure of an estimator.")
     ] = False,

@@ -2,7 +2,8 @@
 
 from typing import final
 
-from fdbench.errors import PluginError
+import numpy as np
+
 from fdbench.metrics._metric import Metric, Outcome
 from fdbench.metrics._series import rms
 
@@ -34,8 +35,5 @@ class FreeRunError(Metric):
         return "the estimator predicts no response to a command" if outcome.response is None else None
 
     def score(self, outcome: Outcome) -> float:
-        truth, response = outcome.truth.response, outcome.response
-        if truth is None or response is None or response.shape != truth.shape:
-            found = None if response is None else response.shape
-            raise PluginError(f"predict: shape {found}, expected {None if truth is None else truth.shape}.")
+        truth, response = np.asarray(outcome.truth.response), np.asarray(outcome.response)
         return 100.0 * rms(response - truth) / rms(truth - truth.mean())

@@ -5,7 +5,6 @@ compiled code too. What the hook alone refuses can be undone by who is bent on i
 """
 
 import os
-import resource
 import site
 import sys
 import sysconfig
@@ -16,6 +15,7 @@ from typing import Any
 
 from fdbench.catalogue import PACKAGE, scenario_folder
 from fdbench.sandbox import landlock
+from fdbench.sandbox.memory import limit_memory
 
 # Of this package: what holds scenarios, draws and scores. The simulator of the model on paper stays in reach.
 BARRED = (
@@ -58,8 +58,6 @@ WRITING_EVENTS = (
 )
 
 _WRITING_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
-
-MEGABYTE = 10**6
 
 
 class Refused(PermissionError):
@@ -125,39 +123,19 @@ def _is_below(path: str, root: str) -> bool:
     return path == root or path.startswith(f"{root.rstrip('/')}/")
 
 
-def confine(reach: Reach, written: Sequence[Path], memory_MB: float) -> None:
-    """Keep this process to what it may read and write, for good.
+def confine(reach: Reach, written: Sequence[Path], memory_MB: float, *, has_landlock: bool) -> None:
+    """Keep this process to what it may read and write, for good; by Landlock too where the system has it.
 
     Raises
     ------
     OSError
-        If the system has Landlock and refuses to apply it.
+        If Landlock cannot be applied.
     """
     folders = tuple(os.path.realpath(folder) for folder in written)
-    _limit_memory(memory_MB)
-    landlock.restrict(read=reach.read, listed=reach.listed, written=(*folders, "/dev/null"))
+    limit_memory(memory_MB)
+    if has_landlock:
+        landlock.restrict(read=reach.read, listed=reach.listed, written=(*folders, "/dev/null"))
     sys.addaudithook(_hook({*reach.read, *folders}, set(reach.listed), {*folders, "/dev/null"}))
-
-
-def _limit_memory(memory_MB: float) -> None:
-    allowed = int(memory_MB * MEGABYTE)
-    for name, size in (
-        ("RLIMIT_DATA", allowed),
-        ("RLIMIT_AS", allowed + _address_space()),
-        ("RLIMIT_FSIZE", allowed),
-        ("RLIMIT_CORE", 0),
-    ):
-        kind = getattr(resource, name)
-        _, most = resource.getrlimit(kind)
-        size = size if most == resource.RLIM_INFINITY else min(size, most)
-        resource.setrlimit(kind, (size, size))
-
-
-def _address_space() -> int:
-    """Return the bytes of addresses that this process has, much of which is no memory."""
-    if sys.platform != "linux":
-        return 2**36
-    return int(Path("/proc/self/statm").read_text("ascii").split()[0]) * resource.getpagesize()
 
 
 def _hook(read: set[str], listed: set[str], written: set[str]) -> Any:

@@ -1,7 +1,6 @@
 """Landlock: Linux keeps this process and its threads from files, whatever code asks for them, compiled code included.
 
-Source: Linux, Documentation/userspace-api/landlock.rst. Without it, on another system or an older kernel, nothing is
-done.
+Source: Linux, Documentation/userspace-api/landlock.rst. Another system or an older kernel has none: version 0.
 """
 
 import ctypes
@@ -40,14 +39,19 @@ def version() -> int:
     return max(0, int(_library().syscall(CREATE_RULESET, None, 0, VERSION_FLAG)))
 
 
-def restrict(*, read: Iterable[str], listed: Iterable[str], written: Iterable[str]) -> bool:
-    """Let this process only read, list and write below these paths; return whether the system can.
+def restrict(*, read: Iterable[str], listed: Iterable[str], written: Iterable[str]) -> None:
+    """Let this process only read, list and write below these paths.
 
     TCP, signals to other processes and their memory are out of reach too, as far as the kernel's version has it.
+
+    Raises
+    ------
+    OSError
+        If the system cannot.
     """
     known = version()
     if not known:
-        return False
+        raise OSError(errno.ENOSYS, "this system has no Landlock")
     library = _library()
     files = FILE_RIGHTS[min(known, max(FILE_RIGHTS))]
     rules = _Ruleset(files, ALL_TCP if known >= 4 else 0, ALL_SCOPES if known >= 6 else 0)
@@ -61,7 +65,6 @@ def restrict(*, read: Iterable[str], listed: Iterable[str], written: Iterable[st
     _checked(library.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0))
     _checked(library.syscall(RESTRICT_SELF, ruleset, 0))
     os.close(ruleset)
-    return True
 
 
 def _add(library: ctypes.CDLL, ruleset: int, path: str, allowed: int) -> None:

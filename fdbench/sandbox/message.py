@@ -20,7 +20,7 @@ import socket
 import struct
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -40,11 +40,11 @@ class Unreadable(FdbenchError):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Answer:
-    """What a worker said; nothing in it has been checked but that it is of these types."""
+class Reply:
+    """What a worker says; of one that was received nothing has been checked but that it is of these types."""
 
-    header: Mapping[str, Any]
-    arrays: Mapping[str, FloatArray]
+    header: Mapping[str, Any] = field(default_factory=dict)
+    arrays: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
 # ---- requests ----
@@ -67,13 +67,11 @@ def receive_request(channel: socket.socket) -> dict[str, Any]:
 # ---- answers ----
 
 
-def send_answer(
-    channel: socket.socket, token: bytes, header: Mapping[str, Any], arrays: Mapping[str, FloatArray]
-) -> None:
-    """Answer a request; ``arrays`` are of float64."""
-    shapes = {name: list(values.shape) for name, values in arrays.items()}
-    text = json.dumps({**header, "arrays": shapes}).encode()
-    body = b"".join(values.tobytes() for values in arrays.values())
+def send_answer(channel: socket.socket, token: bytes, reply: Reply) -> None:
+    """Answer a request; the arrays of the reply are of float64."""
+    shapes = {name: list(values.shape) for name, values in reply.arrays.items()}
+    text = json.dumps({**reply.header, "arrays": shapes}).encode()
+    body = b"".join(values.tobytes() for values in reply.arrays.values())
     if len(text) > LARGEST_HEADER or len(body) > LARGEST_ARRAYS:
         raise Unreadable(
             f"the answer has {len(text)} bytes of names and texts and {len(body)} of arrays; at most {LARGEST_HEADER} "
@@ -82,7 +80,7 @@ def send_answer(
     channel.sendall(ANSWER.pack(token, len(text), len(body)) + text + body)
 
 
-def receive_answer(channel: socket.socket, token: bytes, deadline: float) -> Answer:
+def receive_answer(channel: socket.socket, token: bytes, deadline: float) -> Reply:
     """Return the answer to the request with this token.
 
     Raises
@@ -106,7 +104,7 @@ def receive_answer(channel: socket.socket, token: bytes, deadline: float) -> Ans
         raise Unreadable("it is no JSON") from error
     if not isinstance(header, dict):
         raise Unreadable("it is no table")
-    return Answer(header=header, arrays=_arrays(header.pop("arrays", None), body))
+    return Reply(header=header, arrays=_arrays(header.pop("arrays", None), body))
 
 
 def _arrays(shapes: Any, body: bytes) -> dict[str, FloatArray]:

@@ -1,4 +1,4 @@
-"""The fork server: it imports once what estimators need, and forks a worker for each of their files or packages.
+"""The fork server: it imports once what estimators need, and forks a worker for each of them.
 
 It runs no plug-in. It ends, with all its workers, when the process that started it does.
 

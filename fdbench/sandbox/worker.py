@@ -4,23 +4,27 @@
 request        holds                                             answer
 =============  ================================================  ===========================
 ``confine``    ``own``, ``read``, ``cache``, ``memory_MB`` ..    nothing
-``load``       ``name``, ``file``, ``kinds``                     ``kind``
+``load``       ``name``, ``file``, ``kinds``                     ``kind``, ``made_for`` ..
 ``begin``      ``name``, ``arguments``, ``context``              ``skip``, a reason or null
 ``record``     ``columns``                                       nothing
 ``fit``                                                          ``parameters`` and arrays
 ``predict``    ``columns`` of the command                        the array ``response``
 =============  ================================================  ===========================
 
+For `fdbench check` besides: ``stream`` answers as ``fit``, ``copy`` puts a pickled copy in place of the estimator,
+``update`` tells whether a first sample ``is_refused`` before a start, and ``random_state`` tells the ``digest`` of
+NumPy's global generator, after seeding it with ``seed`` unless that is null.
+
 In place of any of these, ``error``: what went wrong, where, and after which calls.
 """
 
+import hashlib
 import inspect
 import io
 import os
 import pickle
 import socket
 import sys
-import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
@@ -29,21 +33,21 @@ import numpy as np
 
 from fdbench.compilation import kept
 from fdbench.effects import effects
-from fdbench.errors import PluginError, did_you_mean
-from fdbench.estimator import Context, Estimate, Estimator, estimators
+from fdbench.errors import FdbenchError, PluginError, did_you_mean
+from fdbench.estimator import Context, Estimate, Estimator, OnlineEstimator, estimators, samples
 from fdbench.motions import motions
 from fdbench.plants import plants
 from fdbench.record import FloatArray, Record
 from fdbench.registry import Registry, add_file
 from fdbench.sandbox.claims import ARRAYS, check_kinds, check_real
 from fdbench.sandbox.confine import Reach, Refused, confine
-from fdbench.sandbox.message import Unreadable, receive_request, send_answer
+from fdbench.sandbox.fault import LONGEST_TEXT, described
+from fdbench.sandbox.memory import PeakMemory
+from fdbench.sandbox.message import Reply, Unreadable, receive_request, send_answer
 
 # Registries of which plug-in files are part of a context, and those that `load` may look for.
 SIMULATED: Mapping[str, Registry[Any]] = {"effect": effects, "motion": motions, "plant": plants}
 REGISTRIES: Mapping[str, Registry[Any]] = {**SIMULATED, "estimator": estimators}
-
-LONGEST_TEXT, LONGEST_TRACEBACK, MOST_FRAMES = 500, 20_000, 40
 
 MOST_PARAMETERS = 1000
 
@@ -52,8 +56,6 @@ BALLAST = 2**23
 
 # Plug-ins find another function under this name.
 leave = os._exit
-
-Reply = tuple[dict[str, Any], dict[str, FloatArray]]
 
 
 class Worker:
@@ -79,6 +81,7 @@ class Worker:
         self._record: Record | None = None
         self._estimate: Estimate | None = None
         self._ballast: bytearray | None = None
+        self._peak = PeakMemory()
 
     def serve(self) -> NoReturn:
         """Answer one request after another."""
@@ -89,6 +92,10 @@ class Worker:
             "record": self.take_record,
             "fit": self.fit,
             "predict": self.predict,
+            "stream": self.stream,
+            "copy": self.copy,
+            "update": self.update_first,
+            "random_state": self.random_state,
         }
         while True:
             try:
@@ -98,18 +105,25 @@ class Worker:
             token = request.pop("token")
             self._ballast = bytearray(BALLAST)
             try:
-                header, arrays = operations[request.pop("do")](**request)
-                send_answer(self._channel, token, header, arrays)
+                send_answer(self._channel, token, operations[request.pop("do")](**request))
             except Unreadable as error:
-                send_answer(self._channel, token, {"error": {"place": "", "text": str(error), "traceback": ""}}, {})
+                said = {"place": "", "text": str(error), "traceback": ""}
+                send_answer(self._channel, token, Reply(header={"error": said}))
             except BaseException as error:  # noqa: BLE001 - whatever a plug-in raises is a finding
                 self._ballast = None
-                send_answer(self._channel, token, {"error": self._described(error)}, {})
+                said = described(error, self._own, self._memory_MB)
+                send_answer(self._channel, token, Reply(header={"error": said}))
 
     # ---- operations ----
 
     def confine(
-        self, own: list[str], read: list[str], cache: str, memory_MB: float, plugins: list[tuple[str, str]]
+        self,
+        own: list[str],
+        read: list[str],
+        cache: str,
+        memory_MB: float,
+        has_landlock: bool,
+        plugins: list[tuple[str, str]],
     ) -> Reply:
         """Give up all that no estimator needs, then register the plug-in files that a context may name."""
         import numba
@@ -128,11 +142,12 @@ class Worker:
                     if isinstance(value, Dispatcher) and value.stats.cache_path is not None:
                         kept(value)
         files = (*read, *(file for _, file in plugins))
-        confine(Reach((*self._reach.read, *files), self._reach.listed), (self._folder, folder), memory_MB)
+        reach = Reach((*self._reach.read, *files), self._reach.listed)
+        confine(reach, (self._folder, folder), memory_MB, has_landlock=has_landlock)
         os._exit = _exit_refused
         for kind, file in plugins:
             SIMULATED[kind].add_file(file)
-        return {}, {}
+        return Reply()
 
     def load(self, name: str, file: str | None, kinds: list[str]) -> Reply:
         """Import a plug-in by its file, or by its registered name."""
@@ -141,8 +156,7 @@ class Worker:
             add_file(file, registries)
         for kind, registry in zip(kinds, registries, strict=True):
             if name in registry.names():
-                models = getattr(registry.get(name), "made_for", None)
-                return {"kind": kind, "made_for": None if models is None else [str(model) for model in models]}, {}
+                return Reply(header={"kind": kind, **_declared(registry.get(name))})
         raise PluginError(f"{name}: no plug-in of this name.")
 
     def begin(self, name: str, arguments: Mapping[str, Any], context: bytes) -> Reply:
@@ -152,22 +166,30 @@ class Worker:
         self._estimator = construct(name, arguments)
         kinds = type(self._estimator).made_for
         if kinds is not None and not {self._context.model, self._context.plant.name}.intersection(kinds):
-            return {"skip": f"made for {', '.join(map(str, kinds))}"[:LONGEST_TEXT]}, {}
+            return Reply(header={"skip": f"made for {', '.join(map(str, kinds))}"[:LONGEST_TEXT]})
         reason = self._estimator.skip(self._context)
         if reason is not None and not isinstance(reason, str):
             raise PluginError(f"skip() returned {reason!r}; a reason as text, or None, is expected.")
-        return {"skip": reason if reason is None else str.__str__(reason)[:LONGEST_TEXT]}, {}
+        return Reply(header={"skip": reason if reason is None else str.__str__(reason)[:LONGEST_TEXT]})
 
     def take_record(self, columns: Mapping[str, FloatArray]) -> Reply:
         """Make the record, of which nothing is said but its columns."""
         self._record = Record(columns)
-        return {}, {}
+        return Reply()
 
     def fit(self) -> Reply:
         """Fit the record."""
+        estimator, context, record = self._begun()
+        self._peak.forget()
+        return self._claimed(estimator.fit(context, record))
+
+    def _begun(self) -> tuple[Estimator, Context, Record]:
         if self._estimator is None or self._context is None or self._record is None:
             raise PluginError("fit before begin and record.")
-        estimate = self._estimator.fit(self._context, self._record)
+        return self._estimator, self._context, self._record
+
+    def _claimed(self, estimate: Any) -> Reply:
+        peak_memory_MB = self._peak.size_MB()
         check_kinds(estimate)
         # Each part is read once, for a class derived from Estimate may return another one each time.
         plain = Estimate(parameters=dict(estimate.parameters), **{name: getattr(estimate, name) for name in ARRAYS})
@@ -176,9 +198,15 @@ class Worker:
             raise PluginError(f"parameters has {len(plain.parameters)} names; at most {MOST_PARAMETERS} are allowed.")
         self._estimate = estimate
         given = {name: getattr(plain, name) for name in ARRAYS}
-        return {"parameters": {str(name): float(value) for name, value in plain.parameters.items()}}, {
-            name: np.ascontiguousarray(values, dtype=np.float64) for name, values in given.items() if values is not None
-        }
+        parameters = {str(name): float(value) for name, value in plain.parameters.items()}
+        return Reply(
+            header={"parameters": parameters, "peak_memory_MB": peak_memory_MB},
+            arrays={
+                name: np.ascontiguousarray(values, dtype=np.float64)
+                for name, values in given.items()
+                if values is not None
+            },
+        )
 
     def predict(self, columns: Mapping[str, FloatArray]) -> Reply:
         """Predict the response to a command from what has just been fitted."""
@@ -186,30 +214,46 @@ class Worker:
             raise PluginError("predict before fit.")
         response = self._estimator.predict(self._context, self._estimate, Record(columns))
         if response is None:
-            return {}, {}
+            return Reply()
         check_real("what predict returned", response)
-        return {}, {"response": np.ascontiguousarray(response, dtype=np.float64)}
+        return Reply(arrays={"response": np.ascontiguousarray(response, dtype=np.float64)})
 
-    # ---- errors ----
+    # ---- operations of `fdbench check` ----
 
-    def _described(self, error: BaseException) -> dict[str, Any]:
-        frames = traceback.extract_tb(error.__traceback__)
-        own = [frame for frame in frames if is_own(frame.filename, self._own)]
-        place = f"{os.path.basename(own[-1].filename)}:{own[-1].lineno}" if own else ""
-        text = _text(error)
-        if isinstance(error, Refused):
-            described = text
-        elif isinstance(error, MemoryError):
-            described = f"needed more than {self._memory_MB:g} MB of memory{f' ({text})' if text else ''}"
-        else:
-            described = f"{_name(error)}: {text}" if text else _name(error)
-        shown = "".join(traceback.format_list(frames[-MOST_FRAMES:]))[-LONGEST_TRACEBACK:]
-        return {
-            "place": place,
-            "text": described,
-            "traceback": f"Traceback (most recent call last):\n{shown}{described}\n",
-            "is_fatal": isinstance(error, MemoryError) or not isinstance(error, Exception),
-        }
+    def stream(self) -> Reply:
+        """Fit the record by ``start``, ``update`` and ``estimate``."""
+        estimator, context, record = self._begun()
+        if not isinstance(estimator, OnlineEstimator):
+            raise PluginError("only an OnlineEstimator streams.")
+        estimator.start(context)
+        for sample in samples(context.regression(record)):
+            estimator.update(sample)
+        return self._claimed(estimator.estimate())
+
+    def copy(self) -> Reply:
+        """Go on with a pickled copy of the estimator."""
+        self._estimator = pickle.loads(pickle.dumps(self._estimator))
+        return Reply()
+
+    def update_first(self) -> Reply:
+        """Take in a sample before a start, which is to be refused."""
+        estimator, context, record = self._begun()
+        if not isinstance(estimator, OnlineEstimator):
+            raise PluginError("only an OnlineEstimator takes in samples.")
+        try:
+            estimator.update(samples(context.regression(record))[0])
+        except Refused:
+            raise
+        except FdbenchError:
+            return Reply(header={"is_refused": True})
+        return Reply(header={"is_refused": False})
+
+    def random_state(self, seed: int | None) -> Reply:
+        """Seed NumPy's global generator where there is a seed, and tell its state."""
+        if seed is not None:
+            np.random.seed(seed)  # noqa: NPY002
+        state = pickle.dumps(np.random.get_state())  # noqa: NPY002
+        return Reply(header={"digest": hashlib.sha256(state).hexdigest()})
 
 
 class _Unpickler(pickle.Unpickler):
@@ -239,21 +283,16 @@ def construct(name: str, arguments: Mapping[str, Any]) -> Estimator:
     return cls(**arguments)
 
 
-def is_own(file: str, own: tuple[str, ...]) -> bool:
-    """Return whether a file is one of some files, or lies in one of some folders."""
-    return any(file == path or file.startswith(f"{path}/") for path in own)
+def _declared(cls: type[Any]) -> dict[str, Any]:
+    """Return what a plug-in's class says of itself."""
+    models, document = getattr(cls, "made_for", None), (cls.__doc__ or "").strip()
+    return {
+        "made_for": None if models is None else [str(model) for model in models],
+        "expected_failures": {str(check): str(reason) for check, reason in cls.expected_failures.items()},
+        "has_docstring": bool(document) and document != ((cls.__base__ or object).__doc__ or "").strip(),
+        "is_online": issubclass(cls, OnlineEstimator),
+    }
 
 
 def _exit_refused(status: int) -> NoReturn:
     raise Refused(f"an estimator may not end its process (os._exit({status!r}))")
-
-
-def _text(error: BaseException) -> str:
-    try:
-        return " ".join(str(error)[: 10 * LONGEST_TEXT].split())[:LONGEST_TEXT]
-    except BaseException:  # noqa: BLE001 - the text of an error is made by the plug-in
-        return "its text cannot be made"
-
-
-def _name(error: BaseException) -> str:
-    return type.__dict__["__name__"].__get__(type(error))[:LONGEST_TEXT]  # type: ignore[no-any-return]

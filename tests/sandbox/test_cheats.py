@@ -1,6 +1,9 @@
 """Estimators that look for the truth, that change what is not theirs and that speak for others gain nothing by it."""
 
+import re
 import shutil
+import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +15,8 @@ from fdbench.benchmark.run import run
 from fdbench.benchmark.store import Key, Store
 from fdbench.estimator import estimators
 from fdbench.metrics import metrics
-from fdbench.sandbox import landlock
+from fdbench.sandbox import Sandbox, Source, WorkerLimits, landlock
+from fdbench.scenario import load_scenario
 
 CHEATS = sorted((Path(__file__).parent / "cheats").glob("*.py"))
 SCENARIO = "ShakerConstant-v1"
@@ -78,3 +82,67 @@ def test_the_rows_say_what_they_were_confined_by(stores: tuple[Store, Store]) ->
     assert (scores["confinement"] == f"Landlock {landlock.version()} and audit hook").all()
     assert (scores["time_limit_s"] == "60").all()
     assert (scores["memory_limit_MB"] == "4096").all()
+
+
+def test_without_landlock_the_audit_hook_alone_refuses_and_the_rows_say_so(
+    stores: tuple[Store, Store], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(stores[0].folder, tmp_path / "results")
+    names = ("native_read", "poison_cache", "read_files", "replay_by_id")
+    files = [str(shutil.copy(file, tmp_path)) for file in CHEATS if file.stem in names]
+    prying = tmp_path / "prying.py"
+    body = f"        open({str(tmp_path / 'results' / 'scores.parquet')!r}, 'rb')"
+    text = (Path(__file__).parent / "misbehaving" / "raises_key_error.py").read_text("utf-8")
+    prying.write_text(text[: text.index("    def fit")] + f"    def fit(self, context, record):\n{body}\n", "utf-8")
+    monkeypatch.setattr(estimators, "_files", {})
+    monkeypatch.setattr(landlock, "version", lambda: 0)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PWD", str(tmp_path))
+    run([SCENARIO], [*files, str(prying)], 1, "without", time_limit_s=1003.0)
+    store = Store(tmp_path / "without")
+    scores = store.scores()
+    assert (scores["confinement"] == "audit hook").all()
+    refused = store.read_run(Key(SCENARIO, "prying", 0))
+    assert refused is not None
+    assert re.fullmatch(r"prying\.py:\d+: an estimator may not read .*scores\.parquet", refused.message)
+    nothing = primary(scores, "null")
+    for cheat in names[1:]:
+        found = primary(scores, cheat)
+        assert found
+        assert all(found[name] >= nothing[name] for name in found)
+    # Compiled code gets through, so that Landlock is indeed off.
+    assert primary(scores, "native_read")["parameter_error"] < 0.1 * nothing["parameter_error"]
+
+
+def test_the_peak_memory_of_a_fit_is_its_own(tmp_path: Path) -> None:
+    file = tmp_path / "takes_once.py"
+    file.write_text(TAKES_ONCE, "utf-8")
+    scenario = load_scenario(SCENARIO)
+    record, _ = scenario.observe(0)
+    with closing(Sandbox(WorkerLimits())) as sandbox:
+        worker = sandbox.worker(Source(name="takes_once", own=(file,), digest="", file=file))
+        worker.load()
+        worker.begin({}, scenario.context())
+        peaks_MB = [worker.fit(record).peak_memory_MB or 0.0 for _ in range(2)]
+    assert peaks_MB[0] > 400.0
+    if sys.platform == "linux":
+        assert peaks_MB[1] < peaks_MB[0] - 300.0
+
+
+def test_the_peak_memory_is_in_the_tables(stores: tuple[Store, Store]) -> None:
+    scores = stores[0].scores().groupby("estimator")["peak_memory_MB"].max()
+    assert 20.0 < scores["least_squares"] < 4096.0
+    assert np.isnan(scores["oracle"])
+
+
+TAKES_ONCE = """
+import numpy as np
+from fdbench.estimator import BatchEstimator, Estimate
+taken = []
+class TakesOnce(BatchEstimator):
+    'Takes 400 MB in the first fit alone.'
+    def fit(self, context, record):
+        if not taken:
+            taken.append(float(np.ones(50_000_000).sum()))
+        return Estimate()
+"""

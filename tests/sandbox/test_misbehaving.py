@@ -16,7 +16,10 @@ from fdbench.errors import FdbenchError, PluginError
 from fdbench.estimator import estimators
 
 FILES = sorted((Path(__file__).parent / "misbehaving").glob("*.py"))
-TIME_S, MEMORY_MB = 3.0, 1024.0
+MEMORY_MB = 1024.0
+
+# Only those that never end are held to a time, so that the others may take theirs on a busy machine.
+ENDLESS, TIME_S = ("never_ends", "never_ends_deaf", "sleeps"), 10.0
 
 MESSAGES = {
     "aborts": "aborts.py:12: crashed with SIGABRT",
@@ -30,7 +33,7 @@ MESSAGES = {
     "kills_itself_in_compiled_code": "crashed with SIGKILL, by itself or for want of memory",
     "leaves_a_process": "leaves_a_process.py:16: ValueError: forked",
     "never_ends": "never_ends.py:1",  # line 10 or 11, as it was met
-    "never_ends_deaf": "took longer than 3 s",
+    "never_ends_deaf": "took longer than 10 s",
     "predicts_nothing_useful": "",
     "raises_generator_exit": "raises_generator_exit.py:10: GeneratorExit",
     "raises_its_own": "raises_its_own.py:14: _Own: own",
@@ -48,7 +51,7 @@ MESSAGES = {
     "returns_wrong_length": "PluginError: output has shape (3,), expected (998,), one value for each row",
     "returns_wrong_names": "PluginError: parameters['beta1']: the model has no such parameter. Did you mean beta_1?",
     "skips_with_a_crash": "skips_with_a_crash.py:15: crashed with SIGSEGV",
-    "sleeps": "sleeps.py:13: took longer than 3 s",
+    "sleeps": "sleeps.py:13: took longer than 10 s",
     "sys_exits": "sys_exits.py:12: SystemExit: 0",
     "takes_memory": "takes_memory.py:12: needed more than 1024 MB of memory (Unable to allocate 14.9 GiB",
     "takes_memory_bit_by_bit": "takes_memory_bit_by_bit.py:12: needed more than 1024 MB of memory",
@@ -68,8 +71,9 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     scenario = short_scenario(folder, "Short-v0")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(estimators, "_files", {})
-        limits = {"time_limit_s": TIME_S, "memory_limit_MB": MEMORY_MB}
-        run([scenario], [str(file) for file in FILES], 1, folder / "out", **limits)  # type: ignore[arg-type]
+        for time_limit_s, is_endless in ((300.0, False), (TIME_S, True)):
+            files = [str(file) for file in FILES if (file.stem in ENDLESS) == is_endless]
+            run([scenario], files, 1, folder / "out", time_limit_s=time_limit_s, memory_limit_MB=MEMORY_MB)
     return Store(folder / "out")
 
 
@@ -78,7 +82,7 @@ def test_whatever_an_estimator_does_is_one_row(name: str, store: Store) -> None:
     found = store.read_run(Key("Short-v0", name, 0))
     assert found is not None
     assert found.message.startswith(MESSAGES[name])
-    assert name != "never_ends" or found.message.endswith("took longer than 3 s")
+    assert name != "never_ends" or found.message.endswith("took longer than 10 s")
     assert found.status == ("failed" if MESSAGES[name] else "ok")
     assert len(found.message) < 1000
     assert len(found.traceback) < 50_000
@@ -157,7 +161,7 @@ def started(tmp_path: Path, jobs: int) -> tuple["subprocess.Popen[bytes]", set[i
 
 
 def gone(pids: set[int]) -> bool:
-    deadline = time.monotonic() + 10.0
+    deadline = time.monotonic() + 120.0
     while any(map(is_running, pids)) and time.monotonic() < deadline:
         time.sleep(0.05)
     return not any(map(is_running, pids))
@@ -182,5 +186,5 @@ def test_ctrl_c_interrupts_a_run_that_hangs_in_an_estimator(tmp_path: Path) -> N
     main, others = started(tmp_path, 1)
     with main:
         main.send_signal(signal.SIGINT)
-        assert main.wait(20.0) == 130
+        assert main.wait(120.0) == 130
         assert gone(others)

@@ -1,0 +1,90 @@
+"""What the side that holds the truth calls an estimator, its limits, and what comes back of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from fdbench.errors import PluginError
+from fdbench.estimator import Estimate
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkerLimits:
+    """How long one fit may take, and how much memory a worker may have."""
+
+    time_s: float = 300.0
+    memory_MB: float = 4096.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """Where an estimator is.
+
+    Attributes
+    ----------
+    name : str
+    own : tuple of Path
+        Its file, or the folders of the package that it is in; errors are located in these.
+    digest : str
+        Of its code; a worker that has imported another one is not used any more.
+    file : Path or None
+        Its file, where it has no package.
+    """
+
+    name: str
+    own: tuple[Path, ...]
+    digest: str
+    file: Path | None = None
+
+
+class Misbehaved(PluginError):
+    """An estimator failed, crashed or went beyond a limit.
+
+    Attributes
+    ----------
+    traceback : str
+        The calls that led there, as far as they are known.
+    """
+
+    def __init__(self, message: str, traceback: str = "") -> None:
+        super().__init__(message)
+        self.traceback = traceback
+
+
+@dataclass(frozen=True, kw_only=True)
+class Declaration:
+    """What a plug-in's class says of itself.
+
+    Attributes
+    ----------
+    kind : str
+        Of its registry.
+    made_for : tuple of str or None
+    expected_failures : mapping of str to str
+    has_docstring, is_online : bool
+        Whether it has a docstring of its own, and whether it is an OnlineEstimator.
+    """
+
+    kind: str
+    made_for: tuple[str, ...] | None
+    expected_failures: Mapping[str, str]
+    has_docstring: bool
+    is_online: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FitResult:
+    """What came back from a fit: nothing but numbers, whose names and shapes are still to be checked.
+
+    Attributes
+    ----------
+    estimate : Estimate
+    seconds : float
+        Measured here.
+    peak_memory_MB : float or None
+        As the process says that fitted; None where it is this one.
+    """
+
+    estimate: Estimate
+    seconds: float
+    peak_memory_MB: float | None

@@ -1,0 +1,3 @@
+"""State that both estimators use."""
+
+SCALE = [1.0]
