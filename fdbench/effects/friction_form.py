@@ -5,16 +5,14 @@ from typing import final
 
 from fdbench.effects._effect import Effect, Port, kernel, parameter
 
-NARROW = 10.0  # ratio of the squares of neighbouring speeds
-
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class FrictionForm(Effect):
     r"""Deviation of friction from its nominal curve, alike in both directions: bumps on a logarithmic axis of speed.
 
-    .. math:: F(v) = \operatorname{sgn}(v) \sum_{k=0}^{3} a_k \frac{4 v^2 v_k^2}{(v^2 + v_k^2)^2}, \qquad
-        v_k = 10^{-k/2} v_f
+    .. math:: F(v) = \operatorname{sgn}(v) \sum_{k=0}^{2} a_k \frac{4 v^2 v_k^2}{(v^2 + v_k^2)^2}, \qquad
+        v_k = 10^{-1 - k/2} v_f
 
     v_f: the fastest speed. Each bump is a_k at its speed and half of that at 0.41 and 2.4 times it. No nominal
     friction is right in form, so the diagnosis lets every hypothesis have such a deviation, within limits.
@@ -25,28 +23,27 @@ class FrictionForm(Effect):
     Examples
     --------
     >>> effect = FrictionForm.typical(force_0_N=2.0, fastest_m_per_s=0.1)
-    >>> force, slope = FrictionForm.kernel(0.0, 1e-4, 0.0, -0.1, 0.0, *effect.values())
-    >>> force
+    >>> force, slope = FrictionForm.kernel(0.0, 1e-4, 0.0, -0.01, 0.0, *effect.values())
+    >>> round(force, 9)
     -2.0
     """
 
     port = Port.TABLE_FORCE
     amplitude = "force_0_N"
-    further_amplitudes = ("force_1_N", "force_2_N", "force_3_N")
+    further_amplitudes = ("force_1_N", "force_2_N")
     calibrates = "friction_form"
 
     force_0_N: float = parameter("a_0", low=-1000.0, high=1000.0, typical=5.0)
     force_1_N: float = parameter("a_1", low=-1000.0, high=1000.0, typical=0.0)
     force_2_N: float = parameter("a_2", low=-1000.0, high=1000.0, typical=0.0)
-    force_3_N: float = parameter("a_3", low=-1000.0, high=1000.0, typical=0.0)
     fastest_m_per_s: float = parameter("v_f", low=1e-4, high=100.0, typical=0.3)
 
     @kernel
-    def kernel(t, h, x, v, u, a_0, a_1, a_2, a_3, v_f):
-        square, speed = v * v, v_f * v_f
-        sum_0, sum_1 = square + speed, square + speed / NARROW
-        sum_2, sum_3 = square + speed / NARROW**2, square + speed / NARROW**3
-        bumps = a_0 * speed / (sum_0 * sum_0) + a_1 * (speed / NARROW) / (sum_1 * sum_1)
-        bumps += a_2 * (speed / NARROW**2) / (sum_2 * sum_2) + a_3 * (speed / NARROW**3) / (sum_3 * sum_3)
-        slope = 4.0 * abs(v) * bumps
+    def kernel(t, h, x, v, u, a_0, a_1, a_2, v_f):
+        square, fast = v * v, 0.01 * v_f * v_f
+        medium, slow = 0.1 * fast, 0.01 * fast
+        bumps = a_0 * fast / ((square + fast) * (square + fast)) + a_1 * medium / (
+            (square + medium) * (square + medium)
+        )
+        slope = 4.0 * abs(v) * (bumps + a_2 * slow / ((square + slow) * (square + slow)))
         return slope * v, max(slope, 0.0)

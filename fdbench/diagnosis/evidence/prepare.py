@@ -15,7 +15,7 @@ from fdbench.diagnosis.evidence.sensor_artefacts import (
 )
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
-from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.nominal import Covered, Nominal
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.model.virtual_controller import prepared
 from fdbench.diagnosis.records.noise_model import NoiseModel, noise_models, raised
@@ -65,10 +65,9 @@ def aligned(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Reco
     check_alike(raw_runs)
     for run in raw_runs:
         check_record(run, drive)
-    if nominal.uncertainty.fastest_m_per_s == 0.0:
-        fastest = max(float(np.abs(run.reference[:, 1]).max()) for run in raw_runs)
-        known = dataclasses.replace(nominal.uncertainty, fastest_m_per_s=fastest)
-        nominal = dataclasses.replace(nominal, uncertainty=known)
+    fastest = max(float(np.abs(run.reference[:, 1]).max()) for run in raw_runs)
+    longest = max(run.n_samples * run.period_s for run in raw_runs)
+    nominal = nominal.beside(Covered(fastest_m_per_s=fastest, longest_s=longest))
     replay, paper = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
     runs, counts = [], []
     for run in raw_runs:

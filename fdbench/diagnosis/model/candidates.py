@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
+from fdbench.diagnosis.model.parameter_vector import longest_s
 from fdbench.effects import Effect, Port
 
 QUARTER_TURN = math.pi / 2.0
@@ -118,7 +119,8 @@ def _of_kind(base: Hypothesis, kind: type[Effect], located: Mapping[str, Sequenc
         if item.locate:
             values = (item.typical,) if located is None else located.get(item.locate, ())
         if item.locate or values:
-            axes.append([(item.name, value) for value in values if item.low <= value <= item.high])
+            high = min(item.high, longest_s(base)) if item.unit == "s" else item.high
+            axes.append([(item.name, value) for value in values if item.low <= value <= high])
     phase, further = phase_of(kind), kind.further_amplitudes
     found = []
     for point in itertools.product(*axes):

@@ -259,9 +259,9 @@ def _friction_form(nominal: Nominal) -> list[NominalParameter]:
     known = sum(abs(_amplitude(item)) for item in drive.effects if any(p.name == WIDTH for p in item.parameters()))
     kinds = [kind for kind in nominal.library if kind.calibrates == "friction_form"]
     deviation = doubt.friction_form * known
-    if not kinds or deviation == 0.0 or doubt.fastest_m_per_s == 0.0:
+    if not kinds or deviation == 0.0 or nominal.covered.fastest_m_per_s == 0.0:
         return []
-    effect = silent(kinds[0]).changed(fastest_m_per_s=doubt.fastest_m_per_s)
+    effect = silent(kinds[0]).changed(fastest_m_per_s=nominal.covered.fastest_m_per_s)
     return [
         NominalParameter(
             name=f"friction_{name}", kind="friction_form", deviation=deviation, effect=effect, amplitude=name
@@ -284,8 +284,11 @@ def start(nominal: Nominal) -> Hypothesis:
     return Hypothesis(nominal=nominal, shifts=(0.0,) * len(nominal_parameters(nominal)))
 
 
-def adjustables(effect: Effect) -> list[Adjustable]:
-    """Return what a fit may move in an effect: its amplitude, phases, and the shape parameters that are searched."""
+def adjustables(effect: Effect, longest_s: float = math.inf) -> list[Adjustable]:
+    """Return what a fit may move in an effect: its amplitude, phases, and the shape parameters that are searched.
+
+    No time that is fitted is longer than the records: what takes longer is not told from what never changes.
+    """
     found = []
     for item in type(effect).parameters():
         is_amplitude = item.name in (type(effect).amplitude, *type(effect).further_amplitudes)
@@ -295,5 +298,6 @@ def adjustables(effect: Effect) -> list[Adjustable]:
         share = LINE_STEP if item.locate else 0.1
         step = 0.3 if item.phase else share * (abs(value) or abs(item.typical))
         low, high = (-math.inf, math.inf) if item.phase else (item.low, item.high)
+        high = min(high, max(longest_s, low)) if item.unit == "s" else high
         found.append(Adjustable(name=item.name, step=step, low=low, high=high, prior=False))
     return found

@@ -1,7 +1,7 @@
 """The nominal model that a gap is measured against: the plant on paper, and how well its values are known."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -29,8 +29,7 @@ class Uncertainty:
 
     Masses, viscous frictions and the effects that the model knows are relative, the force offset is in newtons. No
     data sheet says over which speed friction turns its sign: ``transition_velocity`` is that of its natural logarithm.
-    ``friction_form`` is that of friction at any speed up to ``fastest_m_per_s``, relative to the known friction; 0
-    stands for the fastest speed of the records.
+    ``friction_form`` is that of friction at low speeds, relative to the known friction.
     """
 
     mass: float = positive(default=0.03)
@@ -38,11 +37,18 @@ class Uncertainty:
     known_effects: float = positive(default=0.06)
     transition_velocity: float = nonnegative(default=1.0)
     friction_form: float = nonnegative(default=0.05)
-    fastest_m_per_s: float = nonnegative(default=0.0)
     force_offset_N: float = nonnegative(default=2.0)
 
     def __post_init__(self) -> None:
         check_bounds(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Covered:
+    """What the records cover: the fastest speed and the longest time; 0 where that is not known yet."""
+
+    fastest_m_per_s: float = nonnegative(default=0.0)
+    longest_s: float = nonnegative(default=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,11 +61,18 @@ class Nominal:
     plant: Plant
     simulation: Simulation
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    covered: Covered = field(default_factory=Covered, init=False)
     exclude: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in self.exclude:
             effects.get(name)
+
+    def beside(self, covered: Covered) -> "Nominal":
+        """Return the model with what records cover, which bounds what can be told from them."""
+        found = replace(self)
+        object.__setattr__(found, "covered", covered)
+        return found
 
     @cached_property
     def library(self) -> tuple[type[Effect], ...]:

@@ -16,8 +16,13 @@ def adjustables_of(hypothesis: Hypothesis) -> list[Adjustable]:
         for item in nominal_parameters(hypothesis.nominal)
     ]
     for effect in hypothesis.effects:
-        found += adjustables(effect)
+        found += adjustables(effect, longest_s(hypothesis))
     return found
+
+
+def longest_s(hypothesis: Hypothesis) -> float:
+    """Return the longest time that the records cover, without limit where that is not known."""
+    return hypothesis.nominal.covered.longest_s or math.inf
 
 
 def parameter_vector(hypothesis: Hypothesis) -> FloatArray:
@@ -35,7 +40,7 @@ def with_parameters(hypothesis: Hypothesis, values: FloatArray) -> Hypothesis:
     effects = []
     for effect in hypothesis.effects:
         changes = {}
-        for item in adjustables(effect):
+        for item in adjustables(effect, longest_s(hypothesis)):
             changes[item.name] = float(min(max(values[place], item.low), item.high))
             place += 1
         phases = {item.name for item in type(effect).parameters() if item.phase}
