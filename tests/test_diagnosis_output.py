@@ -17,13 +17,14 @@ from fdbench import cli
 from fdbench.catalogue import scenario_folder
 from fdbench.diagnosis.diagnose import Diagnosis, diagnose
 from fdbench.diagnosis.judge.localise import Gaps, Partition, where
+from fdbench.diagnosis.model.as_nominal import as_nominal
 from fdbench.diagnosis.model.hypothesis import nominal_parameters, start
 from fdbench.diagnosis.model.nominal import Nominal, load_nominal
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record, delay_of
 from fdbench.diagnosis.records.runs import Run, prepare
-from fdbench.diagnosis.repaired import model_text, repaired, table_of, toml_lines, write_repaired
+from fdbench.diagnosis.repaired import model_text, table_of, toml_lines, write_repaired
 from fdbench.effects import effects
 from fdbench.errors import FdbenchError, RecordError
 from fdbench.reading import read_record
@@ -273,7 +274,7 @@ def test_repaired_model_is_read_back(found: Diagnosis, tmp_path: Path) -> None:
     path = tmp_path / "repaired.toml"
     write_repaired(found, path)
     again = load_nominal(path)
-    assert again == repaired(found.final)
+    assert again == as_nominal(found.final)
     assert [type(effect).name for effect in again.drive.effects] == [
         *("coulomb_friction", "constant_force", "direction_dependent_friction"),
     ]
@@ -281,7 +282,7 @@ def test_repaired_model_is_read_back(found: Diagnosis, tmp_path: Path) -> None:
 
 
 def test_repaired_model_moves_as_the_final_hypothesis(found: Diagnosis) -> None:
-    model = repaired(found.final)
+    model = as_nominal(found.final)
     run = found.split.runs[0]
     alone = Replay(model.drive, (), model.simulation.substeps).simulate(run, [Variant(plant=model.drive)])
     nominal = found.final.nominal
@@ -296,11 +297,11 @@ def test_sums_and_replacements(nominal: Nominal) -> None:
     paper = start(nominal)
     names = [item.name for item in nominal_parameters(nominal)]
     shifts = tuple(2.0 if name == "force_offset" else 0.0 for name in names)
-    offset = repaired(replace(paper, shifts=shifts)).drive.effects
+    offset = as_nominal(replace(paper, shifts=shifts)).drive.effects
     forces = [effect.constant_force_N for effect in offset if type(effect).name == "constant_force"]
     assert forces == [pytest.approx(-3.1648 + 2.0 * nominal.uncertainty.force_offset_N)]
     lugre = effects.get("lugre_friction").typical()
-    replaced = repaired(paper.with_effect(lugre, replaces=0)).drive.effects
+    replaced = as_nominal(paper.with_effect(lugre, replaces=0)).drive.effects
     assert [type(effect).name for effect in replaced] == ["constant_force", "lugre_friction"]
 
 

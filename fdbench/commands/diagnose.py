@@ -15,6 +15,10 @@ def diagnose(
     records: Annotated[list[Path], typer.Argument(help="CSV, Parquet, MAT or mapping TOML files.")],
     model: Annotated[Path, typer.Option(help="Model TOML, or a scenario file whose table plant is taken.")],
     holdout: Annotated[list[Path] | None, typer.Option(help="Record to judge on; may be repeated.")] = None,
+    baseline: Annotated[
+        list[Path] | None,
+        typer.Option(help="Record of the same machine before; may be repeated. Causes are of what changed since."),
+    ] = None,
     data: Annotated[Path | None, typer.Option(help="Folder of the files that mapping TOMLs name.")] = None,
     effect: Effects = None,
     json_: Annotated[
@@ -52,7 +56,9 @@ def diagnose(
     def read(path: Path) -> Record:
         return read_record(path, data if path.suffix.lower() == ".toml" else None)
 
-    if data is not None and not any(path.suffix.lower() == ".toml" for path in (*records, *(holdout or ()))):
+    if data is not None and not any(
+        path.suffix.lower() == ".toml" for path in (*records, *(holdout or ()), *(baseline or ()))
+    ):
         raise SpecError(f"--data {data}: a folder for mapping files (.toml), but no record is one.")
     if next_experiment is not None and next_experiment.suffix.lower() != ".csv":
         raise SpecError(f"--next-experiment {next_experiment}: the motion is written as .csv.")
@@ -64,13 +70,13 @@ def diagnose(
     note = Console(stderr=True)
     with note.status("reading") as status:
         nominal = load_nominal(model)
-        fitted, judged = ([read(path) for path in paths] for paths in (records, holdout or ()))
+        fitted, judged, before = ([read(path) for path in paths] for paths in (records, holdout or (), baseline or ()))
         models = None
         if calibrate or rehearse:
             from fdbench.trials.machine_calibration import calibrated_models
 
             models = calibrated_models(nominal, fitted, judged, calibrate or rehearse, status.update)
-        found = find(nominal, fitted, judged, status.update, models)
+        found = find(nominal, fitted, judged, status.update, models, before)
     if next_experiment is not None:
         from fdbench.diagnosis.diagnose import write_experiment
 

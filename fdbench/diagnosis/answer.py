@@ -386,11 +386,12 @@ class NoiseFloor:
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """How much was recorded."""
+    """How much was recorded, and how many records of the machine before it is compared with."""
 
     records: int
     samples: int
     sampling_time_s: float
+    baseline: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,10 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from fdbench.diagnosis.answer import Answer, Recorded
+from fdbench.diagnosis.evidence.baseline import Baseline
 from fdbench.diagnosis.evidence.evidence import gather, with_explained
 from fdbench.diagnosis.evidence.prepare import SMALLEST_ARTEFACT, aligned, with_run_to_run_covariance
 from fdbench.diagnosis.evidence.sensor_artefacts import mean_energy
@@ -19,12 +22,17 @@ from fdbench.diagnosis.judge.probability_models import Features, ProbabilityMode
 from fdbench.diagnosis.judge.reduction import channel_gaps, parametric, reductions_of, shrinkage
 from fdbench.diagnosis.judge.residual_dependence import dependences
 from fdbench.diagnosis.judge.verdict import Findings, verdict
+from fdbench.diagnosis.model.as_nominal import as_nominal
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
-from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.nominal import Nominal, Uncertainty
+from fdbench.diagnosis.records.runs import merged
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.record import FloatArray, Record
 from fdbench.units import unit_of
+
+# Of nominal parameters of one machine, from one day to another.
+SINCE_THEN = Uncertainty(mass=0.005, viscous=0.05, known_effects=0.04, transition_velocity=0.2, friction_form=0.01)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,6 +71,7 @@ def diagnose(
     holdouts: Sequence[Record] = (),
     progress: Callable[[str], None] | None = None,
     models: ProbabilityModels | None = None,
+    baseline: Sequence[Record] = (),
 ) -> Diagnosis:
     """Diagnose the gap between a nominal model and records of the real axis.
 
@@ -74,13 +83,18 @@ def diagnose(
     progress : callable, optional
     models : ProbabilityModels, optional
         What probabilities are drawn from; without, those that the package was shipped with.
+    baseline : sequence of Record, optional
+        Of the same machine before. The model is calibrated on them first, and causes are of what has changed since.
 
     Raises
     ------
     RecordError
         If there are no records, or one lacks what is needed; the message says what to do.
     """
-    ready = aligned(nominal, records, holdouts)
+    healthy = None
+    if baseline:
+        nominal, healthy = calibrated_on(nominal, baseline, progress)
+    ready = aligned(nominal, records, holdouts, healthy)
     nominal, split, paper = ready.nominal, ready.split, start(ready.nominal)
     drive, replay = nominal.drive, ready.replay.coarsened(split.runs, split.noise_models)
     search = Search(replay, split, progress)
@@ -137,6 +151,7 @@ def diagnose(
             records=sum(run.repeats for run in split.runs),
             samples=sum(run.repeats * run.n_samples for run in split.runs),
             sampling_time_s=split.runs[0].period_s,
+            baseline=len(baseline),
         ),
     )
     return Diagnosis(
@@ -150,6 +165,33 @@ def diagnose(
         forecast=forecast,
         features=judged.features,
     )
+
+
+def calibrated_on(
+    nominal: Nominal, records: Sequence[Record], progress: Callable[[str], None] | None = None
+) -> tuple[Nominal, Baseline]:
+    """Return the model with its nominal parameters calibrated on records, and what it leaves of them.
+
+    What is left to doubt is what changes on one machine: see `SINCE_THEN`.
+    """
+    ready = aligned(nominal, records, ())
+    runs = merged(ready.runs)
+    split = Split(
+        runs=runs,
+        held_out=[np.zeros(run.n_samples, dtype=np.bool_) for run in runs],
+        noise_models=ready.split.noise_models,
+    )
+    replay = ready.replay.coarsened(runs, split.noise_models)
+    search = Search(replay, split, progress)
+    search.progress("calibrating on the baseline")
+    model = search.refine(start(ready.nominal))
+    simulated = [replay.simulate(run, [model.variant()]) for run in runs]
+    residuals = [
+        {name: measured - own[name][0] for name, measured in run.channels.items()}
+        for run, own in zip(runs, simulated, strict=True)
+    ]
+    known = dataclasses.replace(as_nominal(model), uncertainty=SINCE_THEN)
+    return known, Baseline(runs=runs, residuals=residuals)
 
 
 def settled(search: Search, calibrated: Hypothesis, final: Hypothesis) -> Hypothesis:

@@ -146,7 +146,11 @@ def _recorded(answer: Answer) -> str:
         return ""
     n = answer.recorded.records
     period = si_text(answer.recorded.sampling_time_s, "s")
-    return f": {'1 record' if n == 1 else f'{n} records'}, {answer.recorded.samples} samples of {period}"
+    since = answer.recorded.baseline
+    before = (
+        f", what changed since {'1 baseline record' if since == 1 else f'{since} baseline records'}" if since else ""
+    )
+    return f": {'1 record' if n == 1 else f'{n} records'}, {answer.recorded.samples} samples of {period}{before}"
 
 
 def shrinkage(answer: Answer) -> Iterator[str]:

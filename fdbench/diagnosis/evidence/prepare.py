@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from fdbench.diagnosis.evidence.baseline import Baseline
 from fdbench.diagnosis.evidence.run_to_run import Repeatability
 from fdbench.diagnosis.evidence.sensor_artefacts import (
     Artefact,
@@ -54,7 +55,9 @@ class Aligned:
     warnings: list[str]
 
 
-def aligned(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Aligned:
+def aligned(
+    nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record], baseline: Baseline | None = None
+) -> Aligned:
     """Return records as they are compared with their model; see `diagnose` for parameters and errors."""
     if not records:
         raise RecordError("no records: at least one is needed, better three repeats of several motions.")
@@ -74,9 +77,17 @@ def aligned(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Reco
         on_paper = {name: values[0] for name, values in replay.simulate(run, [paper.variant()]).items()}
         warnings += check_alignment(run, on_paper)
         mended, n_held = interpolated(run, on_paper)
+        if baseline is not None:
+            mended = baseline.corrected(mended)
+            if baseline.of(mended) is None:
+                warnings.append(
+                    f"{run.name}: no baseline record has its command, so the error of the model's form does not cancel."
+                )
         runs.append(mended.beside(on_paper))
         counts.append(n_held)
     split, judged_on = split_runs(runs[: len(records)], runs[len(records) :], noise_models(runs))
+    if baseline is not None:
+        split = dataclasses.replace(split, noise_models=baseline.noise(split.noise_models, split.runs))
     held = held_artefact(raw_runs, runs, counts)
     marks = [] if held is None else [held]
     if (grid := grid_artefact(runs, replay)) is not None and mean_energy(grid, split.noise_models) > SMALLEST_ARTEFACT:

@@ -1,0 +1,56 @@
+"""A baseline: records of the same machine before, whose own misfit is not what is asked for."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fdbench.diagnosis.records.noise_model import NoiseModel
+from fdbench.diagnosis.records.runs import Run, same_command
+from fdbench.record import FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Baseline:
+    r"""What the model that was calibrated on the baseline leaves of it, for each command.
+
+    A record y of the machine now, of the same command, is compared as :math:`y - (y_0 - \hat y_0)`: the error of form
+    that the model has anyhow cancels, and what is left of the gap has changed since.
+
+    Attributes
+    ----------
+    runs : sequence of Run
+        One for each command, the mean of its repeats.
+    residuals : sequence of mappings
+        Channels of each, less those simulated, (n_samples,).
+    """
+
+    runs: Sequence[Run]
+    residuals: Sequence[Mapping[str, FloatArray]]
+
+    def of(self, run: Run) -> tuple[Run, Mapping[str, FloatArray]] | None:
+        """Return the baseline of a run's command and its residuals, if there is one."""
+        pairs = zip(self.runs, self.residuals, strict=True)
+        return next((pair for pair in pairs if same_command(pair[0], run)), None)
+
+    def corrected(self, run: Run) -> Run:
+        """Return a run less what the model leaves of its baseline; as it is where its command has none."""
+        known = self.of(run)
+        if known is None:
+            return run
+        return dataclasses.replace(run, channels={name: own - known[1][name] for name, own in run.channels.items()})
+
+    def noise(self, found: Mapping[str, NoiseModel], runs: Sequence[Run]) -> Mapping[str, NoiseModel]:
+        r"""Return noise models that hold for corrected runs: the baseline's own noise is in all repeats alike.
+
+        .. math:: S \to S (1 + n / n_0)
+
+        with the mean numbers of repeats now and then.
+        """
+        pairs = [(run.repeats, known[0].repeats) for run in runs if (known := self.of(run)) is not None]
+        if not pairs:
+            return found
+        now, then = np.mean(pairs, axis=0)
+        factor = float(1.0 + now / then)
+        return {name: dataclasses.replace(item, spectrum=factor * item.spectrum) for name, item in found.items()}

@@ -1,0 +1,40 @@
+"""A hypothesis as a nominal model of its own."""
+
+import dataclasses
+
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.effects import Effect
+
+
+def as_nominal(hypothesis: Hypothesis) -> Nominal:
+    """Return a hypothesis as a model of its own: what it adds is known from now on, what it replaces is gone."""
+    variant = hypothesis.variant()
+    effects = [item for index, item in enumerate(variant.plant.effects) if index not in hypothesis.replaced]
+    for added in variant.extra:
+        place = next((index for index, item in enumerate(effects) if _adds_up(item, added)), None)
+        if place is None:
+            effects.append(added)
+        else:
+            effects[place] = _with_amplitude(added, _amplitude(effects[place]) + _amplitude(added))
+    plant = dataclasses.replace(variant.plant, effects=tuple(effects))
+    return dataclasses.replace(hypothesis.nominal, plant=plant)
+
+
+def _adds_up(known: Effect, added: Effect) -> bool:
+    """Return whether two effects of a re-calibrated kind are one with the sum of their amplitudes."""
+    kind = type(added)
+    if type(known) is not kind or not kind.calibrates or kind.further_amplitudes:
+        return False
+    item = next(item for item in kind.parameters() if item.name == kind.amplitude)
+    same = _with_amplitude(known, _amplitude(added)) == added
+    return same and item.low <= _amplitude(known) + _amplitude(added) <= item.high
+
+
+def _amplitude(effect: Effect) -> float:
+    return float(getattr(effect, type(effect).amplitude))
+
+
+def _with_amplitude(effect: Effect, value: float) -> Effect:
+    values = {item.name: getattr(effect, item.name) for item in effect.parameters()}
+    return type(effect)(**values | {type(effect).amplitude: value})
