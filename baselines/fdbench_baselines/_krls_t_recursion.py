@@ -193,6 +193,42 @@ def project(weights: FloatArray, u: FloatArray, new: float, out: int, enters: bo
 
 @kept
 @njit(error_model="numpy")
+def least(values: FloatArray) -> tuple[int, float]:
+    """Return place and value of the first smallest, (0, infinity) if none is below infinity."""
+    place, smallest = 0, np.inf
+    for i in range(values.size):
+        if values[i] < smallest:
+            place, smallest = i, values[i]
+    return place, smallest
+
+
+@kept
+@njit(error_model="numpy")
+def doubt_of(P: FloatArray, z: FloatArray, Pz: FloatArray) -> float:
+    """Write P z and return z' P z."""
+    doubt = 0.0
+    for j in range(z.size):
+        Pz[j] = 0.0
+        for i in range(z.size):
+            Pz[j] += P[j, i] * z[i]
+        doubt += z[j] * Pz[j]
+    return doubt
+
+
+@kept
+@njit(error_model="numpy")
+def correct(beta: FloatArray, P: FloatArray, Pz: FloatArray, error: float, doubt: float, noise: float) -> None:
+    """Take in an error: beta <- beta + P z error / S and P <- P - P z z' P / S with S = z' P z + noise."""
+    S = doubt + noise
+    if doubt > 0.0 and S > 0.0:
+        for i in range(beta.size):
+            beta[i] += Pz[i] * error / S
+            for j in range(beta.size):
+                P[i, j] -= Pz[i] * Pz[j] / S
+
+
+@kept
+@njit(error_model="numpy")
 def track(
     tracker: Tracker, x: FloatArray, y: FloatArray, s2: float, lam: float, jitter: float, injection: bool
 ) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -256,9 +292,9 @@ def track_beside(
         S = \tilde z^T P \tilde z + s_0^2 (s_2 + s_f^2), \quad
         \beta \leftarrow \beta + P \tilde z\, e / S, \quad P \leftarrow P - P \tilde z\, \tilde z^T P / S
 
-    with the predictions :math:`\hat y, \hat z` that one tracker makes of target and regressors, all of which it is given
-    as if they were readings of f. It whitens them: where nothing is forgotten or left out beta is that of generalised
-    least squares, and :math:`\hat f = \hat y - \hat z^T \beta`. P = 0 holds beta where it is.
+    with the predictions :math:`\hat y, \hat z` that one tracker makes of target and regressors, all of which it is
+    given as if they were readings of f. It whitens them, so that this is generalised least squares, and
+    :math:`\hat f = \hat y - \hat z^T \beta`. P = 0 holds beta where it is.
 
     Parameters
     ----------
@@ -304,7 +340,7 @@ def _recursion(
     for n in range(y.size):
         kernel_column(tracker.dictionary, x[n], k)
         symmetric_products(QR, k, qr)
-        mean = kq = kr = linear = doubt = 0.0
+        mean = kq = kr = linear = 0.0
         for i in range(M):
             mean += k[i] * alpha[i]
             kq += k[i] * q[i]
@@ -319,11 +355,7 @@ def _recursion(
             linear += Z[n, j] * beta[j]
             function -= fitted * beta[j]
             error -= z[j] * beta[j]
-        for j in range(m):
-            Pz[j] = 0.0
-            for i in range(m):
-                Pz[j] += P[j, i] * z[i]
-            doubt += z[j] * Pz[j]
+        doubt = doubt_of(P, z, Pz)
 
         if injection:
             inject_uncertainty(QR, members, lam)
@@ -337,12 +369,7 @@ def _recursion(
             before = after
         rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3], rows[n, 4] = linear, function, kxx - kr, before, after
 
-        S = doubt + before * sv2
-        if doubt > 0.0 and S > 0.0:
-            for i in range(m):
-                beta[i] += Pz[i] * error / S
-                for j in range(m):
-                    P[i, j] -= Pz[i] * Pz[j] / S
+        correct(beta, P, Pz, error, doubt, before * sv2)
 
         a, g2 = whitened / sv2, kxx - kq
         for i in range(M):
@@ -356,11 +383,9 @@ def _recursion(
             for i in range(M):
                 beside[j, i] = shrink * beside[j, i] - z[j] * r[i]
                 loss[i] -= beside[j, i] * beta[j]
-        out, smallest = 0, np.inf
         for i in range(M):
-            loss_i = abs(loss[i] / (QR[i, i] + q[i] ** 2 / g2))
-            if loss_i < smallest:
-                out, smallest = i, loss_i
+            loss[i] = abs(loss[i] / (QR[i, i] + q[i] ** 2 / g2))
+        out, smallest = least(loss)
         enters = g2 > jitter and abs(gained * g2) >= smallest
 
         # u: column of Q of who leaves over its diagonal element; b, s: what projects that one out of R.
