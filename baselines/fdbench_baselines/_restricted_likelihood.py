@@ -7,7 +7,7 @@ import numpy as np
 from fdbench.estimator import FloatArray
 from fdbench_baselines._locally_periodic import Kernel, is_uniform, kernel_system, locally_periodic
 
-LARGEST_SLIP, HARMONICS, PADDING = 0.1, 3, 16
+LARGEST_SLIP, HARMONICS, PADDING = 0.12, 3, 16
 LENGTHS_S, WIDTHS = np.geomspace(0.1, 10.0, 7), np.geomspace(0.2, 3.2, 7)
 GAMMAS = np.geomspace(1e-2, 1e4, 19)
 SECTION = 4000
@@ -87,7 +87,7 @@ def nearby_kernel(time_s: FloatArray, basis: FloatArray, target: FloatArray, nom
 
 
 def strongest_comb(signal: FloatArray, step_s: float, period_s: float) -> float:
-    """Return the period within 10 % in frequency whose first three harmonics hold most power, under a Hann window."""
+    """Return the period within 12 % in frequency whose first three harmonics hold most power, under a Hann window."""
     n = len(signal)
     bins = PADDING * n
     power = np.abs(np.fft.rfft(np.hanning(n) * (signal - signal.mean()), bins)) ** 2

@@ -137,7 +137,7 @@ class PLLSSVM(BatchEstimator):
     .. math:: K(\tau) = e^{-\tau^2 / 2 \sigma_1^2} e^{-\sin^2(\pi \tau / \psi) / 2 \sigma_2^2}
 
     The hyperparameters :math:`\sigma_1, \sigma_2, \gamma, \psi` are those of greatest restricted likelihood, the period
-    within 10 % of the nominal frequency (`_restricted_likelihood`). Rows that stand out, such as those in which a drive
+    within 12 % of the nominal frequency (`_restricted_likelihood`). Rows that stand out, such as those in which a drive
     leaves standstill, get a coefficient of their own each, which leaves them out of all else; they are those whose
     leave-one-out residual :math:`\alpha_i / (A^{-1})_{ii}` is beyond four deviations. With ``hyperparameters="given"``
     the published equations are solved as they stand, with the values given.
