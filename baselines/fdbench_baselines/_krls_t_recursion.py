@@ -306,7 +306,9 @@ def track_beside(
         :math:`z^T \beta` before the sample, then as `track`, save that the last column gives s0^2 before the sample; a
         first sample's is its own.
     """
-    return _recursion(tracker, x, Z, y, beta, P, s2, lam, jitter, injection)[0][:, :4]
+    rows, _ = _recursion(tracker, x, Z, y, beta, P, s2, lam, jitter, injection)
+    before: FloatArray = rows[:, :4]
+    return before
 
 
 @kept

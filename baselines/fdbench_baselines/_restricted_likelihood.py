@@ -115,8 +115,8 @@ def likeliest_on_grid(signal: FloatArray, step_s: float, period_s: float) -> Ker
     taper = np.hanning(n)
     taper /= np.sqrt(np.mean(taper**2))
     periodogram = np.abs(np.fft.rfft(taper * (signal - signal.mean()))[1:]) ** 2 / n
-    overlap = np.fft.irfft(np.abs(np.fft.rfft(taper, 2 * n)) ** 2)[:n] / n
-    time_s = step_s * np.arange(n)
+    overlap: FloatArray = np.fft.irfft(np.abs(np.fft.rfft(taper, 2 * n)) ** 2)[:n] / n
+    time_s = step_s * np.arange(n, dtype=np.float64)
     best, found = -np.inf, Kernel(float(LENGTHS_S[0]), float(WIDTHS[0]), float(GAMMAS[0]), period_s)
     for sigma_1_s in LENGTHS_S.tolist():
         for sigma_2 in WIDTHS.tolist():

@@ -29,8 +29,8 @@ class KRLST(OnlineEstimator):
     at most ``budget`` samples are kept. Where no period is known the kernel is :math:`e^{-\tau^2 / 2 \sigma_0^2}`: a
     force that is smooth. :math:`\beta` is ``linear_parameters`` or else found on the way, from the data sheet's values
     and their covariance, each parameter by itself within 100 % where it states none, by least squares on what the
-    tracker cannot tell of target and regressors beforehand; see `track_beside`. A model in
-    state space has no :math:`\beta`; y is there what its equation leaves of a reading, if the readings give all states.
+    tracker cannot tell of target and regressors beforehand; see `track_beside`. A model in state space has no
+    :math:`\beta`; y is there what its equation leaves of a reading, if the readings give all states.
 
     ``disturbance_N`` is :math:`\hat f / g` with variance :math:`s_0^2 s_f^2 / g^2`, that of the disturbance without
     noise, where g is the disturbance gain; where beta is found on the way and a period is known, it is without its mean
