@@ -292,7 +292,7 @@ def test_parameters_are_found_on_the_way_and_are_no_batch_solution() -> None:
 
 def test_one_sample_by_hand() -> None:
     """The first sample: s0^2 = (1 - 0.5)^2 / (s2 + 1), S = 0.25 + s0^2 (s2 + 1) = 0.5, beta = 0.5 + 0.25 / S * 0.5."""
-    tracker, beta, P = empty_tracker(1, 5), np.array([0.5]), np.array([[0.25]])
+    tracker, beta, P = empty_tracker(1, 5, 1), np.array([0.5]), np.array([[0.25]])
     one = np.ones((1, 1))
     out = track_beside(tracker, one, one, np.ones(1), beta, P, 1.0, 1.0, 0.0, False)
     np.testing.assert_allclose(out, [[0.5, 0.0, 1.0, 0.125]])
@@ -306,10 +306,50 @@ def test_held_parameters_make_it_the_tracker() -> None:
     beta = np.array([0.3, -2.0])
     expected, _ = track(empty_tracker(2, 20), x, y - Z @ beta, 0.1, 0.99, 1e-6, False)
     held, P = beta.copy(), np.zeros((2, 2))
-    out = track_beside(empty_tracker(2, 20), x, Z, y, held, P, 0.1, 0.99, 1e-6, False)
+    out = track_beside(empty_tracker(2, 20, 2), x, Z, y, held, P, 0.1, 0.99, 1e-6, False)
     np.testing.assert_allclose(out[:, 1:3], expected[:, :2], rtol=1e-9)
     np.testing.assert_allclose(out[1:, 3], expected[:-1, 2], rtol=1e-9)
     np.testing.assert_array_equal(held, beta)
+
+
+def test_linear_part_is_that_of_whitened_rows() -> None:
+    """Innovations by Cholesky's factor of the whole kernel matrix, beta by recursion on them."""
+    n, s2 = 80, 0.05
+    random = np.random.default_rng(2)
+    x, Z = 0.7 * np.arange(n)[:, None], random.standard_normal((n, 2))
+    K = np.exp(-0.5 * (x - x.T) ** 2) + s2 * np.eye(n)
+    L = np.linalg.cholesky(K)
+    y = Z @ [0.3, -2.0] + L @ random.standard_normal(n)
+    innovations = np.linalg.solve(L, np.column_stack((y, Z))) * np.diag(L)[:, None]
+    beta, P, numerator, scale = np.zeros(2), 100.0 * np.eye(2), 0.0, 0.0
+    for seen, (row, variance) in enumerate(zip(innovations, np.diag(L) ** 2, strict=True), 1):
+        z, error = row[1:], row[0] - row[1:] @ beta
+        doubt = z @ P @ z
+        numerator += error**2 / (variance + (doubt / scale if seen > 1 else 0.0))
+        S = doubt + variance * (scale if seen > 1 else numerator)
+        beta = beta + P @ z * error / S
+        P = P - np.outer(P @ z, z @ P) / S
+        scale = numerator / seen
+    found, covariance = np.zeros(2), 100.0 * np.eye(2)
+    track_beside(empty_tracker(1, n, 2), x, Z, y, found, covariance, s2, 1.0, 0.0, False)
+    np.testing.assert_allclose(found, beta, rtol=1e-8)
+    np.testing.assert_allclose(covariance, P, rtol=1e-8)
+
+
+def test_a_tracker_for_other_regressors_is_refused() -> None:
+    with pytest.raises(ValueError, match="another number of regressors"):
+        track_beside(
+            empty_tracker(1, 5),
+            np.ones((1, 1)),
+            np.ones((1, 1)),
+            np.ones(1),
+            np.ones(1),
+            np.eye(1),
+            1.0,
+            1.0,
+            0.0,
+            False,
+        )
 
 
 def test_rows_depend_on_earlier_samples_only() -> None:

@@ -124,7 +124,7 @@ def shaker(estimator: str, name: str = "ShakerConstant-v0") -> Outcome:
     estimators = {
         "null": Null(),
         "least_squares": LeastSquares(),
-        "pl_lssvm": PLLSSVM(**given["pl_lssvm"]),
+        "pl_lssvm": PLLSSVM(**given["pl_lssvm"], hyperparameters="given"),
         "krls_t": KRLST(**given["krls_t"]),
     }
     estimate = estimators[estimator].fit(context, record)

@@ -14,6 +14,7 @@ References
 Van Vaerenbergh, Lázaro-Gredilla, Santamaría (2012), Kernel Recursive Least-Squares Tracker for Time-Varying
 Regression, IEEE Trans. Neural Networks and Learning Systems 23, 1313-1326, doi:10.1109/TNNLS.2012.2200500.
 Csató, Opper (2002), Sparse On-Line Gaussian Processes, Neural Computation 14, 641-668 (the form with weights).
+Rosenberg (1973), Random coefficients models, Annals of Economic and Social Measurement 2, 397-428 (the linear part).
 """
 
 from typing import NamedTuple
@@ -39,7 +40,9 @@ class Tracker(NamedTuple):
     members : (M,) array of int
         Sample that each slot holds; -1 if it is free.
     alpha : (M,) array
-        Weights.
+        Weights that the targets have given.
+    beside : (p, M) array
+        Weights that each regressor of a linear part would have given as target; those of f are alpha - beta' beside.
     QR : (M, 2 M) array
         Q and R side by side, both symmetric.
     power : (2,) array
@@ -51,13 +54,14 @@ class Tracker(NamedTuple):
     dictionary: FloatArray
     members: NDArray[np.int64]
     alpha: FloatArray
+    beside: FloatArray
     QR: FloatArray
     power: FloatArray
     seen: NDArray[np.int64]
 
 
-def empty_tracker(dimension: int, budget: int) -> Tracker:
-    """Return the state before the first sample.
+def empty_tracker(dimension: int, budget: int, regressors: int = 0) -> Tracker:
+    """Return the state before the first sample, beside a linear part with so many regressors.
 
     >>> tracker = empty_tracker(dimension=1, budget=2)
     >>> predictions, removed = track(tracker, np.zeros((2, 1)), np.array([2.0, 2.0]), 1.0, 1.0, 0.0, False)
@@ -68,6 +72,7 @@ def empty_tracker(dimension: int, budget: int) -> Tracker:
         dictionary=np.full((dimension, budget), np.inf),
         members=np.full(budget, -1, dtype=np.int64),
         alpha=np.zeros(budget),
+        beside=np.zeros((regressors, budget)),
         QR=np.eye(budget, 2 * budget),
         power=np.zeros(2),
         seen=np.zeros(1, dtype=np.int64),
@@ -177,6 +182,53 @@ def update_inverse(QR: FloatArray, t: FloatArray, p: FloatArray) -> None:
 
 @kept
 @njit(error_model="numpy")
+def project(weights: FloatArray, u: FloatArray, new: float, out: int, enters: bool) -> None:
+    """Spread the weight of who leaves over the others: a member whose slot the new one takes, or the new one itself."""
+    leaving = new
+    if enters:
+        leaving, weights[out] = weights[out], new
+    for i in range(weights.size):
+        weights[i] -= leaving * u[i]
+
+
+@kept
+@njit(error_model="numpy")
+def least(values: FloatArray) -> tuple[int, float]:
+    """Return place and value of the first smallest, (0, infinity) if none is below infinity."""
+    place, smallest = 0, np.inf
+    for i in range(values.size):
+        if values[i] < smallest:
+            place, smallest = i, values[i]
+    return place, smallest
+
+
+@kept
+@njit(error_model="numpy")
+def doubt_of(P: FloatArray, z: FloatArray, Pz: FloatArray) -> float:
+    """Write P z and return z' P z."""
+    doubt = 0.0
+    for j in range(z.size):
+        Pz[j] = 0.0
+        for i in range(z.size):
+            Pz[j] += P[j, i] * z[i]
+        doubt += z[j] * Pz[j]
+    return doubt
+
+
+@kept
+@njit(error_model="numpy")
+def correct(beta: FloatArray, P: FloatArray, Pz: FloatArray, error: float, doubt: float, noise: float) -> None:
+    """Take in an error: beta <- beta + P z error / S and P <- P - P z z' P / S with S = z' P z + noise."""
+    S = doubt + noise
+    if doubt > 0.0 and S > 0.0:
+        for i in range(beta.size):
+            beta[i] += Pz[i] * error / S
+            for j in range(beta.size):
+                P[i, j] -= Pz[i] * Pz[j] / S
+
+
+@kept
+@njit(error_model="numpy")
 def track(
     tracker: Tracker, x: FloatArray, y: FloatArray, s2: float, lam: float, jitter: float, injection: bool
 ) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -211,79 +263,11 @@ def track(
     (n,) array of int
         Sample that left the dictionary: -1 if none, the sample itself if it did not become a member.
     """
-    members, alpha, QR, power = tracker.members, tracker.alpha, tracker.QR, tracker.power
-    M = members.size
-    predictions, removed = np.empty((y.size, 3)), np.empty(y.size, np.int64)
-    k, qr = np.empty(M), np.empty(2 * M)
-    q, r = qr[:M], qr[M:]
-    s, t, p, u, b = np.empty(M), np.empty(M), np.empty(M), np.empty(M), np.empty(M)
-    kxx = 1.0 + jitter
-    for n in range(y.size):
-        kernel_column(tracker.dictionary, x[n], k)
-        symmetric_products(QR, k, qr)
-        mean = kq = kr = 0.0
-        for i in range(M):
-            mean += k[i] * alpha[i]
-            kq += k[i] * q[i]
-            kr += k[i] * r[i]
-        predictions[n, 0], predictions[n, 1] = mean, kxx - kr
-
-        shrink, keep, scale, share = np.sqrt(lam), lam, lam, 0.0
-        if injection:
-            inject_uncertainty(QR, members, lam)
-            shrink, keep, scale, share = 1.0, 1.0, 1.0 / lam, 1.0 / lam - 1.0
-        sv2 = s2 + kxx - (scale * kr - share * kq)
-        error = y[n] - shrink * mean
-        weight = lam if tracker.seen[0] > 0 else 1.0
-        power[0] += weight * error**2 / sv2
-        power[1] += weight
-        predictions[n, 2] = power[0] / power[1]
-
-        a, g2 = error / sv2, kxx - kq
-        out, loss = 0, np.inf
-        for i in range(M):
-            r[i] = scale * r[i] - share * q[i]
-            alpha[i] = shrink * alpha[i] - a * r[i]
-            loss_i = abs(alpha[i] / (QR[i, i] + q[i] ** 2 / g2))
-            if loss_i < loss:
-                out, loss = i, loss_i
-        enters = g2 > jitter and abs(a * g2) >= loss
-
-        # u: column of Q of who leaves over its diagonal element; b, s: what projects that one out of R.
-        if enters:
-            g = 1.0 / np.sqrt(g2)
-            t_out = g * q[out]
-            pivot = np.sqrt(QR[out, out] + t_out**2)
-            s_out, alpha_out, half = -r[out], alpha[out], 0.5 * keep * QR[out, M + out]
-            for i in range(M):
-                t[i] = g * q[i]
-                p[i] = (QR[out, i] + t_out * t[i]) / pivot
-                u[i] = p[i] / pivot
-                b[i] = keep * QR[out, M + i]
-        else:
-            s_out, alpha_out, half = 1.0, a, 0.0
-            for i in range(M):
-                u[i] = -q[i]
-                b[i] = 0.0
-        root = 1.0 / np.sqrt(sv2)
-        for i in range(M):
-            b[i] -= half * u[i]
-            s[i] = root * (-r[i] - s_out * u[i])
-            alpha[i] -= alpha_out * u[i]
-        removed[n] = tracker.seen[0]
-        if enters:
-            removed[n] = members[out]
-            t[out], p[out] = -g, -g * t_out / pivot
-            u[out] = p[out] / pivot
-            b[out], s[out], alpha[out] = -half * u[out], root * (1.0 - s_out * u[out]), a - alpha_out * u[out]
-            QR[out] = 0.0
-            QR[:, out] = 0.0
-            QR[:, M + out] = 0.0
-            update_inverse(QR, t, p)
-            members[out] = tracker.seen[0]
-            tracker.dictionary[:, out] = x[n]
-        update_reduction(QR, keep, s, u, b)
-        tracker.seen[0] += 1
+    rows, removed = _recursion(
+        tracker, x, np.empty((y.size, 0)), y, np.empty(0), np.empty((0, 0)), s2, lam, jitter, injection
+    )
+    predictions = np.empty((y.size, 3))
+    predictions[:, :2], predictions[:, 2] = rows[:, 1:3], rows[:, 4]
     return predictions, removed
 
 
@@ -301,14 +285,16 @@ def track_beside(
     jitter: float,
     injection: bool,
 ) -> FloatArray:
-    r"""Predict and take in samples of :math:`y = z^T \beta + f(x) + \varepsilon`, beta by a recursion of its own.
+    r"""Predict and take in samples of :math:`y = z^T \beta + f(x) + \varepsilon`, with beta found on the way.
 
     .. math::
-        e = y - z^T \beta - \hat f, \quad S = z^T P z + s_0^2 (s_2 + s_f^2), \quad
-        \beta \leftarrow \beta + P z\, e / S, \quad P \leftarrow P - P z\, z^T P / S
+        \tilde y = y - \hat y, \quad \tilde z = z - \hat z, \quad e = \tilde y - \tilde z^T \beta, \quad
+        S = \tilde z^T P \tilde z + s_0^2 (s_2 + s_f^2), \quad
+        \beta \leftarrow \beta + P \tilde z\, e / S, \quad P \leftarrow P - P \tilde z\, \tilde z^T P / S
 
-    while f is told :math:`y - z^T \beta` as a reading with the further variance :math:`z^T P z`: each of the two takes
-    the other's doubt for noise, and how their errors go together is left out. P = 0 holds beta where it is.
+    with the predictions :math:`\hat y, \hat z` that one tracker makes of target and regressors, all of which it is
+    given as if they were readings of f. It whitens them, so that this is generalised least squares, and
+    :math:`\hat f = \hat y - \hat z^T \beta`. P = 0 holds beta where it is.
 
     Parameters
     ----------
@@ -320,27 +306,126 @@ def track_beside(
         :math:`z^T \beta` before the sample, then as `track`, save that the last column gives s0^2 before the sample; a
         first sample's is its own.
     """
-    out, Pz = np.empty((y.size, 4)), np.empty(beta.size)
+    rows, _ = _recursion(tracker, x, Z, y, beta, P, s2, lam, jitter, injection)
+    before: FloatArray = rows[:, :4]
+    return before
+
+
+@kept
+@njit(error_model="numpy")
+def _recursion(
+    tracker: Tracker,
+    x: FloatArray,
+    Z: FloatArray,
+    y: FloatArray,
+    beta: FloatArray,
+    P: FloatArray,
+    s2: float,
+    lam: float,
+    jitter: float,
+    injection: bool,
+) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Return z' beta, mean, variance, s0^2 before and after each sample, and who left the dictionary."""
+    members, alpha, beside, QR, power = tracker.members, tracker.alpha, tracker.beside, tracker.QR, tracker.power
+    M, m = members.size, beta.size
+    if beside.shape[0] != m:
+        raise ValueError("The tracker was made for another number of regressors.")
+    rows, removed = np.empty((y.size, 5)), np.empty(y.size, np.int64)
+    k, qr, loss = np.empty(M), np.empty(2 * M), np.empty(M)
+    q, r = qr[:M], qr[M:]
+    s, t, p, u, b = np.empty(M), np.empty(M), np.empty(M), np.empty(M), np.empty(M)
+    z, Pz = np.empty(m), np.empty(m)
+    kxx = 1.0 + jitter
+    shrink, keep, scale, share = np.sqrt(lam), lam, lam, 0.0
+    if injection:
+        shrink, keep, scale, share = 1.0, 1.0, 1.0 / lam, 1.0 / lam - 1.0
     for n in range(y.size):
-        linear = doubt = 0.0
-        for i in range(beta.size):
-            linear += Z[n, i] * beta[i]
-            Pz[i] = 0.0
-            for j in range(beta.size):
-                Pz[i] += P[i, j] * Z[n, j]
-            doubt += Z[n, i] * Pz[i]
-        power = tracker.power[0] / tracker.power[1] if tracker.seen[0] > 0 else 0.0
-        ratio = s2 + doubt / power if power > 0.0 else s2
-        predictions, _ = track(tracker, x[n : n + 1], y[n : n + 1] - linear, ratio, lam, jitter, injection)
-        mean, variance = predictions[0, 0], predictions[0, 1]
-        if tracker.seen[0] == 1:
-            power = predictions[0, 2]
-        out[n, 0], out[n, 1], out[n, 2], out[n, 3] = linear, mean, variance, power
-        S = doubt + power * (s2 + variance)
-        if doubt > 0.0 and S > 0.0:
-            e = y[n] - linear - mean
-            for i in range(beta.size):
-                beta[i] += Pz[i] * e / S
-                for j in range(beta.size):
-                    P[i, j] -= Pz[i] * Pz[j] / S
-    return out
+        kernel_column(tracker.dictionary, x[n], k)
+        symmetric_products(QR, k, qr)
+        mean = kq = kr = linear = 0.0
+        for i in range(M):
+            mean += k[i] * alpha[i]
+            kq += k[i] * q[i]
+            kr += k[i] * r[i]
+        function, error = mean, y[n] - shrink * mean
+        whitened = error
+        for j in range(m):
+            fitted = 0.0
+            for i in range(M):
+                fitted += k[i] * beside[j, i]
+            z[j] = Z[n, j] - shrink * fitted
+            linear += Z[n, j] * beta[j]
+            function -= fitted * beta[j]
+            error -= z[j] * beta[j]
+        doubt = doubt_of(P, z, Pz)
+
+        if injection:
+            inject_uncertainty(QR, members, lam)
+        sv2 = s2 + kxx - (scale * kr - share * kq)
+        before = power[0] / power[1] if tracker.seen[0] > 0 else 0.0
+        weight = lam if tracker.seen[0] > 0 else 1.0
+        power[0] += weight * error**2 / (sv2 + (doubt / before if before > 0.0 else 0.0))
+        power[1] += weight
+        after = power[0] / power[1]
+        if tracker.seen[0] == 0:
+            before = after
+        rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3], rows[n, 4] = linear, function, kxx - kr, before, after
+
+        correct(beta, P, Pz, error, doubt, before * sv2)
+
+        a, g2 = whitened / sv2, kxx - kq
+        for i in range(M):
+            r[i] = scale * r[i] - share * q[i]
+            alpha[i] = shrink * alpha[i] - a * r[i]
+            loss[i] = alpha[i]
+        gained = a
+        for j in range(m):
+            z[j] /= sv2
+            gained -= z[j] * beta[j]
+            for i in range(M):
+                beside[j, i] = shrink * beside[j, i] - z[j] * r[i]
+                loss[i] -= beside[j, i] * beta[j]
+        for i in range(M):
+            loss[i] = abs(loss[i] / (QR[i, i] + q[i] ** 2 / g2))
+        out, smallest = least(loss)
+        enters = g2 > jitter and abs(gained * g2) >= smallest
+
+        # u: column of Q of who leaves over its diagonal element; b, s: what projects that one out of R.
+        if enters:
+            g = 1.0 / np.sqrt(g2)
+            t_out = g * q[out]
+            pivot = np.sqrt(QR[out, out] + t_out**2)
+            s_out, half = -r[out], 0.5 * keep * QR[out, M + out]
+            for i in range(M):
+                t[i] = g * q[i]
+                p[i] = (QR[out, i] + t_out * t[i]) / pivot
+                u[i] = p[i] / pivot
+                b[i] = keep * QR[out, M + i]
+        else:
+            s_out, half = 1.0, 0.0
+            for i in range(M):
+                u[i] = -q[i]
+                b[i] = 0.0
+        root = 1.0 / np.sqrt(sv2)
+        for i in range(M):
+            b[i] -= half * u[i]
+            s[i] = root * (-r[i] - s_out * u[i])
+        removed[n] = tracker.seen[0]
+        if enters:
+            removed[n] = members[out]
+            t[out], p[out] = -g, -g * t_out / pivot
+            u[out] = p[out] / pivot
+            b[out], s[out] = -half * u[out], root * (1.0 - s_out * u[out])
+        project(alpha, u, a, out, enters)
+        for j in range(m):
+            project(beside[j], u, z[j], out, enters)
+        if enters:
+            QR[out] = 0.0
+            QR[:, out] = 0.0
+            QR[:, M + out] = 0.0
+            update_inverse(QR, t, p)
+            members[out] = tracker.seen[0]
+            tracker.dictionary[:, out] = x[n]
+        update_reduction(QR, keep, s, u, b)
+        tracker.seen[0] += 1
+    return rows, removed

@@ -3,10 +3,12 @@
 from collections.abc import Callable
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import fft
-from scipy.linalg import cho_factor, cho_solve, lapack, solve_toeplitz
+from scipy.linalg import cho_factor, cho_solve, lapack, solve_toeplitz, solve_triangular
 
+from fdbench.compilation import kept
 from fdbench.errors import FdbenchError
 
 FloatArray = NDArray[np.float64]
@@ -14,6 +16,7 @@ FloatArray = NDArray[np.float64]
 LEVINSON_LIMIT = 4000
 RELATIVE_TOLERANCE = 1e-10
 MAXIMUM_ITERATIONS = 2000
+ROWS_AT_ONCE = 64
 
 
 class Toeplitz:
@@ -53,6 +56,59 @@ class Toeplitz:
         mirrored = np.concatenate(([0.0], x[:0:-1]))
         return np.asarray(np.cumsum(x * x - mirrored * mirrored) / x[0], dtype=np.float64)
 
+    def whitened(self, rows: FloatArray) -> tuple[FloatArray, float]:
+        r"""Return L^-1 X (n, m) for rows X (n, m), with A = L L', and log|A|: innovations by the Durbin recursion.
+
+        Row k of L^-1 holds the coefficients of the best prediction of a series of covariance A from the k values
+        before, over the deviation of its error.
+
+        Raises
+        ------
+        FdbenchError
+            If A is not positive definite to working precision.
+
+        References
+        ----------
+        Durbin, The fitting of time-series models, Revue de l'Institut International de Statistique 28 (1960), 233-244.
+        """
+        n = len(self.column)
+        whitened = np.empty_like(rows)
+        mirrored, predictor = np.ascontiguousarray(self.column[::-1]), np.zeros(n)
+        scale = np.array([self.column[0], 0.0])
+        for first in range(0, n, ROWS_AT_ONCE):
+            last = min(n, first + ROWS_AT_ONCE)
+            factor = np.zeros((last - first, last))
+            _inverse_factor(mirrored, first, predictor, scale, factor)
+            if not scale[0] > 0.0:
+                raise FdbenchError(f"Toeplitz matrix of {n} samples is not positive definite.")
+            whitened[first:last] = factor @ rows[:last]
+        return whitened, float(scale[1])
+
+
+@kept
+@njit(error_model="numpy")
+def _inverse_factor(
+    mirrored: FloatArray, first: int, predictor: FloatArray, scale: FloatArray, factor: FloatArray
+) -> None:
+    """Write the next rows of L^-1; ``scale`` is the variance of the last prediction's error and the sum of all logs."""
+    n = mirrored.size
+    for k in range(first, first + len(factor)):
+        if k > 0:
+            reflection = (mirrored[n - 1 - k] - np.dot(predictor[: k - 1], mirrored[n - k : n - 1])) / scale[0]
+            for j in range(k // 2):
+                ahead, behind = predictor[j], predictor[k - 2 - j]
+                predictor[j] = ahead - reflection * behind
+                if j < k - 2 - j:
+                    predictor[k - 2 - j] = behind - reflection * ahead
+            predictor[k - 1] = reflection
+            scale[0] *= 1.0 - reflection * reflection
+        deviation = np.sqrt(scale[0])
+        row = factor[k - first]
+        for i in range(k):
+            row[i] = -predictor[k - 1 - i] / deviation
+        row[k] = 1.0 / deviation
+        scale[1] += np.log(scale[0])
+
 
 class Cholesky:
     """A symmetric positive definite (n, n) matrix; ``overwrite`` lets the factor take its place in memory."""
@@ -71,6 +127,10 @@ class Cholesky:
         """Return the diagonal of the inverse, (n,)."""
         inverse, _ = lapack.dpotri(self.factor, lower=True)
         return np.array(np.diagonal(inverse), dtype=np.float64)
+
+    def whitened(self, rows: FloatArray) -> tuple[FloatArray, float]:
+        """Return L^-1 X (n, m) for rows X (n, m), with A = L L', and log|A|."""
+        return np.asarray(solve_triangular(self.factor, rows, lower=True), dtype=np.float64), self.log_determinant()
 
     def log_determinant(self) -> float:
         """Return the natural logarithm of the determinant."""

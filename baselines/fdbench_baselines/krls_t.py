@@ -28,8 +28,9 @@ class KRLST(OnlineEstimator):
     f has the locally periodic kernel :math:`e^{-\tau^2 / 2 \sigma_1^2} e^{-\sin^2(\pi \tau / \psi) / 2 \sigma_2^2}`;
     at most ``budget`` samples are kept. Where no period is known the kernel is :math:`e^{-\tau^2 / 2 \sigma_0^2}`: a
     force that is smooth. :math:`\beta` is ``linear_parameters`` or else found on the way, from the data sheet's values
-    and their covariance, each parameter by itself within 100 % where it states none; see `track_beside`. A model in
-    state space has no :math:`\beta`; y is there what its equation leaves of a reading, if the readings give all states.
+    and their covariance, each parameter by itself within 100 % where it states none, by least squares on what the
+    tracker cannot tell of target and regressors beforehand; see `track_beside`. A model in state space has no
+    :math:`\beta`; y is there what its equation leaves of a reading, if the readings give all states.
 
     ``disturbance_N`` is :math:`\hat f / g` with variance :math:`s_0^2 s_f^2 / g^2`, that of the disturbance without
     noise, where g is the disturbance gain; where beta is found on the way and a period is known, it is without its mean
@@ -37,7 +38,7 @@ class KRLST(OnlineEstimator):
     earlier samples only, save that the first row's variance is scaled by its own sample, as no signal power
     :math:`s_0^2` is known before it. ``output`` is :math:`z^T \beta + \hat f` with variance
     :math:`s_0^2 (s_2 + s_f^2)`, that of an observation. ``parameters`` are those after the last sample; they have no
-    covariance, as the recursion leaves out how they go with f.
+    covariance: rows that the model misses, such as those near standstill, are not in the recursion's.
 
     Parameters
     ----------
@@ -136,7 +137,7 @@ class KRLST(OnlineEstimator):
         )
         self._before: FloatArray | None = None
         self._rows = array("d")
-        self._tracker = empty_tracker(3, self.budget)
+        self._tracker = empty_tracker(3, self.budget, len(names))
 
     def update(self, sample: Sample) -> None:
         """Predict a sample, then take it in."""

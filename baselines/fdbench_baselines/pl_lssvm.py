@@ -1,37 +1,27 @@
 """Partially linear least-squares support vector machine (PL-LSSVM), exact for records of any length."""
 
 from dataclasses import dataclass
-from typing import NamedTuple, final
+from typing import Literal, final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from fdbench.compilation import kept
-from fdbench.errors import FdbenchError, SpecError
+from fdbench.errors import SpecError
 from fdbench.estimator import BatchEstimator, Context, Estimate, Regression
 from fdbench.record import Record
 from fdbench_baselines._envelope import likeliest_envelope
+from fdbench_baselines._locally_periodic import Kernel, System, kernel_system
 from fdbench_baselines._one_step import declined, residual_model
-from fdbench_baselines._toeplitz import Cholesky, Toeplitz
+from fdbench_baselines._restricted_likelihood import likeliest_kernel, nearby_kernel
+from fdbench_baselines._robust import loudness
+from fdbench_baselines._toeplitz import Cholesky
 from fdbench_baselines.least_squares import factorise
 
 FloatArray = NDArray[np.float64]
 
-DENSE_LIMIT = 20_000
-UNIFORM_GRID_TOLERANCE = 1e-6
+Places = NDArray[np.intp]
 
-
-System = Toeplitz | Cholesky
-
-
-class Kernel(NamedTuple):
-    """Hyperparameters as `kernel_system` takes them; an infinite period and width leave the envelope alone."""
-
-    sigma_1_s: float
-    sigma_2: float
-    gamma: float
-    period_s: float
+MOST_ALONE = 50
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,73 +130,22 @@ def restricted_log_likelihood(system: Cholesky, fit: PartiallyLinearFit) -> floa
     return -0.5 * (fidelity + system.log_determinant() + log_information + degrees * float(np.log(2.0 * np.pi)))
 
 
-def locally_periodic(lag_s: FloatArray, sigma_1_s: float, sigma_2: float, period_s: float) -> FloatArray:
-    r"""Kernel of a periodic signal whose shape drifts, equal to 1 at lag zero.
-
-    .. math:: K(\tau) = e^{-\tau^2 / 2 \sigma_1^2} e^{-\sin^2(\pi \tau / \psi) / 2 \sigma_2^2}
-
-    McPherson, thesis, 2024, eq. 2.11, with the square on the sine and the pi that make it positive definite and of
-    period psi.
-
-    >>> float(locally_periodic(np.array([0.0]), 0.59, 0.42, 0.02)[0])
-    1.0
-    """
-    sine = np.sin(np.pi * lag_s / period_s)
-    return np.asarray(np.exp(-0.5 * (lag_s / sigma_1_s) ** 2 - 0.5 * (sine / sigma_2) ** 2), dtype=np.float64)
-
-
-@kept
-@njit(error_model="numpy")
-def _fill_lower(
-    matrix: FloatArray,
-    time: FloatArray,
-    sine: FloatArray,
-    cosine: FloatArray,
-    decay: float,
-    sharpness: float,
-) -> None:
-    for j in range(len(time)):
-        for i in range(j, len(time)):
-            tau = time[i] - time[j]
-            s = sine[i] * cosine[j] - cosine[i] * sine[j]
-            matrix[i, j] = np.exp(-decay * tau * tau - sharpness * s * s)
-
-
-def kernel_system(time_s: FloatArray, sigma_1_s: float, sigma_2: float, gamma: float, period_s: float) -> System:
-    """Return K + I / gamma at the given times: from one column if the clock is uniform to 1e-6 of a step, else dense.
-
-    Raises
-    ------
-    FdbenchError
-        If the clock is not uniform and longer than ``DENSE_LIMIT``.
-    """
-    n = len(time_s)
-    step_s = (time_s[-1] - time_s[0]) / (n - 1)
-    grid_s = step_s * np.arange(n)
-    elapsed_s = time_s - time_s[0]
-    if np.max(np.abs(elapsed_s - grid_s)) <= UNIFORM_GRID_TOLERANCE * step_s:
-        column = locally_periodic(grid_s, sigma_1_s, sigma_2, period_s)
-        column[0] += 1.0 / gamma
-        return Toeplitz(column)
-    if n > DENSE_LIMIT:
-        raise FdbenchError(
-            f"pl_lssvm: {n} rows on a clock that is not uniform, at most {DENSE_LIMIT} are possible. "
-            "Resample the record or split it."
-        )
-    matrix = np.zeros((n, n), order="F")
-    angle = np.pi * elapsed_s / period_s
-    _fill_lower(matrix, elapsed_s, np.sin(angle), np.cos(angle), 0.5 / sigma_1_s**2, 0.5 / sigma_2**2)
-    matrix[np.diag_indices(n)] += 1.0 / gamma
-    return Cholesky(matrix, overwrite=True)
-
-
 @final
 class PLLSSVM(BatchEstimator):
     r"""Linear plant plus a disturbance that is smooth in a locally periodic kernel: :math:`y = Z \beta + f(t) + c`.
 
+    .. math:: K(\tau) = e^{-\tau^2 / 2 \sigma_1^2} e^{-\sin^2(\pi \tau / \psi) / 2 \sigma_2^2}
+
+    The hyperparameters :math:`\sigma_1, \sigma_2, \gamma, \psi` are those of greatest restricted likelihood, the period
+    within 12 % of the nominal frequency (`_restricted_likelihood`). Rows that stand out, such as those in which a drive
+    leaves standstill, get a coefficient of their own each, which leaves them out of all else; they are those whose
+    leave-one-out residual :math:`\alpha_i / (A^{-1})_{ii}` is beyond four deviations. With ``hyperparameters="given"``
+    the published equations are solved as they stand, with the values given.
+
     ``disturbance_N`` is f + c (c is about 0: a constant that the kernel could also carry), ``output`` is
-    Z beta + f + c smoothed in sample, variances are those of the Gaussian process with this kernel and noise 1/gamma.
-    The bias c is left out where the regressors already span a constant. On a uniform grid memory is O(n).
+    Z beta + f + c smoothed in sample, variances are those of the Gaussian process with this kernel and noise 1/gamma,
+    the hyperparameters taken for certain. The bias c is left out where the regressors already span a constant. On a
+    uniform grid memory is O(n).
 
     Where no period is known f is smooth only: the kernel is its envelope :math:`e^{-\tau^2 / 2 \sigma_1^2}`, with
     :math:`\sigma_1` and gamma by Whittle's likelihood of what least squares leaves (`_envelope`). A model in state
@@ -222,34 +161,48 @@ class PLLSSVM(BatchEstimator):
         Signal-to-noise variance ratio; above 0.
     period_s : float, optional
         :math:`\psi`, s; by default the context's disturbance period. The other three count only where there is one.
+    hyperparameters : {"likelihood", "given"}
+        Whether the four are found from the record or held. What is found on a uniform clock depends on the period only.
 
     Raises
     ------
     SpecError
-        If the record does not identify every parameter.
+        If an argument is out of bounds, or the record does not identify every parameter.
     FdbenchError
         If more than ``DENSE_LIMIT`` rows are not on a uniform grid, or conjugate gradients do not converge.
 
     Validity
     --------
-    The frequency 1/psi must be known: with the default sigma_1 an error of 0.65 Hz, 2.4/(2 pi sigma_1), is harmless,
-    one of 2.4 Hz brings back the bias of least squares.
+    One frequency and one amplitude's spread for the whole record: where the force starts or stops at once,
+    :math:`\sigma_1` is found too short for the rest. A given period must be right: with the default sigma_1 an error of
+    0.65 Hz, 2.4/(2 pi sigma_1), is harmless, one of 2.4 Hz brings back the bias of least squares.
 
     References
     ----------
-    McPherson, thesis, 2024, eq. 2.9 to 2.11 and table 4.1 (defaults: shaker trials).
+    McPherson, thesis, 2024, eq. 2.9 to 2.11 and table 4.1 (values given by default: shaker trials), who leaves open how
+    to choose them; Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, eq. 5.8 (likelihood), 5.12
+    (leave-one-out); Suykens, De Brabanter, Lukas and Vandewalle, Weighted least squares support vector machines,
+    Neurocomputing 48 (2002), 85-105 (rows that stand out).
     """
 
     def __init__(
-        self, sigma_1_s: float = 0.59, sigma_2: float = 0.42, gamma: float = 50.3, period_s: float | None = None
+        self,
+        sigma_1_s: float = 0.59,
+        sigma_2: float = 0.42,
+        gamma: float = 50.3,
+        period_s: float | None = None,
+        hyperparameters: Literal["likelihood", "given"] = "likelihood",
     ) -> None:
         for name, value in (("sigma_1_s", sigma_1_s), ("sigma_2", sigma_2), ("gamma", gamma), ("period_s", period_s)):
             if value is not None and not 0.0 < value < np.inf:
                 raise SpecError(f"pl_lssvm: {name} = {value} must be above 0 and finite.")
+        if hyperparameters not in ("likelihood", "given"):
+            raise SpecError(f"pl_lssvm: hyperparameters = {hyperparameters!r} must be likelihood or given.")
         self.sigma_1_s = sigma_1_s
         self.sigma_2 = sigma_2
         self.gamma = gamma
         self.period_s = period_s
+        self.hyperparameters = hyperparameters
 
     def skip(self, context: Context) -> str | None:
         """Skip where the model is no equation of a force, or rows are not a series in time."""
@@ -262,35 +215,67 @@ class PLLSSVM(BatchEstimator):
         regression, predicted = residual_model(context, context.regression(record))
         z, y, gain = regression.regressors, regression.target, regression.disturbance_gain
         basis = _with_bias(regression)
-        first = basis.shape[1] - z.shape[1]
-        kernel = self._kernel(context, regression, basis)
+        m = basis.shape[1]
+        first = m - z.shape[1]
+        kernel, rows = self._kernel(context, regression, basis)
+        alone = indicators(len(y), rows)
         system = kernel_system(regression.time_s, *kernel)
-        fit = partially_linear(system, basis, y)
-        beta, s2, noise = fit.coefficients[first:], fit.signal_variance, 1.0 / kernel.gamma
+        fit = partially_linear(system, np.column_stack((basis, alone)), y)
+        beta, s2, noise = fit.coefficients[first:m], fit.signal_variance, 1.0 / kernel.gamma
 
-        output = y - noise * fit.alpha
+        output = y - noise * fit.alpha - alone @ fit.coefficients[m:]
         smoothed = noise - noise**2 * system.inverse_diagonal()
         output_rows = noise * fit.weighted_basis
+        output_rows[:, m:] -= alone
         disturbance_rows = output_rows.copy()
-        disturbance_rows[:, first:] -= z
+        disturbance_rows[:, first:m] -= z
         covariance = np.asarray(s2 * np.linalg.inv(fit.information), dtype=np.float64)
         return Estimate(
             parameters=dict(zip(regression.names, beta.tolist(), strict=True)),
-            covariance=covariance[first:, first:],
+            covariance=covariance[first:m, first:m],
             disturbance_N=(output - z @ beta) / gain,
             disturbance_variance_N2=s2 * (smoothed + fit.quadratic(disturbance_rows)) / gain**2,
             output=output if predicted is None else output + predicted,
             output_variance=s2 * (smoothed + fit.quadratic(output_rows) + noise),
         )
 
-    def _kernel(self, context: Context, regression: Regression, basis: FloatArray) -> Kernel:
-        """Return the kernel of a known period, or the envelope alone that suits what least squares leaves."""
+    def _kernel(self, context: Context, regression: Regression, basis: FloatArray) -> tuple[Kernel, Places]:
+        """Return the kernel of a period, or the envelope alone that suits what least squares leaves; rows left out."""
+        time_s, y, rows = regression.time_s, regression.target, np.zeros(0, dtype=np.intp)
         period_s = context.disturbance_period_s if self.period_s is None else self.period_s
-        if period_s is not None:
-            return Kernel(self.sigma_1_s, self.sigma_2, self.gamma, period_s)
-        y = regression.target
-        length_s, gamma = likeliest_envelope(y - basis @ np.linalg.lstsq(basis, y)[0], regression.sampling_time_s)
-        return Kernel(length_s, np.inf, gamma, np.inf)
+        if period_s is None:
+            length_s, gamma = likeliest_envelope(y - basis @ np.linalg.lstsq(basis, y)[0], regression.sampling_time_s)
+            return Kernel(length_s, np.inf, gamma, np.inf), rows
+        kernel = Kernel(self.sigma_1_s, self.sigma_2, self.gamma, period_s)
+        if self.hyperparameters == "likelihood":
+            kernel = nearby_kernel(time_s, basis, y, kernel)
+            rows = standing_out(kernel_system(time_s, *kernel), basis, y, rows)
+            kernel = likeliest_kernel(time_s, np.column_stack((basis, indicators(len(y), rows))), y, kernel)
+            rows = standing_out(kernel_system(time_s, *kernel), basis, y, rows)
+        return kernel, rows
+
+
+def indicators(n: int, rows: Places) -> FloatArray:
+    """Return a column (n,) for each row, 1 there and 0 elsewhere.
+
+    >>> indicators(3, np.array([2]))[:, 0]
+    array([0., 0., 1.])
+    """
+    columns = np.zeros((n, len(rows)))
+    columns[rows, np.arange(len(rows))] = 1.0
+    return columns
+
+
+def standing_out(system: System, basis: FloatArray, target: FloatArray, known: Places) -> Places:
+    """Return the known rows and those beside them whose leave-one-out residual stands out, ``MOST_ALONE`` at most."""
+    beside = np.column_stack((basis, indicators(len(target), known), target))
+    whitened = system.whitened(beside)[0]
+    theta = np.linalg.lstsq(whitened[:, :-1], whitened[:, -1])[0]
+    alpha = system.solve((target - beside[:, :-1] @ theta)[:, None])[:, 0]
+    loud = loudness(alpha / np.sqrt(system.inverse_diagonal()))
+    loud[known] = np.inf
+    loudest = np.argsort(-loud, kind="stable")[:MOST_ALONE]
+    return np.sort(loudest[loud[loudest] > 1.0])
 
 
 def _with_bias(regression: Regression) -> FloatArray:
