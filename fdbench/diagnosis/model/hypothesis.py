@@ -232,6 +232,7 @@ def nominal_parameters(nominal: Nominal) -> tuple[NominalParameter, ...]:
     found += [
         NominalParameter(name=f"known_{known.name}", kind="known_effects", index=index, deviation=doubt.known_effects)
         for index, known in enumerate(drive.effects)
+        if known.calibrates not in ("friction_form", "force_offset")
     ]
     found += [
         NominalParameter(name=f"width_{known.name}", kind="width", index=index, deviation=doubt.transition_velocity)
