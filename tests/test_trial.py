@@ -169,9 +169,9 @@ def test_values_on_paper_are_drawn_beyond_their_uncertainty() -> None:
 
 def test_numbers_of_effects_follow_the_protocol() -> None:
     rng = np.random.default_rng(0)
-    counts = np.bincount([tiers._how_many(Tier.B, rng)[0] for _ in range(4000)]) / 4000
+    counts = np.bincount([tiers.how_many(Tier.B, rng)[0] for _ in range(4000)]) / 4000
     assert counts == pytest.approx([0.15, 0.45, 0.25, 0.15], abs=0.03)
-    unlisted = [tiers._how_many(Tier.C, rng) for _ in range(4000)]
+    unlisted = [tiers.how_many(Tier.C, rng) for _ in range(4000)]
     assert set(unlisted) == {(0, 1), (1, 1), (1, 0)}
 
 

@@ -22,7 +22,8 @@ def trial_make(
     tier: Annotated[
         str,
         typer.Option(
-            help="A library's forms, B second implementation, C unlisted effects, D thin data, L to learn from."
+            help="A library's forms, B second implementation, C unlisted effects, D thin data, "
+            "F foreign kinds of axis, G these to develop on, L to learn from."
         ),
     ] = "B",
     count: Annotated[int, typer.Option(min=1, max=999, help="Number of cases.")] = 20,

@@ -150,7 +150,7 @@ class RecordingSetup:
         other = SIDES[not self.ready.nominal.drive.controller.uses_table]
         sides = ("position_m", other) if DEFLECTION in self.noise_models else ("position_m",)
         motions = [self.command(run) for run in merged(self.ready.runs[: self.n_fitted])]
-        injected, sizes = tiers.plant(bench, tiers.Tier.L, names, motions, sides, rng)
+        injected, sizes = tiers.plant(bench, tiers.how_many(tiers.Tier.L, rng), names, motions, sides, rng)
         excluded = tiers.hidden(bench, injected, rng)
         records, holdouts = self.recorded(bench.axis(injected), rng)
         hidden = self.nominal.beside_twins(excluded)

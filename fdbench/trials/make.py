@@ -12,6 +12,7 @@ from fdbench.specification import load_toml, read
 from fdbench.trials import seal
 from fdbench.version import __version__
 from fdbench.virtual_axes.cases import AXIS, Case, Tier, draw_case
+from fdbench.virtual_axes.foreign.bench import draw_foreign_case
 
 MANIFEST = "manifest.json"
 MODEL = "model.toml"
@@ -77,7 +78,7 @@ def make(
         for part, records in (("records", drawn.records), ("holdouts", drawn.holdouts)):
             (place / part).mkdir()
             for title, record in records.items():
-                record.save(place / part / f"{title}.parquet")
+                record.save(place / part / f"{title}.{drawn.file_format}")
         files = sorted(path for path in place.rglob("*") if path.is_file())
         salt = seal.salt(nonce, name)
         truth = {"case": name, **drawn.truth}
@@ -104,7 +105,10 @@ def _case(tier: Tier, effects: list[str], nonce: str, name: str) -> Case:
     """Return a case; an axis on which nothing shows is drawn anew."""
     for attempt in range(MOST_ATTEMPTS):
         try:
-            return draw_case(tier, effects, seal.generator(nonce, f"tier {tier} case {name} attempt {attempt}"))
+            rng = seal.generator(nonce, f"tier {tier} case {name} attempt {attempt}")
+            if tier in (Tier.F, Tier.G):
+                return draw_foreign_case(tier, int(name), effects, rng)
+            return draw_case(tier, effects, rng)
         except SimulationDiverged as error:
             message = str(error)
     raise SimulationDiverged(f"case {name}: {MOST_ATTEMPTS} axes, none of them usable; the last: {message}")

@@ -209,6 +209,7 @@ def score(folder: Path, answers: Path, key: Path) -> dict[str, Any]:
         "quantities": sheet(table),
         "effects": per_effect(table),
         "unlisted": per_unlisted(table, manifest, opened),
+        "kinds": per_kind(table, manifest, opened),
     }
 
 
@@ -361,6 +362,32 @@ def per_unlisted(table: Table, manifest: Mapping[str, Any], opened: Mapping[str,
     ]
 
 
+def per_kind(table: Table, manifest: Mapping[str, Any], opened: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return top-1, exact set, false alarms and what is named wrongly for each kind of axis, where truths have one.
+
+    A share that no case bears on is None.
+    """
+    rows: dict[str, list[int]] = {}
+    for row, name in enumerate(manifest["cases"]):
+        kind = opened["cases"][name]["truth"].get("kind")
+        if kind is not None:
+            rows.setdefault(kind, []).append(row)
+    found = []
+    for kind, own in sorted(rows.items()):
+        part = table.rows(np.array(own))
+        shares = {"top_1": top(part, 1), "exact_set": exact_set(part), "false_alarms": false_alarms(part)}
+        wrong = (part.named & (part.present == 0.0)).sum(axis=0)
+        found.append(
+            {
+                "kind": kind,
+                "cases": len(own),
+                **{name: value if np.isfinite(value) else None for name, value in shares.items()},
+                "named_wrongly": {table.effects[index]: int(wrong[index]) for index in np.flatnonzero(wrong)},
+            }
+        )
+    return found
+
+
 def text(scores: Mapping[str, Any]) -> str:
     """Return a score sheet for the terminal."""
     reference = " (constant reference)" if scores["constant_reference"] else ""
@@ -385,7 +412,17 @@ def text(scores: Mapping[str, Any]) -> str:
     for item in scores["unlisted"]:
         words = _counts(item["mistaken_for"])
         lines.append(f"{item['form']:32} {item['cases']:5d} {item['mean_unknown_probability']:7.2f}  {words}".rstrip())
+    if scores["kinds"]:
+        lines += ["", f"{'kind of axis':32} {'cases':>5} {'top-1':>7} {'exact':>7} {'alarms':>7}  named wrongly"]
+    for item in scores["kinds"]:
+        words = _counts(item["named_wrongly"])
+        shares = " ".join(f"{_share(item[name]):>7}" for name in ("top_1", "exact_set", "false_alarms"))
+        lines.append(f"{item['kind']:32} {item['cases']:5d} {shares}  {words}".rstrip())
     return "\n".join(lines)
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
 
 
 def _counts(counts: Mapping[str, int]) -> str:

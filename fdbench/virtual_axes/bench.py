@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -44,7 +44,15 @@ class Axis(Protocol):
 
 
 class Bench(ABC):
-    """One machine, whose values differ from its model on paper, and what may be planted in it."""
+    """One machine, whose values differ from its model on paper, and what may be planted in it.
+
+    Class attributes
+    ----------------
+    errors_on_paper : mapping of str to float
+        Values on paper that may be off, and by what standard deviation.
+    """
+
+    errors_on_paper: ClassVar[Mapping[str, float]] = ERRORS
 
     @abstractmethod
     def names(self, listed: bool) -> list[str]:
@@ -64,7 +72,7 @@ class Bench(ABC):
 
     @abstractmethod
     def axis(self, injected: Injected, change: Mapping[str, float] = NOTHING) -> Axis:
-        """Return the machine with imperfections, and perhaps its values further off paper; see `ERRORS` for those."""
+        """Return the machine with imperfections, and perhaps its values further off paper; see `errors_on_paper`."""
 
     @abstractmethod
     def add_background(self, detectability: "Detectability", rng: np.random.Generator) -> None:
@@ -97,7 +105,7 @@ class Detectability:
         self._last: tuple[Axis, list[FloatArray]] | None = None
         self.clean = self._quiet(healthy)
         self.noise = self.noise_amplification(healthy, rng)
-        moved = [self._joined(bench.axis({}, {name: size})) for name, size in ERRORS.items()]
+        moved = [self._joined(bench.axis({}, {name: size})) for name, size in bench.errors_on_paper.items()]
         self.paper, _ = np.linalg.qr(np.stack(moved, axis=1))
 
     def noise_amplification(self, axis: Axis, rng: np.random.Generator) -> FloatArray:

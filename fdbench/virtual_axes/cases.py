@@ -33,13 +33,16 @@ class Tier(StrEnum):
     """A: the library's forms. B: a second implementation. C: effects the library lacks. D: B with thin data.
 
     L is to learn from: A with friction that changes from run to run, some cases with thin data, and some with an effect
-    that the model excludes from the library.
+    that the model excludes from the library. F: foreign kinds of axis (`fdbench.virtual_axes.foreign`). G: the same
+    kinds with values from other ranges, to develop on.
     """
 
     A = "A"
     B = "B"
     C = "C"
     D = "D"
+    F = "F"
+    G = "G"
     L = "L"
 
 
@@ -55,12 +58,15 @@ class Case:
     truth : mapping
         ``listed`` and ``unlisted``: what is injected, with its parameters; ``errors``: by how much paper is off;
         ``held_out``: see `fdbench.virtual_axes.oracle.Gaps`.
+    file_format : str
+        Extension of the files that the records are written to.
     """
 
     model: Mapping[str, Any]
     records: Mapping[str, Record]
     holdouts: Mapping[str, Record]
     truth: Mapping[str, Any]
+    file_format: str = "parquet"
 
 
 def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> Case:
@@ -95,7 +101,7 @@ def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> C
     sides: tuple[str, ...] = ("table_position_m", "motor_position_m")
     sides = sides if nominal.drive.controller.uses_table else sides[::-1]
     sides = sides[:1] if thin else sides
-    injected, sizes = plant(bench, tier, effects, list(motions.records.values()), sides, rng)
+    injected, sizes = plant(bench, how_many(tier, rng), effects, list(motions.records.values()), sides, rng)
     axis = bench.axis(injected)
 
     def recorded(name: str, reference: FloatArray) -> Record:
@@ -168,7 +174,7 @@ def model_tables(rng: np.random.Generator) -> dict[str, Any]:
     return tables
 
 
-def _how_many(tier: Tier, rng: np.random.Generator) -> tuple[int, int]:
+def how_many(tier: Tier, rng: np.random.Generator) -> tuple[int, int]:
     """Return the numbers of listed and unlisted effects."""
     if tier is Tier.C:
         kinds = list(OF_TIER_C)
@@ -178,14 +184,17 @@ def _how_many(tier: Tier, rng: np.random.Generator) -> tuple[int, int]:
 
 def plant(
     bench: Bench,
-    tier: Tier,
+    numbers: tuple[int, int],
     effects: Sequence[str],
     motions: Sequence[FloatArray],
     sides: tuple[str, ...],
     rng: np.random.Generator,
 ) -> tuple[Injected, dict[str, float]]:
-    """Return what is planted, all of it visible in the motions, and the mean square of each signature."""
-    n_listed, n_unlisted = _how_many(tier, rng)
+    """Return what is planted, all of it visible in the motions, and the mean square of each signature.
+
+    ``numbers`` are those of listed and unlisted effects.
+    """
+    n_listed, n_unlisted = numbers
     listed = [name for name in bench.names(listed=True) if name in effects]
     wanted = [listed] * n_listed + [bench.names(listed=False)] * n_unlisted
     detectability = Detectability(bench, motions, sides, rng)
@@ -214,7 +223,7 @@ def plant(
             injected, sizes = together, sizes | {name: size}
     if len(injected) == len(wanted):
         return injected, sizes
-    raise SimulationDiverged(f"tier {tier}: {MOST_DRAWS} draws gave too few effects that show on this axis.")
+    raise SimulationDiverged(f"{MOST_DRAWS} draws gave too few effects that show on this axis.")
 
 
 def record_of(name: str, reference: FloatArray, readings: Mapping[str, FloatArray], sides: tuple[str, ...]) -> Record:

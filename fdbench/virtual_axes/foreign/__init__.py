@@ -1,0 +1,1 @@
+"""Foreign axes: kinds of machine, friction law, controller and logger that the library's own axis has not."""
