@@ -22,7 +22,9 @@ from fdbench.envs.drive_env import DriveEnv
 from fdbench.envs.drive_vector_env import DriveVectorEnv
 from fdbench.errors import PluginError, SpecError, UnknownName
 from fdbench.scenario import Scenario, load_scenario, scenario_ids
-from fdbench.simulate.axis import CHUNK, ROW, Axis
+from fdbench.simulate.axis import Axis
+from fdbench.simulate.block import ROW
+from fdbench.simulate.random import CHUNK
 
 IDS = environment_ids()
 QUICK = "fdbench/ShakerConstant-v0"
@@ -145,7 +147,7 @@ def test_action_deviates_from_the_command() -> None:
     rows = np.array([env.step(np.ones(1, dtype=np.float32))[0] for _ in range(100)])
     velocity = rows[-1, env.columns.index("velocity_m_per_s")]
     reference = rows[-1, env.columns.index("reference_velocity_m_per_s")]
-    loop = scenario.plant.true_parameters("velocity_loop", env.interface.period_s)
+    loop = scenario.linear_model.nominal_parameters(env.interface.period_s)
     steady = (loop["beta_1"] * (reference + scenario.environment.action_scale) - loop["beta_3"]) / (1 - loop["beta_2"])
     assert velocity == pytest.approx(steady, abs=5 * 2e-5)
 
@@ -261,7 +263,7 @@ def test_an_axis_ends_with_the_first_of_its_lanes() -> None:
 def test_lanes_that_only_fill_a_block_stay_within_the_reference() -> None:
     system = shaker(duration_s=0.05).system(70)
     assert isinstance(system, Axis)
-    rows = system._blocks[:, ROW["INDEX"]]
+    rows = system._now.values[:, ROW["INDEX"]]
     for _ in range(3):
         system.start(range(70))
         system.advance(system.n_samples)

@@ -15,14 +15,15 @@ from fdbench.errors import RecordError, SpecError
 from fdbench.estimator import Estimate, estimators
 from fdbench.metrics import Outcome, metrics
 from fdbench.plants import SpectralPlant
-from fdbench.plants._spectra import Spectra, lines, signals
-from fdbench.plants._spindle_testbed import SpindleTestbedSystem
+from fdbench.plants._spectra import Spectra
 from fdbench.plants._spindle_testbed_machine import Machine, Mode, harmonic_sums
-from fdbench.plants._spindle_testbed_plan import ForceLevels, Plan, RandomSegments, SpindleSpeeds
+from fdbench.plants._spindle_testbed_plan import ForceLevels, RandomSegments, SpindleSpeeds
 from fdbench.plants.spindle_testbed import SpindleTestbed
 from fdbench.record import Record
 from fdbench.scenario import Scenario, Truth, load_scenario
+from fdbench.simulate.spectra import lines, signals
 from fdbench.simulate.system import Noise
+from fdbench.simulate.testbed import Plan, SpindleTestbedSystem
 
 CASES = {"case 1": "Random", "case 2": "Force", "case 3": "Speed"}
 WITHHELD = {"case 1": 780, "case 2": 800, "case 3": 156}
@@ -394,7 +395,7 @@ def test_what_a_testbed_does_not_have_is_refused() -> None:
     with pytest.raises(SpecError, match="highest_force_N: 3 is not above lowest_force_N, 4"):
         with_plant(scenario, highest_force_N=3.0)
     with pytest.raises(SpecError, match="model 'arx' is not offered"):
-        bed(scenario).true_parameters("arx", 0.002)
+        bed(scenario).linear_model("arx")
 
 
 # Spectra of a record

@@ -1,187 +1,35 @@
 """Feed drive: linear motor or ball screw, rigid or with an elastic screw, in a velocity loop or position cascade."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar, final
+from typing import final
 
 import numpy as np
 
 from fdbench.effects import Effect, Port
-from fdbench.errors import RecordError, SimulationDiverged, SpecError, did_you_mean
-from fdbench.plants import _inverse_dynamics as inverse
-from fdbench.plants import _state_space
-from fdbench.plants import _velocity_loop as loop
-from fdbench.plants._controllers import Cascade, OpenLoop, VelocityLoop, check_feedback
+from fdbench.errors import RecordError, SimulationDiverged, SpecError
+from fdbench.plants._controllers import Cascade, Following, OpenLoop, VelocityLoop
+from fdbench.plants._drive_loop import DriveLoop, drive_plant
 from fdbench.plants._drive_observer import Sensors, change_per_newton, state_space
-from fdbench.plants._friction_curve import friction_line
-from fdbench.plants._inverse_dynamics import InverseDynamics
-from fdbench.plants._plant import Plant, StateSpace
+from fdbench.plants._drive_parts import LinearMotor, RotaryMotor, Screw, Table
+from fdbench.plants._friction_curve import FrictionLine, friction_line
+from fdbench.plants._inverse_dynamics import NAMES_OF, InverseDynamics, InverseDynamicsModel
+from fdbench.plants._linear_system import LinearSystem
+from fdbench.plants._plant import LinearModel, Plant, StateSpace
+from fdbench.plants._state_space import StateSpaceModel
+from fdbench.plants._velocity_loop import VelocityLoopModel
 from fdbench.record import Record
-from fdbench.regression import Regression
 from fdbench.simulate import layout
-from fdbench.simulate.axis import Axis, Mechanics
-from fdbench.simulate.stability import check_substep, needed_substeps
+from fdbench.simulate.axis import Axis
+from fdbench.simulate.block import Mechanics
+from fdbench.simulate.stability import check_loop, check_substep, needed_substeps
 from fdbench.simulate.system import FloatArray, Sampled, Setup, Timing
-from fdbench.specification import bounded, check_bounds, nonnegative, positive
+from fdbench.specification import positive
 
-TWO_PI = 2.0 * np.pi
+__all__ = ["FeedDrive", "Following", "LinearMotor", "RotaryMotor", "Screw", "Table"]
+
 FEWEST_SUBSTEPS = 10
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class LinearMotor:
-    """Linear motor: the primary part moves with the table or, on an elastic axis, before it.
-
-    With a force constant, :math:`F = k_f i`, the drive logs its current in place of its force.
-    """
-
-    mass_kg: float = positive()
-    viscous_friction_N_s_per_m: float = nonnegative()
-    force_constant_N_per_A: float | None = positive(default=None)
-
-    constant: ClassVar[str] = "force_constant_N_per_A"
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
-    @property
-    def force_per_unit(self) -> float:
-        """Newton of motor force in the table's coordinates for one newton or, if logged, one ampere."""
-        return self.force_constant_N_per_A or 1.0
-
-    @property
-    def logged(self) -> str:
-        """Column in which the drive logs the motor's command."""
-        return "motor_force_N" if self.force_constant_N_per_A is None else "motor_current_A"
-
-    def per_unit(self) -> dict[str, float | None]:
-        """Return the newtons of one unit of each column that may hold the motor's command; None where unknown."""
-        return {"motor_force_N": 1.0, "motor_current_A": self.force_constant_N_per_A}
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class RotaryMotor:
-    r"""Rotary motor with ball screw: :math:`m = J (2\pi/l)^2`, :math:`F = T\, 2\pi/l`, :math:`x = \varphi\, l/2\pi`.
-
-    With a torque constant, :math:`T = k_t i`, the drive logs its current in place of its torque.
-    """
-
-    inertia_kg_m2: float = positive()
-    lead_m: float = positive()
-    viscous_friction_N_s_per_m: float = nonnegative()
-    torque_constant_Nm_per_A: float | None = positive(default=None)
-
-    constant: ClassVar[str] = "torque_constant_Nm_per_A"
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
-    @property
-    def mass_kg(self) -> float:
-        """Inertia of motor and screw as a mass at the table."""
-        return self.inertia_kg_m2 * (TWO_PI / self.lead_m) ** 2
-
-    @property
-    def force_per_unit(self) -> float:
-        """Newton of motor force in the table's coordinates for one newton metre or, if logged, one ampere."""
-        return TWO_PI / self.lead_m * (self.torque_constant_Nm_per_A or 1.0)
-
-    @property
-    def logged(self) -> str:
-        """Column in which the drive logs the motor's command."""
-        return "motor_torque_Nm" if self.torque_constant_Nm_per_A is None else "motor_current_A"
-
-    def per_unit(self) -> dict[str, float | None]:
-        """Return the newtons of one unit of each column that may hold the motor's command; None where unknown."""
-        ampere = None if self.torque_constant_Nm_per_A is None else self.force_per_unit
-        return {"motor_force_N": 1.0, "motor_torque_Nm": TWO_PI / self.lead_m, "motor_current_A": ampere}
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class Table:
-    """Table with workpiece."""
-
-    mass_kg: float = positive()
-    viscous_friction_N_s_per_m: float = nonnegative()
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class Screw:
-    """Axial spring and damper between motor side and table; an axis without this table is rigid."""
-
-    stiffness_N_per_m: float = positive()
-    damping_N_s_per_m: float = nonnegative()
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class Following:
-    r"""No controller is known: `fdbench diagnose` makes the simulated axis follow the measured motion with this one.
-
-    .. math:: F = m \omega \, [v_r - v + \tfrac{\omega}{4} (x_r - x)], \quad \omega = 2 \pi f
-
-    The velocity v is the difference of two readings. What is not given is found from model and
-    records: the mass is that on paper, the greatest force the measured one; the bandwidth f is lowered where the loop
-    would ring or be loud.
-    """
-
-    bandwidth_Hz: float = bounded(0.1, 1000.0, default=60.0)
-    feedback: str = "motor"
-    mass_kg: float | None = positive(default=None)
-    greatest_force_N: float | None = positive(default=None)
-
-    action_row: ClassVar[str] = "ACTION_POSITION"
-    action_name: ClassVar[str] = "position_m"
-    difference_span: ClassVar[int] = 1
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-        check_feedback(self.feedback)
-
-    @property
-    def uses_table(self) -> bool:
-        """Whether the table's position is followed."""
-        return self.feedback == "table"
-
-    @property
-    def force_limit_N(self) -> float:
-        """Force that the drive can probably give: twice the greatest that was measured."""
-        return math.inf if self.greatest_force_N is None else 2.0 * self.greatest_force_N
-
-    @property
-    def velocity_gain_N_s_per_m(self) -> float:
-        """Force for a velocity error."""
-        if self.mass_kg is None:
-            raise SpecError("controller: the drive has none that is known; only fdbench diagnose does without.")
-        return TWO_PI * self.bandwidth_Hz * self.mass_kg
-
-    @property
-    def position_gain_per_s(self) -> float:
-        """Velocity for a position error; both poles lie at half the bandwidth."""
-        return TWO_PI * self.bandwidth_Hz / 4.0
-
-    def rows(self) -> Mapping[str, float]:
-        """Return the controller's rows of a block."""
-        return {
-            "USE_TABLE": float(self.uses_table),
-            "DIFFERENCE_SPAN": float(self.difference_span),
-            "POSITION_GAIN": self.position_gain_per_s,
-            "VELOCITY_FEEDFORWARD": 1.0,
-            "VELOCITY_GAIN": self.velocity_gain_N_s_per_m,
-            "FORCE_LIMIT": math.inf,
-        }
 
 
 @final
@@ -259,12 +107,19 @@ class FeedDrive(Plant):
         )
 
     def system(self, setup: Setup, n_lanes: int = 1) -> Axis:
-        """Return the axis with modelled and unmodelled effects; a substep that is too long for them is refused."""
+        """Return the axis with modelled and unmodelled effects.
+
+        Raises
+        ------
+        SpecError
+            If a substep is too long for the effects, or the control loop on paper is unstable.
+        """
         noises = ["motor_position_m", "table_position_m", "velocity_m_per_s", "equation_velocity_m_per_s"]
         noises += ["motor_current_A"] if self.motor.logged == "motor_current_A" else []
         setup.noise.check_only(noises, "this feed drive")
         effects = (*self.effects, *setup.unmodelled)
         check_substep(effects, self._masses, setup.timing.sampling_time_s, setup.timing.substeps)
+        self.check_loop(setup.timing.sampling_time_s)
         columns = {"motor_position_m": layout.OUT_MOTOR}
         if self.screw is not None:
             columns["table_position_m"] = layout.OUT_TABLE
@@ -283,11 +138,22 @@ class FeedDrive(Plant):
             n_lanes,
         )
 
-    def models(self) -> tuple[str, ...]:
+    def linear_models(self) -> tuple[LinearModel, ...]:
         """Return the models that apply to the controller and specification at hand."""
-        names: tuple[str, ...] = ("velocity_loop",) if isinstance(self.controller, VelocityLoop) else ()
-        names += ("inverse_dynamics", "directional_inverse_dynamics") if self.inverse_dynamics else ()
-        return names + ((_state_space.MODEL,) if self.sensors else ())
+        models: list[LinearModel] = []
+        if isinstance(self.controller, VelocityLoop):
+            gain = self.controller.gain_N_s_per_m
+            models.append(VelocityLoopModel(mass_kg=self.mass_kg, line=self.friction_line, gain_N_s_per_m=gain))
+        if self.inverse_dynamics is not None:
+            models += [InverseDynamicsModel(drive=self, protocol=self.inverse_dynamics, name=name) for name in NAMES_OF]
+        if self.sensors is not None:
+            models.append(StateSpaceModel(plant=self, disturbance_gain=change_per_newton))
+        return tuple(models)
+
+    @property
+    def friction_line(self) -> FrictionLine:
+        """The straight line that a rigid model sees in all friction on paper, at speed."""
+        return friction_line(self.effects, self.velocity_limit_m_per_s, self.viscous_friction_N_s_per_m)
 
     def motor_force(self, record: Record) -> FloatArray:
         """Return the motor's force in table coordinates (n_samples,), from whichever command the record has.
@@ -316,27 +182,6 @@ class FeedDrive(Plant):
             "such as `gain = 35.15` for N per volt."
         )
 
-    def regression(self, record: Record, model: str) -> Regression:
-        """Return the linear model filled with a record; see `FeedDrive.models`."""
-        period = record.sampling_time_s
-        if model == "velocity_loop" and isinstance(self.controller, VelocityLoop):
-            return loop.regression(record, self._loop(period))
-        if model in inverse.NAMES_OF and self.inverse_dynamics is not None:
-            return inverse.regression(record, self.motor_force(record), self.inverse_dynamics, model)
-        if model == _state_space.MODEL and self.sensors is not None:
-            space = self.state_space(period)
-            return _state_space.regression(record, space, change_per_newton(space, period))
-        raise SpecError(f"model '{model}' is not offered by this feed drive.{did_you_mean(model, self.models())}")
-
-    def free_run(self, command: Record, model: str, parameters: Mapping[str, float]) -> FloatArray | None:
-        """Return the velocity that the loop makes of a command, or the force for the motion that it makes of it."""
-        if model == "velocity_loop":
-            return loop.free_run(command["reference_velocity_m_per_s"], parameters)
-        if model in inverse.NAMES_OF:
-            moved = self.regression(self.respond(command), model)
-            return np.asarray(moved.regressors @ np.array([parameters[name] for name in moved.names]))
-        return None
-
     def respond(self, command: Record) -> Record:
         """Return what the axis on paper would log of a commanded motion, without noise."""
         position, period_s = command["reference_position_m"], command.sampling_time_s
@@ -345,38 +190,27 @@ class FeedDrive(Plant):
         columns = _responded(self, period_s, position.tobytes(), velocity.tobytes())
         return Record({"time_s": command["time_s"], **columns}, {}, command.source)
 
+    def control_loop(self, sampling_time_s: float) -> DriveLoop:
+        """Return the linear part with the effects on paper and the controller; without one that is known, alone."""
+        table_mass_kg = self._masses[Port.TABLE_FORCE]
+        plant = drive_plant(self.mechanics(), table_mass_kg, self.effects, self.velocity_limit_m_per_s)
+        is_unknown = isinstance(self.controller, Following) and self.controller.mass_kg is None
+        return DriveLoop(plant, {} if is_unknown else self.controller.rows(), sampling_time_s)
+
+    def check_loop(self, sampling_time_s: float) -> None:
+        """Raise a SpecError where the control loop on paper is unstable, with words that say by how much."""
+        check_loop(*self.control_loop(sampling_time_s).broken_at_force(), sampling_time_s)
+
+    def linear_system(self, sampling_time_s: float) -> LinearSystem:
+        """Return the axis on paper and its loops; see `LinearisedPlant`."""
+        return self.control_loop(sampling_time_s).linear_system()
+
     def state_space(self, sampling_time_s: float) -> StateSpace:
         """Return the linear part for observers; the friction effects on paper are not in it."""
         if self.sensors is None:
             raise SpecError("sensors: missing table; an observer needs the noise of the readings.")
         motor, reads_table = self.motor, self.controller.uses_table
         return state_space(self.mechanics(), self.sensors, motor.logged, motor.force_per_unit, reads_table)
-
-    def _loop(self, sampling_time_s: float) -> loop.VelocityLoopModel:
-        if not isinstance(self.controller, VelocityLoop):
-            raise SpecError("model 'velocity_loop' needs the controller kind velocity_loop.")
-        gain = self.controller.gain_N_s_per_m
-        return loop.VelocityLoopModel(
-            mass_kg=self.mass_kg,
-            line=friction_line(self.effects, self.velocity_limit_m_per_s, self.viscous_friction_N_s_per_m),
-            gain_N_s_per_m=gain,
-            sampling_time_s=sampling_time_s,
-        )
-
-    def true_parameters(self, model: str, sampling_time_s: float) -> Mapping[str, float]:
-        """Return the parameters on paper; friction effects enter by the straight line of their curve at speed."""
-        if model == "velocity_loop":
-            return self._loop(sampling_time_s).parameters()
-        if model == _state_space.MODEL:
-            return {}
-        line = friction_line(self.effects, self.velocity_limit_m_per_s, self.viscous_friction_N_s_per_m)
-        return inverse.parameters(self.mass_kg, line, model)
-
-    def physical_parameters(
-        self, model: str, parameters: Mapping[str, float], sampling_time_s: float
-    ) -> Mapping[str, float]:
-        """Return mass and frictions that follow from the discrete parameters of the velocity loop."""
-        return self._loop(sampling_time_s).physical(parameters) if model == "velocity_loop" else {}
 
 
 @lru_cache(maxsize=4)

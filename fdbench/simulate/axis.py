@@ -1,7 +1,7 @@
 """One feed axis, or many side by side: the composed stepper with its blocks, random numbers and limits."""
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,15 +11,12 @@ from numpy.typing import NDArray
 from fdbench.effects import Effect
 from fdbench.errors import SpecError
 from fdbench.simulate import layout
-from fdbench.simulate.compose import Slot, block_rows, compose, slots
-from fdbench.simulate.exponential import exponential
-from fdbench.simulate.random import stream
-from fdbench.simulate.system import FloatArray, Setup, System
+from fdbench.simulate.block import MECHANICS_ROWS, ROW, Blocks, Mechanics
+from fdbench.simulate.compose import Slot, compose
+from fdbench.simulate.random import CHUNK, RandomNumbers, Source
+from fdbench.simulate.system import FloatArray, Noise, Setup, System
 
-CHUNK = 256  # samples of random numbers drawn at once
 SIDE_BY_SIDE = 64  # lanes in a block of many
-ROW = {name: index for index, name in enumerate(layout.ROWS)}
-MECHANICS_ROWS = np.arange(ROW["HALF_0"], ROW["VELOCITY_LIMIT"] + 1)
 REFERENCES = {
     "reference_position_m": layout.OUT_REFERENCE_POSITION,
     "reference_velocity_m_per_s": layout.OUT_REFERENCE_VELOCITY,
@@ -31,36 +28,6 @@ NOISE_STREAMS = (
     "equation_noise",
     "motor_current_noise",
 )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Mechanics:
-    r"""Linear part of an axis, :math:`\dot s = A s + B f` with s = (x_m, v_m, x_t, v_t) and f = (f_motor, f_table).
-
-    A rigid axis has equal rows for motor side and table. Limits in m and m/s; stiffness in N/m, damping in N s/m.
-    """
-
-    A: FloatArray
-    B: FloatArray
-    stiffness_N_per_m: float
-    damping_N_s_per_m: float
-    rigid: bool
-    position_limit_m: float
-    velocity_limit_m_per_s: float
-
-    def propagators(self, h: float) -> FloatArray:
-        """Return the 24 entries of (A | B), row by row, that advance the state exactly by h under constant forces."""
-        generator = np.zeros((6, 6))
-        generator[:4, :4] = self.A
-        generator[:4, 4:] = self.B
-        flow: FloatArray = exponential(generator * h)[:4]
-        return flow.ravel()
-
-    def rows(self, h: float) -> FloatArray:
-        """Return the part of a block that belongs to the mechanics, for substeps of h."""
-        limits = self.position_limit_m, self.velocity_limit_m_per_s
-        scalars = self.stiffness_N_per_m, self.damping_N_s_per_m, float(self.rigid), *limits
-        return np.concatenate((self.propagators(h / 2), self.propagators(h), scalars))
 
 
 def compiled(stepper: Any, arguments: tuple[Any, ...]) -> Callable[..., None]:
@@ -103,8 +70,6 @@ class Axis(System):
         action_name: str,
         n_lanes: int = 1,
     ) -> None:
-        self.n_lanes = n_lanes
-        self.n_samples = setup.timing.n_samples
         columns = {**REFERENCES, **columns}
         self.columns = tuple(columns)
         self.action_names = (action_name,)
@@ -119,25 +84,23 @@ class Axis(System):
         }
         self._kinds = tuple(type(effect) for effect in effects)
         self._side_by_side = SIDE_BY_SIDE if n_lanes >= SIDE_BY_SIDE // 4 else 1
+        n_uniform = max(1, sum(kind.random for kind in self._kinds))
+        sources, width = self._sources(setup.noise), self._side_by_side
+        self._numbers = RandomNumbers(sources, n_lanes, width, layout.NORMAL_COLUMNS, n_uniform)
+        super().__init__(n_lanes, setup.timing.n_samples, self._numbers)
         self._n_blocks = -(-n_lanes // self._side_by_side)
         self._action_row = ROW[action_row]
         self._pick = np.array([*columns.values(), *range(layout.OUT_DISTURBANCE, layout.OUT_COLUMNS)])
         self._active = np.ones(max(len(self.effects), 1), dtype=np.bool_)
-        self._noise = setup.noise
         self._rigid = mechanics.rigid
-        initial = self._initial_block(mechanics, {**controller, "LOGGED_PER_N": logged_per_N}, setup)
-        self._initial = np.repeat(initial[None, :, :], self._n_blocks, axis=0)
-        self._sources = self._random_sources()
-        self._generators: list[list[np.random.Generator]] = [[] for _ in range(n_lanes)]
-        self._blocks = self._initial.copy()
+        self._initial = Blocks(self._kinds, n_lanes, width)
+        self._initial.set_mechanics(mechanics, setup.timing.substep_s)
+        self._initial.set_scalars({**controller, **_noises(setup.noise, logged_per_N), "LOGGED_PER_N": logged_per_N})
+        self._initial.place(float(self.reference[0, 0]), 0.0, setup.timing.sampling_time_s)
+        for number, effect in enumerate(self.effects):
+            self._initial.set_effect(number, effect, self._applies(type(effect)))
+        self._now = copy.deepcopy(self._initial)
         width = self._side_by_side
-        n_uniform = max(1, sum(kind.random for kind in self._kinds))
-        self._normal = np.zeros((self._n_blocks, CHUNK, layout.NORMAL_COLUMNS, width))
-        self._uniform = np.zeros((self._n_blocks, CHUNK, n_uniform, width))
-        self._position = CHUNK
-        # Samples before the present chunk and at each lane's end; first of these, and next stop, within the chunk.
-        self._before, self._ends = 0, np.zeros(n_lanes, dtype=np.intp)
-        self._end, self._stop = 0, CHUNK
         self._idle = slice((n_lanes - 1) % self._side_by_side + 1, None)
         self._out = np.zeros((self._n_blocks, 1, layout.OUT_COLUMNS, width))
         self.limits, self.at_rest = self._ranges(mechanics, controller["FORCE_LIMIT"] * logged_per_N)
@@ -146,14 +109,15 @@ class Axis(System):
     def _bind(self) -> None:
         """Compose the stepper, and find where each lane has its action and its flag."""
         width, lane = self._side_by_side, np.arange(self.n_lanes)
-        self._flat_blocks = self._blocks.reshape(self._n_blocks, -1)
+        blocks = self._now.values
+        self._flat_blocks = self._now.flat
         clock = self.timing.substeps, self.timing.sampling_time_s
-        self._settings = (*clock, self._active, self.reference, self._normal, self._uniform)
-        self._advance = compiled(compose(self._kinds, width), (self._flat_blocks, 0, 1, *self._settings, self._out))
-        first = lane // width * self._blocks[0].size + lane % width
-        self._actions = self._blocks.reshape(-1), first + self._action_row * width
-        self._flags = self._blocks.reshape(-1), first + ROW["DIVERGED"] * width
-        self._only_lane = self._blocks[0, self._action_row], self._out.reshape(-1)
+        self._settings = (*clock, self._active, self.reference, self._numbers.normal, self._numbers.uniform)
+        self._step = compiled(compose(self._kinds, width), (self._flat_blocks, 0, 1, *self._settings, self._out))
+        first = lane // width * blocks[0].size + lane % width
+        self._actions = blocks.reshape(-1), first + self._action_row * width
+        self._flags = blocks.reshape(-1), first + ROW["DIVERGED"] * width
+        self._only_lane = blocks[0, self._action_row], self._out.reshape(-1)
 
     def _ranges(self, mechanics: Mechanics, command_limit: float) -> tuple[dict[str, float], FloatArray]:
         """Return the largest magnitude of each column, and what is logged at the start of the reference."""
@@ -166,9 +130,8 @@ class Axis(System):
         logged = self._pick[: len(self.columns)]
         return dict(zip(self.columns, limit[logged].tolist(), strict=True)), rest[logged]
 
-    def _random_sources(self) -> list[tuple[str, bool, int]]:
-        """Return name, whether normal, and column of each random stream that the setup uses."""
-        noise = self._noise
+    def _sources(self, noise: Noise) -> list[Source]:
+        """Return the random streams that the noises and the random effects use."""
         deviations = (
             noise.motor_position_m,
             noise.table_position_m,
@@ -177,43 +140,22 @@ class Axis(System):
             noise.motor_current_A,
         )
         random_effects = [effect.name for effect in self.effects if effect.random]
-        noises = [(NOISE_STREAMS[n], True, n) for n in range(layout.NORMAL_COLUMNS) if deviations[n] > 0.0]
-        return noises + [(name, False, n) for n, name in enumerate(random_effects)]
-
-    def _initial_block(self, mechanics: Mechanics, controller: Mapping[str, float], setup: Setup) -> FloatArray:
-        block = np.zeros((block_rows(self._kinds), self._side_by_side))
-        block[MECHANICS_ROWS] = mechanics.rows(setup.timing.substep_s)[:, None]
-        scalars = {
-            "NOISE_MOTOR": setup.noise.motor_position_m,
-            "NOISE_TABLE": setup.noise.table_position_m,
-            "NOISE_VELOCITY": setup.noise.velocity_m_per_s,
-            "NOISE_EQUATION": setup.noise.equation_velocity_m_per_s,
-            "NOISE_COMMAND": setup.noise.motor_current_A / controller["LOGGED_PER_N"],
-            **controller,
-        }
-        for name in ("X_M", "X_T", "BACK_1", "BACK_2", "LAST_MOTOR", "LAST_TABLE"):
-            scalars[name] = float(self.reference[0, 0])
-        for name, value in scalars.items():
-            block[ROW[name]] = value
-        for slot, effect in zip(self.slots(), self.effects, strict=True):
-            block[slot.flag] = float(self._applies(slot.effect))
-            for index, value in enumerate(effect.values()):
-                block[slot.parameter(index)] = value
-        return block
+        named = zip(NOISE_STREAMS, deviations, strict=True)
+        noises = [Source(stream=name, column=n) for n, (name, deviation) in enumerate(named) if deviation > 0.0]
+        return noises + [Source(stream=name, column=n, normal=False) for n, name in enumerate(random_effects)]
 
     def slots(self) -> tuple[Slot, ...]:
         """Return where each effect lies in a block."""
-        return slots(self._kinds)
+        return self._initial.slots
 
     def _applies(self, effect: type[Effect]) -> bool:
         """Return whether the mechanics have what the effect is a property of."""
         return not (self._rigid and effect.needs_screw)
 
-    def _write(self, rows: NDArray[np.intp], values: Any, lanes: NDArray[np.intp] | None) -> None:
+    def _write(self, rows: NDArray[np.intp], values: FloatArray, lanes: NDArray[np.intp] | None) -> None:
         """Write rows of ``lanes`` (default: all), now and for every later `start`."""
-        block, place = np.divmod(np.arange(self.n_lanes) if lanes is None else np.asarray(lanes), self._side_by_side)
-        for blocks in (self._initial, self._blocks):
-            blocks[block, rows[:, None], place] = values
+        for blocks in (self._initial, self._now):
+            blocks.write(rows, values, np.arange(self.n_lanes) if lanes is None else lanes)
 
     def enable(self, effect: int, on: bool | NDArray[np.bool_] = True, lanes: NDArray[np.intp] | None = None) -> None:
         """Switch an effect on or off in ``lanes`` (default: all), now and for every later `start`.
@@ -227,8 +169,9 @@ class Axis(System):
         lanes : (n_chosen,) array of int, optional
         """
         slot = self.slots()[effect]
-        self._write(np.array([slot.flag]), np.asarray(on) & self._applies(slot.effect), lanes)
-        self._active[effect] = (self._initial[:, slot.flag].reshape(-1)[: self.n_lanes] > 0.5).any()
+        flags = np.asarray(on) & self._applies(slot.effect)
+        self._write(np.array([slot.flag]), np.atleast_2d(flags), lanes)
+        self._active[effect] = (self._initial.values[:, slot.flag].reshape(-1)[: self.n_lanes] > 0.5).any()
 
     def set_parameters(self, effect: int, values: FloatArray, lanes: NDArray[np.intp] | None = None) -> None:
         """Set all parameters of an effect in ``lanes`` (default: all), now and for every later `start`.
@@ -268,98 +211,39 @@ class Axis(System):
         h = self.timing.substep_s
         self._write(MECHANICS_ROWS, np.column_stack([item.rows(h) for item in mechanics]), lanes)
 
-    def start(self, seeds: Sequence[int], lanes: NDArray[np.intp] | None = None) -> None:
-        """Put lanes back to their initial state and restart their random streams."""
-        chosen = np.arange(self.n_lanes) if lanes is None else lanes
-        if len(seeds) != len(chosen):
-            raise SpecError(f"seeds: {len(chosen)} are expected, one for each lane, found {len(seeds)}.")
-        if lanes is None:
-            self._position = CHUNK
-        for lane, seed in zip(chosen.tolist(), seeds, strict=True):
-            block, place = divmod(lane, self._side_by_side)
-            self._blocks[block, :, place] = self._initial[block, :, place]
-            self._generators[lane] = [stream(seed, name) for name, _, _ in self._sources]
-            if lanes is not None:
-                self._draw(lane, self._position)
+    def _reset(self, lanes: NDArray[np.intp], seeds: Sequence[int]) -> None:
+        """Put lanes back to their initial state."""
+        now, initial = self._now.values, self._initial.values
+        blocks, places = np.divmod(lanes, self._side_by_side)
+        now[blocks, :, places] = initial[blocks, :, places]
         # Lanes that only fill the last block read the reference too.
-        self._blocks[-1, :, self._idle] = self._initial[-1, :, self._idle]
-        self._ends[chosen] = self._before + self._position + self.n_samples
-        self._end = int(self._ends.min()) - self._before
-        self._stop = min(self._end, CHUNK)
+        now[-1, :, self._idle] = initial[-1, :, self._idle]
 
-    def _draw(self, lane: int, first: int) -> None:
-        """Draw the rest of a chunk for one lane."""
-        block, place = divmod(lane, self._side_by_side)
-        for generator, (_, normal, column) in zip(self._generators[lane], self._sources, strict=True):
-            target = self._normal if normal else self._uniform
-            n = CHUNK - first
-            target[block, first:, column, place] = generator.standard_normal(n) if normal else generator.random(n)
+    def _act(self, action: FloatArray | None) -> None:
+        blocks, places = self._actions
+        blocks[places] = 0.0 if action is None else action
 
-    def _draw_all(self) -> None:
-        """Draw a chunk for all lanes, one block at a time: a transposed copy is faster than columns far apart."""
-        self._check_end(1)
-        width = self._side_by_side
-        drawn = np.zeros((width, CHUNK))
-        for source, (_, normal, column) in enumerate(self._sources):
-            target = self._normal if normal else self._uniform
-            for block in range(self._n_blocks):
-                for row, generators in zip(drawn, self._generators[block * width :], strict=False):
-                    if normal:
-                        generators[source].standard_normal(out=row)
-                    else:
-                        generators[source].random(out=row)
-                target[block, :, column, :] = drawn.T
-        self._position = 0
-        self._before += CHUNK
-        self._end -= CHUNK
-        self._stop = min(self._end, CHUNK)
-
-    def _check_end(self, n_samples: int) -> None:
-        if self._position + n_samples > self._end:
-            raise SpecError(f"advance: the episode ends after {self.n_samples} samples; start the lanes again.")
-
-    def advance(self, n_samples: int, action: FloatArray | None = None) -> FloatArray:
-        """Advance all lanes; see `System.advance`."""
-        self._check_end(n_samples)
-        self._set_action(action)
-        if n_samples == 1:
-            self._run(1, self._out)
-            return self._rows(self._out)
-        raw = np.empty((self._n_blocks, n_samples, layout.OUT_COLUMNS, self._side_by_side))
-        done = 0
-        while done < n_samples:
-            n = min(n_samples - done, CHUNK if self._position == CHUNK else CHUNK - self._position)
-            part = np.empty((self._n_blocks, n, layout.OUT_COLUMNS, self._side_by_side))
-            self._run(n, part)
-            raw[:, done : done + n] = part
-            done += n
-        return self._rows(raw)
-
-    def _rows(self, raw: FloatArray) -> FloatArray:
-        """Return a copy of the logged columns in the order (sample, column, lane)."""
-        rows = raw.transpose(1, 2, 0, 3)[:, self._pick]
-        return rows.reshape(len(rows), len(self._pick), -1)[:, :, : self.n_lanes]
+    def _advance(self, rows: FloatArray) -> None:
+        n = len(rows)
+        shape = self._n_blocks, n, layout.OUT_COLUMNS, self._side_by_side
+        raw = self._out if n == 1 else np.empty(shape)
+        self._step(self._flat_blocks, self._numbers.position, n, *self._settings, raw)
+        picked = raw.transpose(1, 2, 0, 3)[:, self._pick]
+        rows[:] = picked.reshape(n, len(self._pick), -1)[:, :, : self.n_lanes]
 
     def advance_one(self, action: float) -> FloatArray:
         """Advance the only lane by one sample; see `System.advance_one`."""
-        if self._position == self._stop:
-            self._draw_all()
+        numbers = self._numbers
+        if self._clock >= self._end or numbers.position == CHUNK:
+            self._check_end(1)
+            numbers.refill()
         place, out = self._only_lane
         place[0] = action
-        self._advance(self._flat_blocks, self._position, 1, *self._settings, self._out)
-        self._position += 1
+        self._step(self._flat_blocks, numbers.position, 1, *self._settings, self._out)
+        self._clock += 1
+        numbers.position += 1
         row: FloatArray = out[self._pick]
         return row
-
-    def _run(self, n_samples: int, out: FloatArray) -> None:
-        if self._position == CHUNK:
-            self._draw_all()
-        self._advance(self._flat_blocks, self._position, n_samples, *self._settings, out)
-        self._position += n_samples
-
-    def _set_action(self, action: FloatArray | None) -> None:
-        blocks, places = self._actions
-        blocks[places] = 0.0 if action is None else action
 
     @property
     def diverged(self) -> NDArray[np.bool_]:
@@ -369,9 +253,20 @@ class Axis(System):
         return flags
 
     def __getstate__(self) -> dict[str, Any]:
-        bound = {"_advance", "_settings", "_flat_blocks", "_actions", "_flags", "_only_lane"}
+        bound = {"_step", "_settings", "_flat_blocks", "_actions", "_flags", "_only_lane"}
         return {key: value for key, value in vars(self).items() if key not in bound}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         self._bind()
+
+
+def _noises(noise: Noise, logged_per_N: float) -> dict[str, float]:
+    """Return the rows of the noises."""
+    return {
+        "NOISE_MOTOR": noise.motor_position_m,
+        "NOISE_TABLE": noise.table_position_m,
+        "NOISE_VELOCITY": noise.velocity_m_per_s,
+        "NOISE_EQUATION": noise.equation_velocity_m_per_s,
+        "NOISE_COMMAND": noise.motor_current_A / logged_per_N,
+    }
