@@ -190,7 +190,7 @@ def run(case: Case) -> dict[str, Any]:
         start, start_wall = process_time(), perf_counter()
         found = diagnose(made.nominal, made.records, made.holdouts)
         seconds, seconds_wall = process_time() - start, perf_counter() - start_wall
-    answer = found.answer
+    answer = found.answer.as_json()
     return {
         "key": case.key,
         "kind": case.kind,

@@ -150,7 +150,7 @@ def planted_table(axis: Axis, native: Mapping[str, Any]) -> None:
         if planted is None:
             continue
         began = process_time()
-        answer = diagnose(axis.nominal, [planted.record]).answer
+        answer = diagnose(axis.nominal, [planted.record]).answer.as_json()
         seconds = process_time() - began
         named = causes(answer)
         instead = [name for name, cause in named.items() if planted.name in cause["indistinguishable_from"]]
@@ -205,7 +205,8 @@ def parts(axis: Axis) -> dict[str, tuple[list[Record], list[Record]]]:
 def stability_table(axis: Axis) -> dict[str, Any]:
     """Print the verdict on each part, and return that on the whole record."""
     answers = {
-        name: diagnose(axis.nominal, records, holdouts).answer for name, (records, holdouts) in parts(axis).items()
+        name: diagnose(axis.nominal, records, holdouts).answer.as_json()
+        for name, (records, holdouts) in parts(axis).items()
     }
     every: Sequence[str] = list(dict.fromkeys(name for answer in answers.values() for name in causes(answer)))
     print(f"\n| fitted on | {' | '.join(every)} | unknown | closed (95 %) |")
