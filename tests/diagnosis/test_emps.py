@@ -1,9 +1,7 @@
 """EMPS: the published identification of a measured ball-screw axis, from the user's copy of the data."""
 
-from pathlib import Path
-
 import pytest
-from conftest import shared_file
+from conftest import REPOSITORY, shared_file
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.nominal import load_nominal
@@ -15,7 +13,7 @@ from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.scenario import load_scenario
 
-EXAMPLE = Path(__file__).parent.parent / "examples" / "emps"
+EXAMPLE = REPOSITORY / "examples" / "emps"
 
 PUBLISHED = {
     "inverse_dynamics": {

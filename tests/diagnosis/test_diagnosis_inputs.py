@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import REPOSITORY
 
 from fdbench import cli
 from fdbench.catalogue import scenario_folder
@@ -21,7 +22,7 @@ from fdbench.errors import FdbenchError, RecordError
 from fdbench.plants.feed_drive import FeedDrive, LinearMotor, RotaryMotor
 from fdbench.record import Record
 
-MODEL = Path(__file__).resolve().parent.parent / "examples" / "emps" / "model.toml"
+MODEL = REPOSITORY / "examples" / "emps" / "model.toml"
 PERIOD_S = 1e-3
 Columns = dict[str, np.ndarray]
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import REPOSITORY
 
 from fdbench import cli
 from fdbench.catalogue import scenario_folder
@@ -32,7 +33,7 @@ from fdbench.record import Record
 from fdbench.report.diagnosis import write_diagnosis
 from fdbench.report.diagnosis_text import summary, verdict
 
-MODEL = Path(__file__).resolve().parent.parent / "examples" / "emps" / "model.toml"
+MODEL = REPOSITORY / "examples" / "emps" / "model.toml"
 PERIOD_S = 1e-3
 ASYMMETRY_N_S_PER_M = 60.0
 FORCE_NOISE_N, POSITION_NOISE_M = 1.0, 1e-6

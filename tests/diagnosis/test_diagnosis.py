@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from axis_lab import case
-from conftest import shared_file
+from conftest import REPOSITORY, shared_file
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.nominal import load_nominal
@@ -119,7 +119,7 @@ def test_hidden_truth_of_a_scenario_file_is_not_read(tmp_path: Path) -> None:
 
 def test_the_documented_cause_of_emps_comes_first() -> None:
     folder = shared_file("data", "emps", "DATA_EMPS.mat").parent
-    record = read_record(Path(__file__).parent.parent / "examples" / "emps" / "emps.toml", folder)
+    record = read_record(REPOSITORY / "examples" / "emps" / "emps.toml", folder)
     answer = diagnose(load_nominal(scenario_folder() / "EMPS-v0.toml"), [record]).answer
     json.dumps(answer.as_json(), allow_nan=False)
     first, second = answer.causes[:2]

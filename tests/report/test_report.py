@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects
 import pytest
+from conftest import REPOSITORY
 from plotly.offline import get_plotlyjs
 
 from fdbench.benchmark.provenance import provenance
@@ -489,7 +490,7 @@ def test_an_effect_of_a_file_is_shown_as_it_is(tmp_path: Path) -> None:
 
 def test_an_answer_from_before_causes_had_a_kind_is_read(tmp_path: Path) -> None:
     """Written by the version before, of the worn axis of the README."""
-    written = Path(__file__).parent / "golden" / "answer_before_kinds.json"
+    written = REPOSITORY / "tests" / "golden" / "answer_before_kinds.json"
     older = read_answer(written)
     (cause,) = [item for item in older.causes if item.kind == EFFECT]
     assert cause.effect == "direction_dependent_friction"

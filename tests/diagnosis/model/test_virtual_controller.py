@@ -9,7 +9,7 @@ from pathlib import Path
 import axis_lab
 import numpy as np
 import pytest
-from conftest import shared_file
+from conftest import REPOSITORY, shared_file
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.hypothesis import start
@@ -26,7 +26,7 @@ from fdbench.record import Record
 from fdbench.report.diagnosis_text import summary
 from fdbench.simulate.system import Setup, Timing
 
-EXAMPLE = Path(__file__).resolve().parent.parent / "examples" / "emps"
+EXAMPLE = REPOSITORY / "examples" / "emps"
 ENCODER_NOISE_M = 3e-8
 
 
