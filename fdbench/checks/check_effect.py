@@ -7,12 +7,13 @@ import sys
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.checks._own_record import is_named_first
 from fdbench.checks._report import run_checks
 from fdbench.effects import Effect, Port, effects
 from fdbench.errors import FdbenchError, PluginError
@@ -352,7 +353,7 @@ CHECKS: tuple[Callable[[Case], None], ...] = (
 
 
 def check_effect(cls: type[Effect]) -> list[str]:
-    """Run all checks on an effect and return a line for each.
+    """Run all checks on an effect and return a line for each; the last one diagnoses it in its own record.
 
     Raises
     ------
@@ -360,8 +361,5 @@ def check_effect(cls: type[Effect]) -> list[str]:
         If a check fails that the plug-in does not list in ``expected_failures``, or passes although it does.
     """
     case = Case(cls, Bench([cls]))
-    return run_checks(
-        cls.name,
-        [(check.__name__, cast(Callable[[], None], lambda c=check: c(case))) for check in CHECKS],
-        cls.expected_failures,
-    )
+    checks = [(check.__name__, partial(check, case)) for check in CHECKS]
+    return run_checks(cls.name, [*checks, (is_named_first.__name__, partial(is_named_first, cls))], cls.expected_failures)

@@ -34,6 +34,7 @@ SUBSTEPS = 40
 CLUTTER = 0.06  # of the typical size of every effect that is not planted, at most
 TRACE = 0.1  # mean square of such an effect in any motion, in units of the noise, at most
 SIZES = (0.4, 2.5)  # of the typical size
+BEYOND_UNCERTAINTY = 2.0  # times the typical size, of effects that correct a nominal parameter
 SIZES_ON_PAPER = (1.3, 3.0)  # of effects that correct a value on paper, so that they exceed its uncertainty
 
 
@@ -162,6 +163,16 @@ class LibraryBench(Bench):
         """Return the names of the library; it has nothing that a diagnosis may not name."""
         return [kind.name for kind in self.kinds] if listed else []
 
+    def typical(self, name: str) -> Effect:
+        """Return an effect at its typical size, or the one that replaces a known effect.
+
+        What corrects a nominal parameter is larger, as it is no cause within the uncertainty of that parameter.
+        """
+        kind = effects.get(name)
+        index = self._replaced(kind)
+        effect = kind.typical() if index is None else kind.in_place_of(self.drive.effects[index]) or kind.typical()
+        return effect.scaled(BEYOND_UNCERTAINTY) if kind.calibrates else effect
+
     def draw(self, name: str, rng: np.random.Generator) -> dict[str, float]:
         """Return a drawn size, phase and shape; what a diagnosis cannot search for stays typical."""
         kind = effects.get(name)
@@ -232,6 +243,20 @@ class LibraryBench(Bench):
         """Return the index of the known effect that a class takes the place of."""
         known = enumerate(self.drive.effects)
         return next((index for index, item in known if kind.in_place_of(item) is not None), None)
+
+
+def as_logged(
+    readings: Mapping[str, FloatArray], effect: Effect, rng: np.random.Generator, period_s: float
+) -> dict[str, FloatArray]:
+    """Return readings as a logger with an effect writes them; the first sample is never repeated."""
+    fresh = np.arange(len(readings["motor_force_N"]))
+    before = 0.0
+    for index in range(1, len(fresh)):
+        chance = (rng.random(),) if effect.random else ()
+        before = effect.kernel(index * period_s, period_s, 0.0, 0.0, before, *chance, *effect.values())[0]
+        fresh[index] = 0 if before else index
+    fresh = np.maximum.accumulate(fresh)
+    return {name: values[fresh] for name, values in readings.items()}
 
 
 def rubbing(drive: FeedDrive, factor: float) -> FeedDrive:
