@@ -1,6 +1,6 @@
 """How often the diagnosis names what is there: each effect alone, pairs, nothing; and the time of a verdict.
 
-Axes, errors of the values on paper, noise and motions are drawn as for blind trials; effects have their typical size.
+Axes, errors of nominal parameters, noise and motions are drawn as for blind trials; effects have typical size.
 Every case is a line of a file, so that a run that was stopped goes on where it ended.
 """
 
@@ -78,7 +78,7 @@ def is_searched(name: str) -> bool:
 
 
 def alike(one: str, other: str) -> bool:
-    """Return whether an effect is declared to look like another, or both correct the same value on paper."""
+    """Return whether an effect is declared to look like another, or both correct the same nominal parameter."""
     a, b = effects.get(one), effects.get(other)
     return (
         one in b.confusable_with or other in a.confusable_with or (bool(a.calibrates) and a.calibrates == b.calibrates)
@@ -104,7 +104,7 @@ def long_motions(rng: np.random.Generator) -> list[FloatArray]:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Recorded:
-    """Model on paper, records, and what is in them: parameters, and mean squares in units of the noise."""
+    """Nominal model, records, and what is in them: parameters, and mean squares in units of the noise."""
 
     nominal: Nominal
     records: Sequence[Record]
@@ -245,7 +245,7 @@ def size_error(line: Mapping[str, Any], name: str) -> tuple[float, bool | None] 
         return None
     kind, planted = effects.get(name), line["planted"][name]
     found = cause["parameters"]
-    if "change" in found:  # of a value on paper
+    if "change" in found:  # of a nominal parameter
         true, given = planted[kind.amplitude], found["change"]
     else:
         own = [item for item in (kind.amplitude, *kind.further_amplitudes) if item in found and planted[item] != 0.0]

@@ -1,8 +1,8 @@
 """Does the proposed experiment find the cause more often than another one?
 
 Axes of the package's simulator have one effect of the library each, which shows in some motion of a trial as in tier A
-but perhaps not at constant speeds, clutter that is small in every motion that may be tried, and values that paper has
-slightly wrong.
+but perhaps not at constant speeds, background effects that are small in every motion that may be tried, and slightly
+wrong nominal parameters.
 First only constant speeds are recorded. Where the verdict is ambiguous, one motion of each kind of the menu is recorded
 beside them, and the one that was proposed if it is another; each pair of motions is diagnosed. "Random" is the mean of
 the kinds: what drawing one of them gives. The best fixed kind is the one that turns out best on the same cases.

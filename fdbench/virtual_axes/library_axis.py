@@ -31,11 +31,14 @@ from fdbench.virtual_axes.bench import (
 )
 
 SUBSTEPS = 40
-CLUTTER = 0.06  # of the typical size of every effect that is not planted, at most
+BACKGROUND = 0.06  # of the typical size of every effect that is not planted, at most
 TRACE = 0.1  # mean square of such an effect in any motion, in units of the noise, at most
 SIZES = (0.4, 2.5)  # of the typical size
 BEYOND_UNCERTAINTY = 2.0  # times the typical size, of effects that correct a nominal parameter
-SIZES_ON_PAPER = (1.3, 3.0)  # of effects that correct a value on paper, so that they exceed its uncertainty
+SIZES_BEYOND_UNCERTAINTY = (
+    1.3,
+    3.0,
+)  # of effects that correct a nominal parameter, so that they exceed its uncertainty
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,9 +119,9 @@ class LibraryBench(Bench):
     Parameters
     ----------
     nominal : Nominal
-        The model on paper.
+        The nominal model.
     errors : mapping of str to float
-        By how much the values on paper are off; see `fdbench.virtual_axes.bench.ERRORS`.
+        By how much the nominal parameters are off; see `fdbench.virtual_axes.bench.ERRORS`.
     period_s : float
     noises : Noises
     substeps : int
@@ -141,13 +144,13 @@ class LibraryBench(Bench):
         self.background = {kind.name: kind.typical().scaled(0.0) for kind in self.kinds}
 
     def add_background(self, detectability: Detectability, rng: np.random.Generator) -> None:
-        """Add a little of every effect, except where a value on paper or a known effect stands for it."""
+        """Add a little of every effect, except where a nominal parameter or a known effect stands for it."""
         background = dict(self.background)
         for kind in self.kinds:
             if kind.calibrates or self._replaced(kind) is not None:
                 continue
             phases = {item.name: float(rng.uniform(-math.pi, math.pi)) for item in kind.parameters() if item.phase}
-            most = kind.typical(**phases).scaled(CLUTTER)
+            most = kind.typical(**phases).scaled(BACKGROUND)
             values = {item.name: float(getattr(most, item.name)) for item in kind.parameters()}
             visible = detectability.mean_square(self.axis({kind.name: values}), beside_paper=False)
             background[kind.name] = most.scaled(float(rng.uniform()) * min(1.0, math.sqrt(TRACE / max(visible, 1e-12))))
@@ -179,7 +182,7 @@ class LibraryBench(Bench):
         index = self._replaced(kind)
         replacement = None if index is None else kind.in_place_of(self.drive.effects[index])
         typical = kind.typical() if replacement is None else replacement
-        sizes = SIZES_ON_PAPER if kind.calibrates else SIZES
+        sizes = SIZES_BEYOND_UNCERTAINTY if kind.calibrates else SIZES
         is_value = kind.calibrates not in ("", "force_offset")  # a lower one could leave less than none
         amplitudes = (kind.amplitude, *kind.further_amplitudes) if replacement is None else ()
         found: dict[str, float] = {}
@@ -211,7 +214,7 @@ class LibraryBench(Bench):
         return bool(effects.get(name).calibrates)
 
     def axis(self, injected: Injected, change: Mapping[str, float] = NOTHING) -> LibraryAxis:
-        """Return the machine with effects, and clutter of all others."""
+        """Return the machine with effects, and a little of all others."""
         drive, errors = self.drive, {name: error + change.get(name, 0.0) for name, error in self.errors.items()}
         others = self.background | {
             kind.name: kind.typical(**{kind.amplitude: errors["offset_N"]})
@@ -253,7 +256,7 @@ def as_logged(
     before = 0.0
     for index in range(1, len(fresh)):
         chance = (rng.random(),) if effect.random else ()
-        before = effect.kernel(index * period_s, period_s, 0.0, 0.0, before, *chance, *effect.values())[0]
+        before = type(effect).kernel(index * period_s, period_s, 0.0, 0.0, before, *chance, *effect.values())[0]
         fresh[index] = 0 if before else index
     fresh = np.maximum.accumulate(fresh)
     return {name: values[fresh] for name, values in readings.items()}

@@ -28,7 +28,7 @@ Columns = dict[str, np.ndarray]
 
 
 def stroke() -> Columns:
-    """Return 3 s of strokes at three speeds, with the force that the model on paper needs for them."""
+    """Return 3 s of strokes at three speeds, with the force that the nominal model needs for them."""
     parts, place = [], 0.0
     for target, duration_s in ((0.1, 1.0), (0.04, 0.6), (0.08, 0.6), (0.0, 0.8)):
         s = np.arange(round(duration_s / PERIOD_S)) * PERIOD_S / duration_s

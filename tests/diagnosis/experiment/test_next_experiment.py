@@ -46,7 +46,7 @@ Lab = tuple[Replay, Split]
 
 
 def nominal() -> Nominal:
-    """Return the axis on paper of the trials."""
+    """Return the nominal axis of the trials."""
     return read(Nominal, load_toml(tiers.AXIS), "axis.toml")
 
 
