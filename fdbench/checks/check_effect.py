@@ -1,9 +1,7 @@
 """Shared checks of effects: what every effect file must hold, whoever wrote it."""
 
 import dataclasses
-import doctest
 import math
-import sys
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,6 +11,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.checks._data_sheet import check_data_sheet
 from fdbench.checks._own_record import is_named_first
 from fdbench.checks._report import run_checks
 from fdbench.effects import Effect, Port, effects
@@ -204,17 +203,7 @@ def carries_units(case: Case) -> None:
 
 def is_documented(case: Case) -> None:
     """Equation, source and a worked example, which is right, are in the docstring."""
-    text = case.cls.__doc__ or ""
-    for part in (".. math::", "Source:", ">>> "):
-        if part not in text:
-            raise PluginError(f"the docstring lacks '{part.strip()}': equation, source and example are expected.")
-    runner = doctest.DocTestRunner(verbose=False)
-    names = vars(sys.modules[case.cls.__module__])
-    for test in doctest.DocTestFinder(recurse=False).find(case.cls, case.cls.__name__, globs=dict(names)):
-        lines: list[str] = []
-        runner.run(test, out=lines.append)
-        if runner.failures:
-            raise PluginError("the example in the docstring is wrong:\n" + "".join(lines))
+    check_data_sheet(case.cls, (".. math::", "Source:", ">>> "))
 
 
 def survives_toml(case: Case) -> None:

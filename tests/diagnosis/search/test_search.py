@@ -43,7 +43,7 @@ def search(*extra: Effect) -> Search:
 
 
 def test_the_effect_that_is_there_comes_first() -> None:
-    true = effects.get("direction_dependent_friction").typical()
+    true = effects.get("direction_dependent_friction").typical(viscous_asymmetry_N_s_per_m=60.0)
     stage = search(true).stage(start(NOMINAL))
     assert stage is not None
     best = stage.rivals[0]
