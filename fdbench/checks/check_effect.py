@@ -351,4 +351,6 @@ def check_effect(cls: type[Effect]) -> list[str]:
     """
     case = Case(cls, Bench([cls]))
     checks = [(check.__name__, partial(check, case)) for check in CHECKS]
-    return run_checks(cls.name, [*checks, (is_named_first.__name__, partial(is_named_first, cls))], cls.expected_failures)
+    return run_checks(
+        cls.name, [*checks, (is_named_first.__name__, partial(is_named_first, cls))], cls.expected_failures
+    )

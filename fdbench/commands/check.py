@@ -11,7 +11,9 @@ from fdbench.errors import FdbenchError, PluginError
 
 
 def check(
-    plugin: Annotated[str, typer.Argument(help="Name of a plug-in or scenario; or the file of an estimator, effect or scenario.")],
+    plugin: Annotated[
+        str, typer.Argument(help="Name of a plug-in or scenario; or the file of an estimator, effect or scenario.")
+    ],
     effect: Effects = None,
     time_limit: TimeLimit = 300.0,
     memory_limit: MemoryLimit = 4096.0,

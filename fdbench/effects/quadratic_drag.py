@@ -28,7 +28,7 @@ class QuadraticDrag(Effect):
     amplitude = "quadratic_drag_N_s2_per_m2"
     confusable_with = ("friction_drift",)
     expected_failures: ClassVar[Mapping[str, str]] = {
-        "is_named_first": "viscous friction with the free form of friction that every hypothesis has does nearly the same",
+        "is_named_first": "with friction of a free form in every hypothesis, viscous friction does nearly as much",
     }
 
     quadratic_drag_N_s2_per_m2: float = parameter("c", low=0.0, high=1e5, typical=500.0)
