@@ -15,13 +15,15 @@ report: $(RUNTIME)
 leaderboard: $(RUNTIME)
 	$(BIN)/fdbench leaderboard results
 
-# A trial of the diagnosis beside quick reference rows; what is made or answered already is kept.
+# Each effect in its own record, then a trial of the diagnosis beside quick reference rows; what is done is kept.
 TIER ?= B
 COUNT ?= 10
 DIAGNOSERS ?= null random recalibration_only largest_correlation sparse_regression fdbench
 trial: OUT := results/trials/$(TIER)
 trial: $(RUNTIME)
 	@mkdir -p results/trials
+	@test -e results/trials/own_records.md || $(BIN)/python benchmarks/own_records.py > results/trials/own_records.md
+	@cat results/trials/own_records.md
 	@test -e $(OUT) || $(BIN)/fdbench trial make $(OUT) --key $(OUT).key.json --tier $(TIER) --count $(COUNT)
 	@for name in $(DIAGNOSERS); do \
 	  test -e $(OUT).$$name.json || $(BIN)/fdbench trial answer $(OUT) --diagnoser $$name -o $(OUT).$$name.json || exit; \

@@ -1,6 +1,6 @@
 """How often the diagnosis names what is there: each effect alone, pairs, nothing; and the time of a verdict.
 
-Axes, errors of the values on paper, noise and motions are drawn as for blind trials; effects have their typical size.
+Axes, errors of nominal parameters, noise and motions are drawn as for blind trials; effects have typical size.
 Every case is a line of a file, so that a run that was stopped goes on where it ended.
 """
 
@@ -23,7 +23,7 @@ from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.runs import prepare
 from fdbench.diagnosis.search.stage import Stage
-from fdbench.effects import Effect, Port, effects
+from fdbench.effects import Port, effects
 from fdbench.record import FloatArray, Record
 from fdbench.specification import read
 from fdbench.trials import seal
@@ -31,14 +31,13 @@ from fdbench.trials.score import NAMED
 from fdbench.virtual_axes import cases as tiers
 from fdbench.virtual_axes import protocol
 from fdbench.virtual_axes.bench import ERRORS, FORCE_NOISE_N, Detectability, Injected
-from fdbench.virtual_axes.library_axis import LibraryBench
+from fdbench.virtual_axes.library_axis import LibraryBench, as_logged
 
 KINDS = {"one": "One effect alone", "pair": "Pairs that are no look-alikes", "none": "Nothing", "time": "Time"}
 LENGTHS_S = (10.0, 16.0, 22.0, 28.0, 34.0, 40.0)  # of the records of a verdict that is timed; the last two are held out
 # An axis whose loop is not stable is drawn anew: healthy, by the noise of its force against the sensor's; with what is
 # planted, by its noise against that of the healthy axis.
 LOUD, UNSTABLE, MOST_AXES = 2.0, 30.0, 20
-ON_PAPER = 2.0  # times the typical size, of what corrects a value on paper
 BAR_S = 15.0  # CPU time of such a verdict on one core
 
 
@@ -79,7 +78,7 @@ def is_searched(name: str) -> bool:
 
 
 def alike(one: str, other: str) -> bool:
-    """Return whether an effect is declared to look like another, or both correct the same value on paper."""
+    """Return whether an effect is declared to look like another, or both correct the same nominal parameter."""
     a, b = effects.get(one), effects.get(other)
     return (
         one in b.confusable_with or other in a.confusable_with or (bool(a.calibrates) and a.calibrates == b.calibrates)
@@ -88,30 +87,6 @@ def alike(one: str, other: str) -> bool:
 
 def model(rng: np.random.Generator) -> Nominal:
     return read(Nominal, tiers.model_tables(rng), "axis.toml: model")
-
-
-def typical(kind: type[Effect], nominal: Nominal) -> dict[str, float]:
-    """Return the parameters of an effect at its typical size, or of the one that replaces a known effect.
-
-    What corrects a value on paper is larger, as it is no cause within the uncertainty of that value.
-    """
-    replacements = (kind.in_place_of(known) for known in nominal.drive.effects)
-    effect = next((item for item in replacements if item is not None), kind.typical())
-    effect = effect.scaled(ON_PAPER) if kind.calibrates else effect
-    return {item.name: float(getattr(effect, item.name)) for item in kind.parameters()}
-
-
-def held(readings: Mapping[str, FloatArray], effect: Effect, rng: np.random.Generator) -> dict[str, FloatArray]:
-    """Return readings as a logger with an effect writes them; the first sample is never held."""
-    fresh = np.arange(len(readings["motor_force_N"]))
-    before = 0.0
-    for index in range(1, len(fresh)):
-        time_s = index * protocol.PERIOD_S
-        chance = (rng.random(),) if effect.random else ()
-        before = type(effect).kernel(time_s, protocol.PERIOD_S, 0.0, 0.0, before, *chance, *effect.values())[0]
-        fresh[index] = 0 if before else index
-    fresh = np.maximum.accumulate(fresh)
-    return {name: values[fresh] for name, values in readings.items()}
 
 
 def long_motions(rng: np.random.Generator) -> list[FloatArray]:
@@ -129,7 +104,7 @@ def long_motions(rng: np.random.Generator) -> list[FloatArray]:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Recorded:
-    """Model on paper, records, and what is in them: parameters, and mean squares in units of the noise."""
+    """Nominal model, records, and what is in them: parameters, and mean squares in units of the noise."""
 
     nominal: Nominal
     records: Sequence[Record]
@@ -143,9 +118,10 @@ def record(case: Case, rng: np.random.Generator) -> Recorded | None:
     nominal = model(rng)
     errors = {name: size * float(np.clip(rng.standard_normal(), -2.0, 2.0)) for name, size in ERRORS.items()}
     bench = LibraryBench(nominal, errors, protocol.PERIOD_S)
-    planted = {name: typical(effects.get(name), nominal) for name in case.planted}
-    loggers = [effects.get(name)(**planted[name]) for name in planted if effects.get(name).port is Port.LOGGING]
-    simulated = {name: values for name, values in planted.items() if effects.get(name).port is not Port.LOGGING}
+    sized = {name: bench.typical(name) for name in case.planted}
+    planted = {name: dataclasses.asdict(effect) for name, effect in sized.items()}
+    loggers = [effect for effect in sized.values() if effect.port is Port.LOGGING]
+    simulated = {name: planted[name] for name, effect in sized.items() if effect.port is not Port.LOGGING}
     if case.kind == "time":
         *fitted, before_last, last = long_motions(rng)
         judged, repeats = [before_last, last], 1
@@ -165,7 +141,7 @@ def record(case: Case, rng: np.random.Generator) -> Recorded | None:
     def recorded(name: str, motion: FloatArray) -> Record:
         readings = axis.readings(motion, rng)
         for logger in loggers:
-            readings = held(readings, logger, rng)
+            readings = as_logged(readings, logger, rng, protocol.PERIOD_S)
         return tiers.record_of(name, motion, readings, sides)
 
     return Recorded(
@@ -190,7 +166,7 @@ def run(case: Case) -> dict[str, Any]:
         start, start_wall = process_time(), perf_counter()
         found = diagnose(made.nominal, made.records, made.holdouts)
         seconds, seconds_wall = process_time() - start, perf_counter() - start_wall
-    answer = found.answer
+    answer = found.answer.as_json()
     return {
         "key": case.key,
         "kind": case.kind,
@@ -269,7 +245,7 @@ def size_error(line: Mapping[str, Any], name: str) -> tuple[float, bool | None] 
         return None
     kind, planted = effects.get(name), line["planted"][name]
     found = cause["parameters"]
-    if "change" in found:  # of a value on paper
+    if "change" in found:  # of a nominal parameter
         true, given = planted[kind.amplitude], found["change"]
     else:
         own = [item for item in (kind.amplitude, *kind.further_amplitudes) if item in found and planted[item] != 0.0]

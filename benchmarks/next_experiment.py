@@ -1,8 +1,8 @@
 """Does the proposed experiment find the cause more often than another one?
 
 Axes of the package's simulator have one effect of the library each, which shows in some motion of a trial as in tier A
-but perhaps not at constant speeds, clutter that is small in every motion that may be tried, and values that paper has
-slightly wrong.
+but perhaps not at constant speeds, background effects that are small in every motion that may be tried, and slightly
+wrong nominal parameters.
 First only constant speeds are recorded. Where the verdict is ambiguous, one motion of each kind of the menu is recorded
 beside them, and the one that was proposed if it is another; each pair of motions is diagnosed. "Random" is the mean of
 the kinds: what drawing one of them gives. The best fixed kind is the one that turns out best on the same cases.
@@ -11,6 +11,7 @@ Cases that are done are kept in a file, so that a run can be broken off and go o
 """
 
 import argparse
+import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,7 +24,6 @@ from threadpoolctl import threadpool_limits
 
 from fdbench.diagnosis.diagnose import Diagnosis, diagnose
 from fdbench.diagnosis.experiment.menu import Limits, menu, menu_of
-from fdbench.diagnosis.experiment.proposal import proposed
 from fdbench.diagnosis.experiment.trajectory import Trajectory
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.search import search
@@ -86,10 +86,12 @@ class Machine:
 
 def chances(found: Diagnosis) -> Verdict:
     """Return the probability of each effect in a verdict, and of no gap."""
-    result: Verdict = {NO_GAP: float(found.answer["no_gap_probability"])}
-    for cause in (*found.answer.get("suspects", ()), *found.answer["causes"]):
-        for name, chance in {**cause.get("alternatives", {}), cause["effect"]: cause["probability"]}.items():
-            result[name] = max(result.get(name, 0.0), float(chance))
+    result: Verdict = {NO_GAP: float(found.answer.no_gap_probability)}
+    said = [(suspect.effect, suspect.probability) for suspect in found.answer.suspects]
+    said += [pair for cause in found.answer.causes for pair in cause.alternatives.items()]
+    said += [(cause.effect, cause.probability) for cause in found.answer.causes]
+    for name, chance in said:
+        result[name] = max(result.get(name, 0.0), chance)
     return result
 
 
@@ -109,7 +111,7 @@ def case(seed: int, number: int) -> dict[str, Any]:
     if max(first.values()) >= AMBIGUOUS:
         return row
     every = menu_of(found.split, found.final.nominal)
-    choice = proposed(found)
+    choice = None if found.forecast is None else found.forecast.trajectory
     tried = one_of_each_kind(every)
     if choice is not None and choice.words not in [item.words for item in tried]:
         tried.append(choice)
@@ -118,13 +120,13 @@ def case(seed: int, number: int) -> dict[str, Any]:
         for place, item in enumerate(tried, 1)
     }
     kinds = {item.kind: verdicts[item.words] for item in one_of_each_kind(every)}
-    expected = found.answer["next_experiment"]
+    expected = found.answer.next_experiment
     return {
         **row,
         "kinds": kinds,
         PROPOSED: first if choice is None else verdicts[choice.words],
         "motion": None if choice is None else choice.words,
-        "expected": None if expected is None else expected["expected_probability"],
+        "expected": None if expected is None else dataclasses.asdict(expected)["expected_probability"],
     }
 
 

@@ -29,14 +29,14 @@ from fdbench.record import FloatArray, Record
 EXAMPLE = Path(__file__).parent.parent / "examples" / "emps"
 LEVEL = 25.0  # mean square of what is planted, in units of the floor; the axis's own gap is 52
 LARGEST = 4.0  # times the typical size
-OFF_PAPER = 5.0  # standard deviations of a value on paper, where that is what is planted
+OFF_PAPER = 5.0  # standard deviations of a nominal parameter, where that is what is planted
 ROUNDS = 4  # of scaling, as not every effect is linear in its size
 HALF = 2  # laps
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Injected:
-    """An effect, its parameters, and the mean square that it brings beside other values on paper."""
+    """An effect, its parameters, and the mean square that it brings beside other nominal parameters."""
 
     effect: Effect
     visible: float
@@ -48,7 +48,7 @@ class Injected:
 
 
 class Axis:
-    """A record of a real axis and the model on paper, which says what an effect would change in it."""
+    """A record of a real axis and the nominal model, which says what an effect would change in it."""
 
     def __init__(self, nominal: Nominal, record: Record) -> None:
         self.nominal, self.record = nominal, record
@@ -60,7 +60,7 @@ class Axis:
         self.values, _ = np.linalg.qr(np.stack([self.joined(self.change(item)) for item in moved], axis=1))
 
     def change(self, hypothesis: Hypothesis) -> dict[str, FloatArray]:
-        """Return what a hypothesis changes in each channel against the model on paper."""
+        """Return what a hypothesis changes in each channel against the nominal model."""
         simulated = self.replay.simulate(self.run, [self.paper.variant(), hypothesis.variant()])
         return {name: both[1] - both[0] for name, both in simulated.items()}
 
@@ -69,7 +69,7 @@ class Axis:
         return np.concatenate([values / self.noise_models[name].rms for name, values in change.items()])
 
     def visible(self, effect: Effect) -> float:
-        """Return the mean square of an effect in units of the floor, beside values on paper if it is none itself."""
+        """Return the mean square of an effect in units of the floor, beside nominal parameters if it is none itself."""
         signature = self.joined(self.change(self.paper.with_effect(effect)))
         if not type(effect).calibrates:
             signature = signature - self.values @ (self.values.T @ signature)
@@ -141,7 +141,7 @@ def planted_table(axis: Axis, native: Mapping[str, Any]) -> None:
     own = list(causes(native))
     documented = max(native["causes"], key=lambda cause: cause["share"])["effect"]
     print(f"\nWith nothing planted: {words(own)}.")
-    print(f"Planted: {LEVEL:g} times the floor; values on paper off by {OFF_PAPER:g} standard deviations.\n")
+    print(f"Planted: {LEVEL:g} times the floor; nominal parameters off by {OFF_PAPER:g} standard deviations.\n")
     print("| planted | size | visible | p | found | named | native cause kept | other causes | unknown | CPU s |")
     print("| --- | --- | ---: | ---: | --- | --- | --- | --- | ---: | ---: |")
     hits, alike, kept = [], [], []
@@ -150,7 +150,7 @@ def planted_table(axis: Axis, native: Mapping[str, Any]) -> None:
         if planted is None:
             continue
         began = process_time()
-        answer = diagnose(axis.nominal, [planted.record]).answer
+        answer = diagnose(axis.nominal, [planted.record]).answer.as_json()
         seconds = process_time() - began
         named = causes(answer)
         instead = [name for name, cause in named.items() if planted.name in cause["indistinguishable_from"]]
@@ -205,7 +205,8 @@ def parts(axis: Axis) -> dict[str, tuple[list[Record], list[Record]]]:
 def stability_table(axis: Axis) -> dict[str, Any]:
     """Print the verdict on each part, and return that on the whole record."""
     answers = {
-        name: diagnose(axis.nominal, records, holdouts).answer for name, (records, holdouts) in parts(axis).items()
+        name: diagnose(axis.nominal, records, holdouts).answer.as_json()
+        for name, (records, holdouts) in parts(axis).items()
     }
     every: Sequence[str] = list(dict.fromkeys(name for answer in answers.values() for name in causes(answer)))
     print(f"\n| fitted on | {' | '.join(every)} | unknown | closed (95 %) |")

@@ -1,4 +1,4 @@
-"""A two-mass axis in a laboratory: records of a few motions with one hidden effect, and the model on paper."""
+"""A two-mass axis in a laboratory: records of a few motions with one hidden effect, and the nominal model."""
 
 import dataclasses
 
@@ -16,7 +16,7 @@ PERIOD_S = 1e-3
 
 
 def drive() -> FeedDrive:
-    """Return the axis on paper: 118 kg of motor and screw, 60 kg of table, 60 N/um, 120 N of Coulomb friction."""
+    """Return the nominal axis: 118 kg of motor and screw, 60 kg of table, 60 N/um, 120 N of Coulomb friction."""
     return FeedDrive(
         motor=RotaryMotor(inertia_kg_m2=3e-4, lead_m=0.01, viscous_friction_N_s_per_m=400.0),
         table=Table(mass_kg=60.0, viscous_friction_N_s_per_m=200.0),
@@ -79,7 +79,7 @@ def record(axis: FeedDrive, extra: tuple[Effect, ...], motion: object, duration_
 
 
 def case(extra: tuple[Effect, ...], seed: int) -> tuple[Nominal, list[Record], list[Record]]:
-    """Return the model on paper, two repeats of each motion, and one held-out record of each kind."""
+    """Return the nominal model, two repeats of each motion, and one held-out record of each kind."""
     axis = as_built(seed)
     fitted = [
         record(axis, extra, motion, duration, 100 * seed + repeat)

@@ -1,8 +1,11 @@
 """Shared checks of plug-ins, for the project's own tests and for everybody else's."""
 
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from fdbench.registry import Registry
 
 if TYPE_CHECKING:
     from fdbench.sandbox import Sandbox, WorkerLimits
@@ -31,24 +34,46 @@ def check(plugin: str, limits: "WorkerLimits | None" = None) -> list[str]:
 def check_declared(plugin: str, sandbox: "Sandbox") -> list[str]:
     """Run the checks that fit a registered name, or a scenario; see `check`."""
     from fdbench.catalogue import scenario_ids
-    from fdbench.effects import effects
     from fdbench.errors import UnknownName, did_you_mean
-    from fdbench.estimator import estimators
 
     if plugin.endswith(".toml") or plugin.removeprefix("fdbench/") in scenario_ids():
         from fdbench.checks.check_scenario import check_scenario
 
         return check_scenario(plugin)
-    if plugin in estimators.names():
-        from fdbench.checks.check_estimator import check_estimator
-
-        return check_estimator(plugin, sandbox)
-    if plugin in effects.names():
-        from fdbench.checks.check_effect import check_effect
-
-        return check_effect(effects.get(plugin))
-    names = [*estimators.names(), *effects.names(), *scenario_ids()]
+    every = kinds(sandbox)
+    for registry, run in every:
+        if plugin in registry.names():
+            return run(plugin)
+    names = [*(name for registry, _ in every for name in registry.names()), *scenario_ids()]
     raise UnknownName(f"unknown plug-in '{plugin}'.{did_you_mean(plugin, names)}")
+
+
+def kinds(sandbox: "Sandbox") -> list[tuple[Registry[Any], Callable[[str], list[str]]]]:
+    """Return the registry of each kind of plug-in and the function that checks one by its name.
+
+    A name of several kinds is that of the first.
+    """
+    from fdbench.checks.check_diagnoser import check_diagnoser
+    from fdbench.checks.check_effect import check_effect
+    from fdbench.checks.check_estimator import check_estimator
+    from fdbench.checks.check_metric import check_metric
+    from fdbench.checks.check_motion import check_motion
+    from fdbench.checks.check_plant import check_plant
+    from fdbench.effects import effects
+    from fdbench.estimator import estimators
+    from fdbench.metrics import metrics
+    from fdbench.motions import motions
+    from fdbench.plants import plants
+    from fdbench.trials.diagnoser import diagnosers
+
+    return [
+        (estimators, lambda name: check_estimator(name, sandbox)),
+        (effects, lambda name: check_effect(effects.get(name))),
+        (metrics, lambda name: check_metric(metrics.get(name))),
+        (plants, lambda name: check_plant(plants.get(name))),
+        (motions, lambda name: check_motion(motions.get(name))),
+        (diagnosers, lambda name: check_diagnoser(diagnosers.get(name))),
+    ]
 
 
 def declare(plugin: str, sandbox: "Sandbox") -> str:

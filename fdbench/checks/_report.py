@@ -6,6 +6,10 @@ from types import MappingProxyType
 from fdbench.errors import PluginError
 
 
+class NotApplicable(Exception):
+    """A check has nothing to say of a plug-in, for the reason that is its message."""
+
+
 def run_checks(
     name: str,
     checks: Sequence[tuple[str, Callable[[], None]]],
@@ -22,6 +26,8 @@ def run_checks(
     for check, function in checks:
         try:
             function()
+        except NotApplicable as error:
+            lines.append(f"{check}: does not apply ({error})")
         except Exception as error:  # noqa: BLE001 - whatever a plug-in raises is a finding
             if check in expected:
                 lines.append(f"{check}: fails as announced ({expected[check]})")

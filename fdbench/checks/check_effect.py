@@ -1,18 +1,18 @@
 """Shared checks of effects: what every effect file must hold, whoever wrote it."""
 
 import dataclasses
-import doctest
 import math
-import sys
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.checks._data_sheet import check_data_sheet
+from fdbench.checks._own_record import is_named_first
 from fdbench.checks._report import run_checks
 from fdbench.effects import Effect, Port, effects
 from fdbench.errors import FdbenchError, PluginError
@@ -203,17 +203,7 @@ def carries_units(case: Case) -> None:
 
 def is_documented(case: Case) -> None:
     """Equation, source and a worked example, which is right, are in the docstring."""
-    text = case.cls.__doc__ or ""
-    for part in (".. math::", "Source:", ">>> "):
-        if part not in text:
-            raise PluginError(f"the docstring lacks '{part.strip()}': equation, source and example are expected.")
-    runner = doctest.DocTestRunner(verbose=False)
-    names = vars(sys.modules[case.cls.__module__])
-    for test in doctest.DocTestFinder(recurse=False).find(case.cls, case.cls.__name__, globs=dict(names)):
-        lines: list[str] = []
-        runner.run(test, out=lines.append)
-        if runner.failures:
-            raise PluginError("the example in the docstring is wrong:\n" + "".join(lines))
+    check_data_sheet(case.cls, (".. math::", "Source:", ">>> "))
 
 
 def survives_toml(case: Case) -> None:
@@ -352,7 +342,7 @@ CHECKS: tuple[Callable[[Case], None], ...] = (
 
 
 def check_effect(cls: type[Effect]) -> list[str]:
-    """Run all checks on an effect and return a line for each.
+    """Run all checks on an effect and return a line for each; the last one diagnoses it in its own record.
 
     Raises
     ------
@@ -360,8 +350,7 @@ def check_effect(cls: type[Effect]) -> list[str]:
         If a check fails that the plug-in does not list in ``expected_failures``, or passes although it does.
     """
     case = Case(cls, Bench([cls]))
+    checks = [(check.__name__, partial(check, case)) for check in CHECKS]
     return run_checks(
-        cls.name,
-        [(check.__name__, cast(Callable[[], None], lambda c=check: c(case))) for check in CHECKS],
-        cls.expected_failures,
+        cls.name, [*checks, (is_named_first.__name__, partial(is_named_first, cls))], cls.expected_failures
     )

@@ -11,12 +11,14 @@ from fdbench.errors import FdbenchError, PluginError
 
 
 def check(
-    plugin: Annotated[str, typer.Argument(help="Name of an estimator, effect or scenario, or its file.")],
+    plugin: Annotated[
+        str, typer.Argument(help="Name of a plug-in or scenario; or the file of an estimator, effect or scenario.")
+    ],
     effect: Effects = None,
     time_limit: TimeLimit = 300.0,
     memory_limit: MemoryLimit = 4096.0,
 ) -> None:
-    """Check an estimator, effect or scenario, such as your own file; exit with 1 where a check fails."""
+    """Check an estimator, effect, scenario or other plug-in, such as your own file; exit with 1 where a check fails."""
     from contextlib import closing
 
     from fdbench.checks import check_declared, declare

@@ -85,7 +85,7 @@ def trial_learn(
     output: Annotated[Path, typer.Option("-o", "--output", callback=writable, help="TOML file of what is learned.")],
     key: Annotated[Path, typer.Option(help="File of the key.")],
 ) -> None:
-    """Learn from a trial of tier L how far the diagnosis can be trusted; its probabilities are drawn from that."""
+    """Learn from a trial of tier L how far the diagnosis can be trusted; its probabilities are learned from that."""
     from rich.console import Console
 
     from fdbench.trials.learn import KINDS, learn

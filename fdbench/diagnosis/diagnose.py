@@ -51,7 +51,7 @@ class Diagnosis:
     forecast : Forecast or None
         Of the next experiment.
     features : mapping
-        What the probabilities were drawn from; see `fdbench.diagnosis.judge.verdict.Verdict`.
+        What the probabilities are predicted from; see `fdbench.diagnosis.judge.verdict.Verdict`.
     """
 
     answer: Answer
@@ -82,7 +82,7 @@ def diagnose(
         Fitted on, and judged on.
     progress : callable, optional
     models : ProbabilityModels, optional
-        What probabilities are drawn from; without, those that the package was shipped with.
+        Predict the probabilities; without, those that the package is shipped with.
     baseline : sequence of Record, optional
         Of the same machine before. The model is calibrated on them first, and causes are of what has changed since.
 
@@ -99,7 +99,7 @@ def diagnose(
     drive, replay = nominal.drive, ready.replay.coarsened(split.runs, split.noise_models)
     search = Search(replay, split, progress)
     raw = float(channel_gaps(replay, split, paper).mean())
-    search.progress("re-calibrating the values on paper")
+    search.progress("re-calibrating the nominal parameters")
     calibrated = search.refine(paper)
     split = search.split = with_run_to_run_covariance(replay, ready, calibrated)
     replay = search.replay = ready.replay.coarsened(split.runs, split.noise_models)

@@ -1,4 +1,4 @@
-"""The repaired model: the values on paper re-calibrated and the named effects added, as a model file."""
+"""The repaired model: the nominal parameters re-calibrated and the named effects added, as a model file."""
 
 import dataclasses
 import json

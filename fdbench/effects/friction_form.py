@@ -1,7 +1,8 @@
 """Friction form: by how much friction over speed differs from its nominal curve, as a free smooth function."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import final
+from typing import ClassVar, final
 
 from fdbench.effects._effect import Effect, Port, kernel, parameter
 
@@ -32,6 +33,9 @@ class FrictionForm(Effect):
     amplitude = "force_0_N"
     further_amplitudes = ("force_1_N", "force_2_N")
     calibrates = "friction_form"
+    expected_failures: ClassVar[Mapping[str, str]] = {
+        "is_named_first": "a nominal parameter, which at twice its typical size is within its uncertainty on that axis",
+    }
 
     force_0_N: float = parameter("a_0", low=-1000.0, high=1000.0, typical=5.0)
     force_1_N: float = parameter("a_1", low=-1000.0, high=1000.0, typical=0.0)

@@ -1,7 +1,8 @@
 """Quadratic drag: a force against motion with the square of the velocity."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import final
+from typing import ClassVar, final
 
 from fdbench.effects._effect import Effect, Port, kernel, parameter
 
@@ -26,6 +27,9 @@ class QuadraticDrag(Effect):
     port = Port.TABLE_FORCE
     amplitude = "quadratic_drag_N_s2_per_m2"
     confusable_with = ("friction_drift",)
+    expected_failures: ClassVar[Mapping[str, str]] = {
+        "is_named_first": "with friction of a free form in every hypothesis, viscous friction does nearly as much",
+    }
 
     quadratic_drag_N_s2_per_m2: float = parameter("c", low=0.0, high=1e5, typical=500.0)
 

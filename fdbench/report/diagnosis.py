@@ -87,9 +87,9 @@ def _basis(found: Diagnosis) -> Iterator[Block]:
     yield noise_floors(found.answer)
     names = [item.name for item in nominal_parameters(found.final.nominal)]
     moved = zip(names, found.calibrated.shifts, found.final.shifts, strict=True)
-    yield paragraph("What re-calibration moved, in standard deviations of the values on paper:")
+    yield paragraph("What re-calibration moved, in standard deviations of the nominal parameters:")
     yield table(
-        ["value on paper", "alone", "with the effects"],
+        ["nominal parameter", "alone", "with the effects"],
         [[name.replace("_", " "), f"{alone:+.2f}", f"{beside:+.2f}"] for name, alone, beside in moved],
         "lrr",
     )

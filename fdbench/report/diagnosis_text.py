@@ -25,7 +25,7 @@ WORTH_SAYING = 0.1  # probability of a cause that is worth a sentence
 UNEXPLAINED = 0.2  # share of the gap that is worth a sentence
 DISSENT = 0.1  # by which the force balances must prefer another effect
 NOISE_ALONE = 1.1  # mean squared gap in units of the floor that passes for noise
-MOVED = 3.0  # standard deviations by which a value on paper may move without a remark
+MOVED = 3.0  # standard deviations by which a nominal parameter may move without a remark
 MOST_CELLS, SMALLEST_SHARE, EVEN = 4, 0.05, 1.5
 PARTITIONS = ("motion", "frequency", "position", "velocity", "time", "channel")
 

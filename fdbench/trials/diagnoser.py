@@ -1,4 +1,4 @@
-"""What a diagnoser is: records and a model on paper in, probabilities of effects out."""
+"""What a diagnoser is: records and a nominal model in, probabilities of effects out."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -60,7 +60,7 @@ class Diagnoser(ABC):
         Parameters
         ----------
         nominal : Nominal
-            The model on paper; its ``library`` has the effects that may be named.
+            The nominal model; its ``library`` has the effects that may be named.
         records, holdouts : sequences of Record
             To fit, and to judge on; repeats of a motion are records of their own.
         """

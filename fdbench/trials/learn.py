@@ -20,8 +20,8 @@ from fdbench.trials.make import read_manifest
 from fdbench.trials.score import check_key
 
 RIDGE = 1.0  # prior precision of a weight, per unit of standardised sign
-TRUST = 4.0  # the same of bias and weights about those of a head that is learned from further
-HIDDEN_WEIGHT = 0.1  # of a case whose cause the library lacks, as far as named causes go: a stand-in cannot be told
+TRUST = 4.0  # the same of bias and weights about those of a model that is learned further
+HIDDEN_WEIGHT = 0.1  # of a case whose cause the library lacks, as far as named causes go: a stand-in looks the same
 UNLISTED = 1.0 / 3.0  # how often an axis is taken to have a cause that the library lacks
 ITERATIONS = 50
 KINDS = ("effect", "suspect", "value", "unknown", "none")
@@ -29,7 +29,7 @@ KINDS = ("effect", "suspect", "value", "unknown", "none")
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """One claim of a diagnosis: its kind, its signs, whether it is right, and how many cases like it count as one."""
+    """One claim of a diagnosis: its kind and features, whether it is right, and its weight in cases."""
 
     kind: str
     features: Features
@@ -52,8 +52,8 @@ def claims(features: Mapping[str, Mapping[str, Features]], truth: Mapping[str, A
 def fitted(found: Sequence[Claim], prior: ProbabilityModel | None = None) -> ProbabilityModel:
     """Return the logistic model of claims of one kind: penalised maximum likelihood by Newton's method.
 
-    The bias is not penalised, unless the head is one that is learned further: then ``prior`` gives the signs, and the
-    mean of bias and weights. See Bishop (2006), Pattern Recognition and Machine Learning, section 4.3.3.
+    The bias is not penalised, unless a model is learned further: then ``prior`` gives the features, and the mean of
+    bias and weights. See Bishop (2006), Pattern Recognition and Machine Learning, section 4.3.3.
     """
     names = list(found[0].features if prior is None else prior.features)
     values = np.array([[claim.features[name] for name in names] for claim in found])
@@ -64,8 +64,8 @@ def fitted(found: Sequence[Claim], prior: ProbabilityModel | None = None) -> Pro
         centre, scatter = values.mean(axis=0), np.maximum(values.std(axis=0), 1e-6)
     else:
         own = [prior.features[name] for name in names]
-        centre, scatter = (np.array([getattr(sign, part) for sign in own]) for part in ("centre", "scatter"))
-        before = np.array([prior.bias, *(sign.weight for sign in own)])
+        centre, scatter = (np.array([getattr(feature, part) for feature in own]) for part in ("centre", "scatter"))
+        before = np.array([prior.bias, *(feature.weight for feature in own)])
     design = np.column_stack((np.ones(len(found)), (values - centre) / scatter))
     weights = newton(design, right, share, before)
     features = {
@@ -113,18 +113,18 @@ def write_models(found: Sequence[Claim], output: Path, source: str) -> None:
     lines = [f'source = "{source}"']
     for kind in KINDS:
         own = [claim for claim in found if claim.kind == kind]
-        head = fitted(balanced(own, UNLISTED) if kind == "unknown" else own)
-        lines += ["", f"[{kind}]", f"bias = {head.bias:.4f}", f"claims = {head.claims}", f"right = {head.right}", ""]
+        model = fitted(balanced(own, UNLISTED) if kind == "unknown" else own)
+        lines += ["", f"[{kind}]", f"bias = {model.bias:.4f}", f"claims = {model.claims}", f"right = {model.right}", ""]
         lines += [f"[{kind}.features]"]
         lines += [
-            f"{name} = {{ centre = {sign.centre:.4f}, scatter = {sign.scatter:.4f}, weight = {sign.weight:.4f} }}"
-            for name, sign in head.features.items()
+            f"{name} = {{ centre = {own.centre:.4f}, scatter = {own.scatter:.4f}, weight = {own.weight:.4f} }}"
+            for name, own in model.features.items()
         ]
     output.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def learn(folder: Path, key: Path, output: Path, progress: Callable[[str], None] | None = None) -> Sequence[Claim]:
-    """Diagnose every case of a trial of tier L, fit the heads on its opened key, and write them.
+    """Diagnose every case of a trial of tier L, fit the probability models on its opened key, and write them.
 
     What each case gives is kept beside the output in ``<output>.claims.json`` until all are done, so that learning
     that was interrupted goes on.

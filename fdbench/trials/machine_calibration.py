@@ -1,6 +1,7 @@
-"""Rehearsal: learn from simulated trials of one machine, with the motions, columns and noise of its own records.
+"""Machine-specific calibration: probability models learned on simulated cases of one machine.
 
-The heads that the package was shipped with are the prior; what the machine's own cases say moves them.
+The cases have the motions, columns and noise of its records. The models that the package is shipped with are the prior
+mean, from which the machine's own cases move them.
 """
 
 import dataclasses
@@ -38,7 +39,7 @@ STEPS = 4  # of a floor in a factor of two: records of one machine share what wa
 NAMES = [field.name for field in dataclasses.fields(Noises)]  # the last one is friction
 SILENT = Noises(**dict.fromkeys(NAMES, 0.0))
 ROUNDS = 2
-LEAST = 1e-3  # mean square of a part of a floor that is told from none
+LEAST = 1e-3  # smallest mean square of a part of a floor
 EVEN = 0.1  # weight of keeping to equal parts where the floors do not tell noises apart
 OFF = 2.0  # factor by which the floor of a channel may be missed
 MOVED = ("effect", "suspect", "value")
@@ -47,7 +48,7 @@ RUBBING = tiers.FRICTION_CHANGE[1]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecordingSetup:
-    """One machine on paper, and what is recorded on it.
+    """One nominal machine, and what is recorded on it.
 
     Attributes
     ----------
@@ -137,7 +138,7 @@ class RecordingSetup:
         return found[: self.n_fitted], found[self.n_fitted :]
 
     def case(self, noises: Noises, rng: np.random.Generator) -> dict[str, Any]:
-        """Draw, record and diagnose one case, and return the signs of what is claimed beside the truth."""
+        """Draw, record and diagnose one case, and return the features of each claim beside the truth."""
         doubt = self.nominal.uncertainty
         deviations = {
             **dict.fromkeys(("motor_mass", "table_mass"), doubt.mass),
@@ -159,7 +160,7 @@ class RecordingSetup:
         return {"features": diagnose(nominal, records, holdouts).features, "truth": truth}
 
     def noises(self) -> Noises:
-        """Return the noises with which the machine on paper has the measured floors, within a run and from run to run.
+        """Return the noises that give the nominal machine the measured noise floors, within a run and from run to run.
 
         The mean squares of the floors that each of them makes by itself add up (least squares, nonnegative).
         """
@@ -180,14 +181,14 @@ class RecordingSetup:
         for name, ratio in zip(self.noise_models, together, strict=True):
             if not 1.0 / OFF < ratio < OFF:
                 raise SpecError(
-                    f"rehearsal: no noise of sensors, process and friction gives the model the measured floor of "
+                    f"--calibrate: no noise of sensors, process and friction gives the model the measured floor of "
                     f"{name}, {self.noise_models[name]:.3g}; the nearest gives {ratio * self.noise_models[name]:.3g}. "
                     "Check that repeats are of one command and one machine state, or diagnose without --calibrate."
                 )
         return found
 
     def _made_by(self, noises: Noises) -> FloatArray:
-        """Return the mean squares of the floors of a machine as on paper, (2, n_channels), like `parts`."""
+        """Return the mean squares of the noise floors of a nominal machine, (2, n_channels), like `parts`."""
         axis = self.bench(dict.fromkeys(ERRORS, 0.0), noises).axis({})
         made = aligned(self.nominal, *self.recorded(axis, seal.generator(self.digest, "noise")))
         return np.asarray(self.squares(made) / np.array(list(self.noise_models.values())) ** 2)
@@ -227,8 +228,8 @@ def recording_setup(nominal: Nominal, records: Sequence[Record], holdouts: Seque
     drive = ready.nominal.drive
     if drive.screw is None and DEFLECTION in ready.split.noise_models:
         raise SpecError(
-            f"rehearsal: {records[0].source} has {' and '.join(SIDES)}, but the model has no [plant.screw] between "
-            "them; add it, leave one column out, or diagnose without --rehearse."
+            f"--calibrate: {records[0].source} has {' and '.join(SIDES)}, but the model has no [plant.screw] between "
+            "them; add it, leave one column out, or diagnose without --calibrate."
         )
     names = tuple(name for name in ("position_m", *SIDES) if name in records[0])
     return RecordingSetup(nominal=nominal, ready=ready, n_fitted=len(records), names=names)
@@ -241,7 +242,7 @@ def calibrated_models(
     count: int,
     progress: Callable[[str], None] | None = None,
 ) -> ProbabilityModels:
-    """Return heads learned on simulated cases of the machine on paper, with the motions and the noise of its records.
+    """Return probability models learned on simulated cases of the machine, with the motions and noise of its records.
 
     Cases are kept in the cache by the digest of all that they depend on; only those that it lacks are simulated.
 
@@ -258,31 +259,33 @@ def calibrated_models(
     RecordError, SpecError
         If the records cannot be diagnosed or the model cannot be simulated like them.
     """
-    scene = recording_setup(nominal, records, holdouts)
-    kept = cache_folder() / f"rehearsal-{scene.digest}.json"
+    setup = recording_setup(nominal, records, holdouts)
+    kept = cache_folder() / f"calibration-{setup.digest}.json"
     cases: list[Any] = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else []
-    noises = scene.noises() if len(cases) < count else USUAL
+    noises = setup.noises() if len(cases) < count else USUAL
     while len(cases) < count:
         if progress is not None:
-            progress(f"rehearsing case {len(cases) + 1} of {count}")
-        cases.append(_case(scene, noises, len(cases)))
+            progress(f"calibration: case {len(cases) + 1} of {count}")
+        cases.append(_case(setup, noises, len(cases)))
         seal.write_json(kept, cases)
     found = [claim for case in cases[:count] for claim in claims(case["features"], case["truth"])]
-    return adapted(found, confidence.models(), f"rehearsal, {count} cases on this machine and these motions")
+    return adapted(
+        found, confidence.models(), f"machine-specific calibration, {count} cases of this machine and its motions"
+    )
 
 
-def _case(scene: RecordingSetup, noises: Noises, number: int) -> dict[str, Any]:
+def _case(setup: RecordingSetup, noises: Noises, number: int) -> dict[str, Any]:
     """Return a case; one that diverges, or whose records no one would diagnose, is drawn anew."""
     for attempt in range(MOST_ATTEMPTS):
         try:
-            return scene.case(noises, seal.generator(scene.digest, f"case {number} attempt {attempt}"))
+            return setup.case(noises, seal.generator(setup.digest, f"case {number} attempt {attempt}"))
         except FdbenchError as error:
             message = str(error)
-    raise SpecError(f"rehearsal: case {number + 1}: {MOST_ATTEMPTS} draws, none of them usable; the last: {message}")
+    raise SpecError(f"--calibrate: case {number + 1}: {MOST_ATTEMPTS} draws, none of them usable; the last: {message}")
 
 
 def adapted(found: Sequence[Claim], prior: ProbabilityModels, source: str) -> ProbabilityModels:
-    """Return heads moved by claims of causes; one that these say nothing of stays as it is.
+    """Return probability models moved by claims of causes; a model without claims stays as it is.
 
     Those of an unknown cause and of no gap stay: moved, they were worse on fresh cases of a machine unlike tier L.
     """

@@ -86,7 +86,7 @@ def top(table: Table, depth: int) -> float:
 def exact_set(table: Table) -> float:
     """Return how often exactly the planted effects are named, and an unknown cause where there is one.
 
-    An unknown cause beside listed effects is not held against an answer: there is clutter in every case.
+    An unknown cause beside listed effects is not held against an answer: there are background effects in every case.
     """
     same = (table.named == (table.present > 0.0)).all(axis=1)
     return float(np.mean(same & ((table.unknown > NAMED) | (table.has_unknown == 0.0))))

@@ -11,7 +11,7 @@ from fdbench.record import FloatArray
 
 POSITION_NOISE_M, FORCE_NOISE_N, PROCESS_FORCE_N = 3e-8, 3.0, 3.0  # standard deviations of each sample
 
-# Standard deviations of the errors of the values on paper, as shares; of the force offset in newtons.
+# Standard deviations of the errors of the nominal parameters, as shares; of the force offset in newtons.
 ERRORS: Mapping[str, float] = MappingProxyType(
     {
         "motor_mass": 0.02,
@@ -44,12 +44,12 @@ class Axis(Protocol):
 
 
 class Bench(ABC):
-    """One machine, whose values differ from its model on paper, and what may be planted in it.
+    """One machine, whose values differ from its nominal model, and what may be planted in it.
 
     Class attributes
     ----------------
     errors_on_paper : mapping of str to float
-        Values on paper that may be off, and by what standard deviation.
+        Nominal parameters that may be off, and by what standard deviation.
     """
 
     errors_on_paper: ClassVar[Mapping[str, float]] = ERRORS
@@ -68,11 +68,11 @@ class Bench(ABC):
 
     @abstractmethod
     def is_nominal_parameter(self, name: str) -> bool:
-        """Return whether an imperfection is a value of the model on paper that is off."""
+        """Return whether an imperfection is a value of the nominal model that is off."""
 
     @abstractmethod
     def axis(self, injected: Injected, change: Mapping[str, float] = NOTHING) -> Axis:
-        """Return the machine with imperfections, and perhaps its values further off paper; see `errors_on_paper`."""
+        """Return the machine with imperfections, and ``change`` added to its errors; see `errors_on_paper`."""
 
     @abstractmethod
     def add_background(self, detectability: "Detectability", rng: np.random.Generator) -> None:
@@ -121,7 +121,7 @@ class Detectability:
         ----------
         axis : Axis
         beside_paper : bool
-            Whether what other values on paper could do as well does not count.
+            Whether what other nominal parameters could do as well does not count.
         """
         joined = self._joined(axis)
         if not np.isfinite(joined).all():

@@ -53,10 +53,10 @@ class Case:
     Attributes
     ----------
     model : mapping
-        Tables of the model on paper.
+        Tables of the nominal model.
     records, holdouts : mapping of str to Record
     truth : mapping
-        ``listed`` and ``unlisted``: what is injected, with its parameters; ``errors``: by how much paper is off;
+        ``listed`` and ``unlisted``: what is injected, with its parameters; ``errors``: of the nominal parameters;
         ``held_out``: see `fdbench.virtual_axes.oracle.Gaps`.
     file_format : str
         Extension of the files that the records are written to.
@@ -117,10 +117,10 @@ def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> C
         for repeat in range(protocol.REPEATS)
     }
     holdouts = {name: recorded(name, reference) for name, reference in motions.holdouts.items()}
-    told = bench.without_background().axis({name: drawn for name, drawn in injected.items() if name in listed})
+    known = bench.without_background().axis({name: drawn for name, drawn in injected.items() if name in listed})
 
     def oracle(reference: FloatArray) -> Record:
-        return record_of("oracle", reference, told.readings(reference, None), sides)
+        return record_of("oracle", reference, known.readings(reference, None), sides)
 
     truth = {
         "tier": tier.value,
@@ -148,7 +148,7 @@ def described(injected: Injected, sizes: Mapping[str, float], listed: Sequence[s
 
 
 def model_tables(rng: np.random.Generator) -> dict[str, Any]:
-    """Return the tables of a model on paper, its values drawn about those of ``axis.toml``."""
+    """Return the tables of a nominal model, its values drawn about those of ``axis.toml``."""
 
     def about(value: float, share: float = 0.25) -> float:
         return float(f"{value * math.exp(rng.uniform(-share, share)):.4g}")

@@ -30,7 +30,7 @@ FILE = Path(__file__).with_name("independent_axis.toml")
 COLOUR = 0.4
 FRICTION_CHANGE = (0.03, 0.05)  # from run to run, standard deviation
 LATENCY = (0.01, 0.05)  # of a control period
-SLIDING = (0.9, 1.1)  # transition velocity against that on paper
+SLIDING = (0.9, 1.1)  # transition velocity against the nominal one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +88,7 @@ class IndependentAxis:
 class IndependentBench(Bench):
     """A machine of the second implementation; see `fdbench.virtual_axes.library_axis.LibraryBench` for the parameters.
 
-    The model on paper has one known effect, sliding friction with a transition velocity, and a cascade. What no model
+    The nominal model has one known effect, sliding friction with a transition velocity, and a cascade. What no model
     has (latency, colour of the noise, transition velocity) is drawn.
     """
 

@@ -31,10 +31,14 @@ from fdbench.virtual_axes.bench import (
 )
 
 SUBSTEPS = 40
-CLUTTER = 0.06  # of the typical size of every effect that is not planted, at most
+BACKGROUND = 0.06  # of the typical size of every effect that is not planted, at most
 TRACE = 0.1  # mean square of such an effect in any motion, in units of the noise, at most
 SIZES = (0.4, 2.5)  # of the typical size
-SIZES_ON_PAPER = (1.3, 3.0)  # of effects that correct a value on paper, so that they exceed its uncertainty
+BEYOND_UNCERTAINTY = 2.0  # times the typical size, of effects that correct a nominal parameter
+SIZES_BEYOND_UNCERTAINTY = (
+    1.3,
+    3.0,
+)  # of effects that correct a nominal parameter, so that they exceed its uncertainty
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,9 +119,9 @@ class LibraryBench(Bench):
     Parameters
     ----------
     nominal : Nominal
-        The model on paper.
+        The nominal model.
     errors : mapping of str to float
-        By how much the values on paper are off; see `fdbench.virtual_axes.bench.ERRORS`.
+        By how much the nominal parameters are off; see `fdbench.virtual_axes.bench.ERRORS`.
     period_s : float
     noises : Noises
     substeps : int
@@ -140,13 +144,13 @@ class LibraryBench(Bench):
         self.background = {kind.name: kind.typical().scaled(0.0) for kind in self.kinds}
 
     def add_background(self, detectability: Detectability, rng: np.random.Generator) -> None:
-        """Add a little of every effect, except where a value on paper or a known effect stands for it."""
+        """Add a little of every effect, except where a nominal parameter or a known effect stands for it."""
         background = dict(self.background)
         for kind in self.kinds:
             if kind.calibrates or self._replaced(kind) is not None:
                 continue
             phases = {item.name: float(rng.uniform(-math.pi, math.pi)) for item in kind.parameters() if item.phase}
-            most = kind.typical(**phases).scaled(CLUTTER)
+            most = kind.typical(**phases).scaled(BACKGROUND)
             values = {item.name: float(getattr(most, item.name)) for item in kind.parameters()}
             visible = detectability.mean_square(self.axis({kind.name: values}), beside_paper=False)
             background[kind.name] = most.scaled(float(rng.uniform()) * min(1.0, math.sqrt(TRACE / max(visible, 1e-12))))
@@ -162,13 +166,23 @@ class LibraryBench(Bench):
         """Return the names of the library; it has nothing that a diagnosis may not name."""
         return [kind.name for kind in self.kinds] if listed else []
 
+    def typical(self, name: str) -> Effect:
+        """Return an effect at its typical size, or the one that replaces a known effect.
+
+        What corrects a nominal parameter is larger, as it is no cause within the uncertainty of that parameter.
+        """
+        kind = effects.get(name)
+        index = self._replaced(kind)
+        effect = kind.typical() if index is None else kind.in_place_of(self.drive.effects[index]) or kind.typical()
+        return effect.scaled(BEYOND_UNCERTAINTY) if kind.calibrates else effect
+
     def draw(self, name: str, rng: np.random.Generator) -> dict[str, float]:
         """Return a drawn size, phase and shape; what a diagnosis cannot search for stays typical."""
         kind = effects.get(name)
         index = self._replaced(kind)
         replacement = None if index is None else kind.in_place_of(self.drive.effects[index])
         typical = kind.typical() if replacement is None else replacement
-        sizes = SIZES_ON_PAPER if kind.calibrates else SIZES
+        sizes = SIZES_BEYOND_UNCERTAINTY if kind.calibrates else SIZES
         is_value = kind.calibrates not in ("", "force_offset")  # a lower one could leave less than none
         amplitudes = (kind.amplitude, *kind.further_amplitudes) if replacement is None else ()
         found: dict[str, float] = {}
@@ -200,7 +214,7 @@ class LibraryBench(Bench):
         return bool(effects.get(name).calibrates)
 
     def axis(self, injected: Injected, change: Mapping[str, float] = NOTHING) -> LibraryAxis:
-        """Return the machine with effects, and clutter of all others."""
+        """Return the machine with effects, and a little of all others."""
         drive, errors = self.drive, {name: error + change.get(name, 0.0) for name, error in self.errors.items()}
         others = self.background | {
             kind.name: kind.typical(**{kind.amplitude: errors["offset_N"]})
@@ -232,6 +246,20 @@ class LibraryBench(Bench):
         """Return the index of the known effect that a class takes the place of."""
         known = enumerate(self.drive.effects)
         return next((index for index, item in known if kind.in_place_of(item) is not None), None)
+
+
+def as_logged(
+    readings: Mapping[str, FloatArray], effect: Effect, rng: np.random.Generator, period_s: float
+) -> dict[str, FloatArray]:
+    """Return readings as a logger with an effect writes them; the first sample is never repeated."""
+    fresh = np.arange(len(readings["motor_force_N"]))
+    before = 0.0
+    for index in range(1, len(fresh)):
+        chance = (rng.random(),) if effect.random else ()
+        before = type(effect).kernel(index * period_s, period_s, 0.0, 0.0, before, *chance, *effect.values())[0]
+        fresh[index] = 0 if before else index
+    fresh = np.maximum.accumulate(fresh)
+    return {name: values[fresh] for name, values in readings.items()}
 
 
 def rubbing(drive: FeedDrive, factor: float) -> FeedDrive:

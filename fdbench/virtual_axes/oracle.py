@@ -1,8 +1,8 @@
 """The oracle of a case: what would be left of the held-out gap if a diagnosis said the exact truth.
 
 The oracle is the machine that recorded the case with the planted effects that may be named, at their true parameters,
-and with the true values of what is on paper. What no diagnosis can say is left out: noise of sensors and process,
-friction that differs from run to run, clutter, and planted effects that are not in the library. What a second
+and with the true values of the nominal parameters. What no diagnosis can say is left out: noise of sensors and process,
+friction that differs from run to run, background effects, and planted effects that the library lacks. What a second
 implementation has anyhow (its formulae, the latency) stays, so there the oracle is beyond the reach of the library.
 """
 
@@ -26,7 +26,7 @@ Gaps = Mapping[str, Mapping[str, float]]
 def held_out_gaps(
     nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record], oracle: Callable[[FloatArray], Record]
 ) -> Gaps:
-    """Return the noise of repeats, and what the model on paper and the oracle leave of what is held out.
+    """Return the noise of repeats, and what the nominal model and the oracle leave of what is held out.
 
     Channels, floor and held-out samples are those of a diagnosis: without hold-outs, the last repeats.
 
@@ -42,9 +42,9 @@ def held_out_gaps(
     missed: dict[str, list[FloatArray]] = {name: [] for name in split.noise_models}
     for run, out in zip(split.runs, split.held_out, strict=True):
         if out.any():
-            told = prepare(oracle(run.reference), nominal.drive).channels
+            said = prepare(oracle(run.reference), nominal.drive).channels
             for name, measured in run.channels.items():
-                missed[name].append((measured - told[name])[out])
+                missed[name].append((measured - said[name])[out])
     return {
         name: {
             "noise_floor": float(floor.rms),

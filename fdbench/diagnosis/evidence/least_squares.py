@@ -21,7 +21,7 @@ class Fit:
     squares : float
         Weighted squared distance on the training segments.
     penalty : float
-        Squared distance of the values on paper in standard deviations.
+        Squared distance of the nominal parameters in standard deviations.
     """
 
     coefficients: FloatArray

@@ -123,7 +123,7 @@ def without_copies(
 
 
 def with_run_to_run_covariance(replay: Replay, ready: Aligned, calibrated: Hypothesis) -> Split:
-    """Return the split in which what changes from run to run, about the re-calibrated model, is told from noise."""
+    """Return the split in which changes from run to run, about the re-calibrated model, are separated from noise."""
     found = Repeatability(replay, calibrated, ready.runs)
     noise: Mapping[str, NoiseModel] = found.noise_models
     for mark in ready.marks:

@@ -1,4 +1,4 @@
-"""Repeatability: what changes from run to run as values on paper do, told from the noise within a run.
+"""Repeatability: what changes from run to run as nominal parameters do, separated from the noise within a run.
 
 Friction is never the same twice. Between repeats of one command it differs by a few per cent, which looks the same in
 every sample of a run: counted as noise, it would hide effects that are far smaller. It is estimated from the repeats,
@@ -17,7 +17,7 @@ from fdbench.diagnosis.records.noise_model import SMALLEST, NoiseModel, noise_mo
 from fdbench.diagnosis.records.runs import Run, deviations, repeated, same_command
 from fdbench.record import FloatArray
 
-ROUNDS = 3  # in which what changes and what is noise are told apart
+ROUNDS = 3  # in which changes and noise are separated
 SMALLEST_CHANGE = 0.1  # standard deviation over a whole run, in units of its noise, that is worth a direction
 
 
@@ -69,7 +69,7 @@ def responses(replay: Replay, model: Hypothesis, run: Run) -> FloatArray:
 class Repeatability:
     r"""What repeats of all commands tell of changes from run to run.
 
-    Each difference d of two repeats is explained by a difference of the values on paper,
+    Each difference d of two repeats is explained by a difference of the nominal parameters,
     :math:`\theta = (R R^T + I)^{-1} R d` with the responses R in units of the noise; what that leaves is noise, and
     :math:`\tfrac12 \overline{\theta \theta^T}`, less what noise adds to it, is the covariance of the values from run to
     run.
@@ -124,7 +124,7 @@ class Repeatability:
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance of the values on paper from run to run, in their standard deviations, (n_values, n_values)."""
+        """Covariance of the nominal parameters from run to run, in their standard deviations, (n_values, n_values)."""
         return np.asarray(self._root @ self._root.T)
 
     def _responses(self, run: Run) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What readings show by themselves: samples that the logger held, and positions that lie on a grid."""
+"""Sensor artefacts, which readings show by themselves: repeated (stale) samples, and positions on a grid."""
 
 import dataclasses
 import math
@@ -48,13 +48,13 @@ class Artefact:
     interpolated: bool = False
 
 
-# ---- samples that were held ----
+# ---- repeated samples ----
 
 
 def interpolated(run: Run, simulated: Mapping[str, FloatArray]) -> tuple[Run, int]:
-    """Return the run with held samples replaced, and how many there were.
+    """Return the run with repeated samples replaced, and how many there were.
 
-    A sample counts as held where the model moves by far more than the noise while every channel repeats itself. The
+    A sample counts as repeated where the model moves by far more than the noise while every channel is as before. The
     gap to the model is interpolated over it.
     """
     if run.held is None or not run.held.any():
@@ -75,7 +75,7 @@ def interpolated(run: Run, simulated: Mapping[str, FloatArray]) -> tuple[Run, in
 
 
 def held_artefact(raw: Sequence[Run], mended: Sequence[Run], counts: Sequence[int]) -> Artefact | None:
-    """Return the effect of the logger, by how many samples it held; None where it held none or no effect is known."""
+    """Return the effect of the logger, by how many samples it repeated; None without any, or without such an effect."""
     kinds = [kind for kind in map(effects.get, effects.names()) if kind.port is Port.LOGGING]
     n_held, n_samples = sum(counts), sum(run.n_samples for run in raw)
     if not kinds or n_held == 0:

@@ -44,9 +44,9 @@ class VerdictReader:
     Attributes
     ----------
     models : ProbabilityModels
-        What probabilities are drawn from.
+        Predict the probabilities.
     unknown : float
-        Probability of an unknown cause: where nothing was found, it is not probable that there is nothing.
+        Probability of an unknown cause; where no effect was found, "no further effect" has at most the rest.
     """
 
     models: ProbabilityModels = field(default_factory=confidence.models)

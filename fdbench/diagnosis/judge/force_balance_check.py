@@ -1,6 +1,6 @@
-"""The second witness: how far rivals explain the forces that the gap asks for.
+"""Force-balance check: how much of the inverse-dynamics residual each rival explains, whatever the controller is.
 
-Simulated signatures, the first witness, pass through the controller on paper. The force balances on motor and table
+Simulated signatures pass through the nominal controller. The force balances on motor and table
 hold for whatever controller: they tell a cause from what a wrong loop makes of it.
 """
 
@@ -26,7 +26,7 @@ MARGIN_S = 0.05  # at either end of a run, which the filter does not know
 def force_balances_removed(replay: Replay, split: Split, contest: Stage) -> dict[type[Effect], float]:
     """Return the share of the squared held-out force balances that each rival of a contest removes.
 
-    Their sizes and the values on paper are fitted anew, to the balances of the training segments and linearly from
+    Their sizes and the nominal parameters are fitted anew, to the balances of the training segments and linearly from
     paper: what a wrong loop made of them does not count. Samples at rest and near reversals do not either, where
     friction is whatever holds the axis.
     """

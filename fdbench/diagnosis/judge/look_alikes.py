@@ -6,7 +6,7 @@ from fdbench.diagnosis.answer import ForceBalances, Rival
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.effects import Effect
 
-ALIKE = 0.9  # a rival that removes this share of what the best removes cannot be told apart
+ALIKE = 0.9  # a rival that removes this share of what the best removes is indistinguishable
 FEWEST = 0.01  # probability of a rival that is worth mentioning
 LEVEL = 0.9  # probability with which the cause is one of a set
 
@@ -18,7 +18,7 @@ def indistinguishable(contest: Stage, kind: type[Effect]) -> list[str]:
 
 
 def instead(contest: Stage, kind: type[Effect], same: Collection[str]) -> Rival | None:
-    """Return the best effect that can be told from one, and the share of the held-out excess that each would remove.
+    """Return the best effect that differs from one, and the share of the held-out excess that each would remove.
 
     It is the control against mere flexibility: a wrong effect, fitted just as well, should remove much less.
     """
@@ -30,18 +30,18 @@ def instead(contest: Stage, kind: type[Effect], same: Collection[str]) -> Rival 
     return Rival(effect=best, reduction=others[best], reduction_of_named=gains[kind.name])
 
 
-def force_balances(told: Mapping[type[Effect], float], kind: type[Effect], same: Collection[str]) -> ForceBalances:
-    """Return what an effect removes of the force balances, and the best other effect that can be told from it."""
-    others = {rival.name: share for rival, share in told.items() if rival is not kind and rival.name not in same}
+def force_balances(removed: Mapping[type[Effect], float], kind: type[Effect], same: Collection[str]) -> ForceBalances:
+    """Return what an effect removes of the force balances, and the best other effect that is distinguished from it."""
+    others = {rival.name: share for rival, share in removed.items() if rival is not kind and rival.name not in same}
     best = max(others, key=lambda name: others[name], default=None)
     rival = None if best is None else Rival(effect=best, reduction=others[best])
-    return ForceBalances(reduction=told[kind], instead=rival)
+    return ForceBalances(reduction=removed[kind], instead=rival)
 
 
 def divided(contest: Stage, kind: type[Effect], same: Collection[str], probability: float) -> dict[str, float]:
     """Return the probabilities of an effect and its rivals.
 
-    The effect and those that cannot be told from it divide ``probability`` as the contest has it. The others divide
+    The effect and those indistinguishable from it divide ``probability`` as the contest has it. The others divide
     the chance that it is another or none, but keep their odds against these.
     """
     chances = {rival.kind.name: p for rival, p in zip(contest.rivals, contest.probabilities(), strict=True)}

@@ -10,13 +10,13 @@ from fdbench.diagnosis.judge.reduction import channel_gaps
 from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
 from fdbench.diagnosis.search.search import SMALLEST_GAIN, Search
 
-BEYOND_DOUBT = 1.5  # standard deviations of a value on paper below which it is no cause
+BEYOND_DOUBT = 1.5  # standard deviations of a nominal parameter below which it is no cause
 
 
 def deviating_parameters(
     search: Search, final: Hypothesis, recalibrated: float, models: ProbabilityModels
 ) -> tuple[list[Cause], dict[str, Features], float]:
-    """Return the effects whose size is a value on paper that moved further than it should be wrong, and their signs.
+    """Return the effects whose size is a nominal parameter that moved further than its uncertainty, and their features.
 
     A kind of value that is corrected on both sides of the screw counts once, with the sum of its changes. The share of
     the gap that re-calibration closes, ``recalibrated``, is divided in proportion to what each correction closes beside

@@ -20,7 +20,7 @@ Features = Mapping[str, float]
 
 @dataclass(frozen=True, kw_only=True)
 class Feature:
-    """One sign in a logistic model: its mean and scatter in the trials that were learned from, and its weight."""
+    """One feature of a logistic model: its mean and scatter in the trials that were learned from, and its weight."""
 
     centre: float
     scatter: float
@@ -47,9 +47,9 @@ class ProbabilityModel:
     right: int
 
     def probability(self, found: Features) -> float:
-        """Return the probability of a claim; never surer than one claim more could contradict."""
+        """Return the probability of a claim, clipped by Laplace's rule of succession to [1/(n+2), 1 - 1/(n+2)]."""
         z = self.bias + sum(
-            sign.weight * (found[name] - sign.centre) / sign.scatter for name, sign in self.features.items()
+            own.weight * (found[name] - own.centre) / own.scatter for name, own in self.features.items()
         )
         surest = 1.0 / (self.claims + 2.0)
         return min(max(1.0 / (1.0 + math.exp(-max(min(z, 50.0), -50.0))), surest), 1.0 - surest)
@@ -57,7 +57,7 @@ class ProbabilityModel:
 
 @dataclass(frozen=True, kw_only=True)
 class ProbabilityModels:
-    """Heads for an effect, one that was nearly added, a value on paper, an unknown cause, no gap; and their origin."""
+    """Models for an effect, one nearly added, a nominal parameter, an unknown cause and no gap; their origin."""
 
     effect: ProbabilityModel
     suspect: ProbabilityModel
@@ -69,16 +69,16 @@ class ProbabilityModels:
 
 @lru_cache(maxsize=1)
 def models() -> ProbabilityModels:
-    """Return the heads that the package was shipped with."""
+    """Return the probability models that the package is shipped with."""
     return read(ProbabilityModels, load_toml(FILE), FILE.name)
 
 
 def effect_features(contest: Stage, kind: type[Effect], indistinguishable: Collection[str] = ()) -> dict[str, float]:
-    """Return the signs of an effect, or of one of several that cannot be told apart.
+    """Return the features of an effect, or of one of several that are indistinguishable.
 
     What an effect changes counts beside the evidence for it: machines have traces of every effect, and forms that are
     not quite the library's look like further effects that are small. What else the contest shows (misfits, steadiness
-    over time, what it removes of the force balances) told nothing more.
+    over time, what it removes of the force balances) added nothing to the prediction.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def effect_features(contest: Stage, kind: type[Effect], indistinguishable: Colle
         The model without the effect, and what rivals make of that.
     kind : Effect class
     indistinguishable : collection of str
-        Names of the rivals that cannot be told from it.
+        Names of the rivals that are indistinguishable from it.
     """
     own = next(rival for rival in contest.rivals if rival.kind is kind)
     effect = next(item for item in own.hypothesis.effects if type(item) is kind)
@@ -103,7 +103,7 @@ def effect_features(contest: Stage, kind: type[Effect], indistinguishable: Colle
 
 
 def value_features(distance: float, closed: float, misfit: float) -> dict[str, float]:
-    """Return the signs of a value on paper that is off by more than it should.
+    """Return the features of a nominal parameter that deviates by more than its uncertainty.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def value_features(distance: float, closed: float, misfit: float) -> dict[str, f
 
 
 def unknown_features(misfit: float, worst: float) -> dict[str, float]:
-    """Return the signs of an unknown cause.
+    """Return the features of an unknown cause.
 
     Parameters
     ----------
@@ -136,14 +136,14 @@ def unknown_features(misfit: float, worst: float) -> dict[str, float]:
 
 
 def no_gap_features(misfit: float, moved: float, size: float) -> dict[str, float]:
-    """Return the signs of no gap.
+    """Return the features of no gap.
 
     Parameters
     ----------
     misfit : float
         Weighted misfit after re-calibration.
     moved : float
-        Largest distance of a value on paper, in standard deviations.
+        Largest distance of a nominal parameter, in standard deviations.
     size : float
         Of the largest effect that was found or nearly so: see `fdbench.diagnosis.search.search.Rival`.
     """

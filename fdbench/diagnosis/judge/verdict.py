@@ -25,7 +25,7 @@ from fdbench.record import FloatArray
 NAMED = 0.5  # probability above which causes stand first
 OR = " or "  # between the names of one claim
 ENOUGH = 0.5  # share of the gap that everything named must explain to be believed
-UNREPEATED = 10.0  # floors that the mean square of one run may come to by chance, where three repeats gave the floor
+UNREPEATED = 10.0  # ratio to the noise floor that one run may reach by chance where the floor is of three repeats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,7 +56,7 @@ class Findings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Verdict:
-    """Part of the answer, and the signs that its probabilities were drawn from.
+    """Part of the answer, and the features that its probabilities are predicted from.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Verdict:
     unknown_probability, no_gap_probability : float
     features : mapping
         By the kind of claim (see `fdbench.diagnosis.judge.probability_models.ProbabilityModels`) and the name
-        of what is claimed; names of effects that cannot be told apart are joined by " or ".
+        of what is claimed; names of indistinguishable effects are joined by " or ".
     """
 
     causes: tuple[Cause, ...]
@@ -105,7 +105,7 @@ class Shares:
 def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     """Return the verdict; see the contract for the answer.
 
-    Shares of effects are of the gap that re-calibration leaves, those of values on paper of the gap on paper.
+    Shares of effects are of the gap that re-calibration leaves, those of nominal parameters of the nominal gap.
     """
     search, reductions = found.search, found.reductions
     plain = search.split.plain
@@ -135,7 +135,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         alone = tuple(other for other in everything if other != index)
         same = indistinguishable(contest, type(effect))
         features = confidence.effect_features(contest, type(effect), same)
-        told = force_balances_removed(search.replay, search.split, contest)
+        removed = force_balances_removed(search.replay, search.split, contest)
         effect_features_of[OR.join((effect.name, *same))] = features
         odds = divided(contest, type(effect), same, models.effect.probability(features))
         chances = {name: belief * p for name, p in odds.items()}
@@ -152,7 +152,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
                 alternatives={name: p for name, p in chances.items() if name != effect.name},
                 one_of=tuple(beside_twins(one_of(chances))),
                 instead=instead(contest, type(effect), same),
-                force_balances=force_balances(told, type(effect), same),
+                force_balances=force_balances(removed, type(effect), same),
                 typical=tuple(not_fitted(effect)),
                 at_bound=tuple(at_bound(effect)),
             )
@@ -196,10 +196,10 @@ def noise_alone(mean_square: float) -> float:
 
 
 def plausibility_discount(left: float) -> float:
-    """Return by how much to believe what is named, from the share of the gap on paper that it surely leaves.
+    """Return the factor on the probabilities of what is named, from the share of the nominal gap that it surely leaves.
 
-    It is believed in full from where it explains half of the gap: little of a large gap may be a value or an effect
-    that stands in for a cause that the library lacks.
+    The factor is 1 where at least half of the gap is explained, and falls in proportion below that: what explains
+    little of a large gap may stand in for a cause that the library lacks.
 
     >>> plausibility_discount(0.3), plausibility_discount(0.75)
     (1.0, 0.5)
@@ -222,7 +222,7 @@ def marked(mark: Artefact, share: float) -> Cause:
 
 
 def suspected(found: Findings, models: ProbabilityModels, belief: float) -> tuple[list[Suspect], dict[str, Features]]:
-    """Return the effect that the search came closest to adding when it ended, if any, and its signs."""
+    """Return the effect that the search came closest to adding when it ended, if any, and its features."""
     last = found.stages[-1] if found.stages else None
     named = {type(effect) for effect in found.final.effects}
     if last is None or not last.rivals or last.rivals[0].kind in named:

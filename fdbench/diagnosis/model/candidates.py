@@ -93,7 +93,7 @@ def phase_of(kind: type[Effect]) -> str | None:
 def candidates(base: Hypothesis, located: Mapping[str, Sequence[float]] | None = None) -> list[Candidate]:
     """Return all candidates that may be added to a hypothesis.
 
-    Not those whose size is a value on paper: re-calibration moves it in every hypothesis.
+    Not those whose size is a nominal parameter: re-calibration moves it in every hypothesis.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A hypothesis: the model on paper, re-calibrated, with some effects added; and how it becomes a drive."""
+"""A hypothesis: the nominal model, re-calibrated, with some effects added; and how it becomes a drive."""
 
 import dataclasses
 import math
@@ -14,7 +14,7 @@ from fdbench.plants.feed_drive import FeedDrive, RotaryMotor, Table
 from fdbench.record import FloatArray
 
 SMALLEST_RATIO = 0.05
-FREEDOM = 3.0  # degrees of freedom of a value on paper: most are nearly right, a few are far off
+FREEDOM = 3.0  # degrees of freedom of a nominal parameter: most are nearly right, a few are far off
 WIDTH = "transition_velocity_m_per_s"  # parameter that any friction turns its sign over
 LINE_STEP = 3e-4  # relative; a record holds hundreds of periods
 
@@ -26,13 +26,13 @@ class Adjustable:
     Attributes
     ----------
     name : str
-        A value on paper, or ``effect.parameter``.
+        A nominal parameter, or ``effect.parameter``.
     step : float
-        Change that counts as 1: the standard deviation of a value on paper, or a share of an effect's typical size.
+        Change that counts as 1: the standard deviation of a nominal parameter, or a share of an effect's typical size.
     low, high : float
         Bounds.
     prior : bool
-        Whether leaving the value on paper is punished.
+        Whether a Gaussian prior holds it at its nominal value.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Adjustable:
 
 @dataclass(frozen=True, kw_only=True)
 class Hypothesis:
-    """Values on paper moved by ``shifts`` standard deviations, and effects beyond the model.
+    """Nominal parameters moved by ``shifts`` standard deviations, and effects beyond the model.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Hypothesis:
         return Variant(plant=drive, extra=merged(offsets, self.effects))
 
     def penalty(self) -> float:
-        """Return the squared distance from the values on paper, in standard deviations."""
+        """Return the squared distance from the nominal parameters, in standard deviations."""
         return float(sum(shift**2 for shift in self.shifts))
 
     def prior_penalty(self) -> float:
@@ -82,12 +82,12 @@ class Hypothesis:
         return float(sum((FREEDOM + 1.0) * math.log1p(shift**2 / FREEDOM) for shift in self.shifts))
 
     def moved(self, change: Sequence[float] | FloatArray) -> "Hypothesis":
-        """Return the hypothesis with its values on paper moved further; what follows in ``change`` is not for them."""
+        """Return the hypothesis with its nominal parameters moved by the first numbers of ``change``, in deviations."""
         shifts = tuple(float(old + new) for old, new in zip(self.shifts, change, strict=False))
         return dataclasses.replace(self, shifts=shifts)
 
     def moved_in_turn(self) -> "list[Hypothesis]":
-        """Return for each value on paper the hypothesis with that one moved by a standard deviation."""
+        """Return for each nominal parameter the hypothesis with that one moved by a standard deviation."""
         return [self.moved(row) for row in np.eye(len(self.shifts))]
 
     def with_effect(self, effect: Effect, replaces: int | None = None) -> "Hypothesis":
@@ -144,7 +144,7 @@ def _with_width(drive: FeedDrive, index: int, ratio: float) -> FeedDrive:
 
 @dataclass(frozen=True, kw_only=True)
 class NominalParameter:
-    """A value on paper that every hypothesis may move, with its standard deviation.
+    """A nominal parameter that every hypothesis may move, with its standard deviation.
 
     Attributes
     ----------
@@ -281,7 +281,7 @@ def _amplitude(effect: Effect) -> float:
 
 
 def start(nominal: Nominal) -> Hypothesis:
-    """Return the model on paper as a hypothesis."""
+    """Return the nominal model as a hypothesis."""
     return Hypothesis(nominal=nominal, shifts=(0.0,) * len(nominal_parameters(nominal)))
 
 

@@ -1,4 +1,4 @@
-"""The nominal model that a gap is measured against: the plant on paper, and how well its values are known."""
+"""The nominal model that a gap is measured against: the nominal plant, and how well its values are known."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,7 +25,7 @@ class Simulation:
 
 @dataclass(frozen=True, kw_only=True)
 class Uncertainty:
-    """Standard deviations of the values on paper; re-calibration moves within them.
+    """Standard deviations of the nominal parameters; re-calibration moves within them.
 
     Masses, viscous frictions and the effects that the model knows are relative, the force offset is in newtons. No
     data sheet says over which speed friction turns its sign: ``transition_velocity`` is that of its natural logarithm.
@@ -104,7 +104,7 @@ def _is_located(kind: type[Effect]) -> bool:
 
 
 def load_nominal(path: str | Path) -> Nominal:
-    """Read a model file, or take the model on paper out of a scenario file.
+    """Read a model file, or take the nominal model out of a scenario file.
 
     From a scenario only [plant] and the substeps of [timing] are read; what the machine really is stays unread.
     """

@@ -10,7 +10,7 @@ from fdbench.record import FloatArray
 
 
 def adjustables_of(hypothesis: Hypothesis) -> list[Adjustable]:
-    """Return what a fit may move: the shifts of the values on paper, then the numbers of each effect."""
+    """Return what a fit may move: the shifts of the nominal parameters, then the numbers of each effect."""
     found = [
         Adjustable(name=item.name, step=1.0, low=-math.inf, high=math.inf, prior=True)
         for item in nominal_parameters(hypothesis.nominal)

@@ -27,7 +27,7 @@ PIECE = 4096  # samples simulated at once, which bounds the memory
 
 @dataclass(frozen=True, kw_only=True)
 class Variant:
-    """One lane: a plant, perhaps re-calibrated, with effects that the model on paper lacks."""
+    """One lane: a plant, perhaps re-calibrated, with effects that the nominal model lacks."""
 
     plant: FeedDrive
     extra: tuple[Effect, ...] = field(default=())

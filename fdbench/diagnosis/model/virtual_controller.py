@@ -84,7 +84,7 @@ def prepared(nominal: Nominal, records: Sequence[Record]) -> tuple[Nominal, list
 def virtual_controller(drive: FeedDrive, records: Sequence[Record]) -> Following:
     """Return the fastest virtual controller, at most as fast as asked for, that neither rings nor is loud.
 
-    It must hold the model on paper (`holds`), and its reaction to the noise of the position must be small.
+    It must hold the nominal model (`holds`), and its reaction to the noise of the position must be small.
     """
     controller = drive.controller if isinstance(drive.controller, Following) else Following()
     side = _side(drive, records[0])

@@ -111,8 +111,8 @@ def assumed(signals: Sequence[FloatArray]) -> FloatArray:
     Noise is what is there all the time and at no frequency in particular: of the spectra of all pieces of 256 samples
     (overlapping by half, without their trend) the quietest quarter counts, at each frequency, and of neighbouring
     frequencies the median. A gap that comes and goes with the motion, and lines, are left out; what is steady and
-    broad is not told from noise, and noise slower than a piece is not seen. A quartile of the power of Gaussian noise
-    is its mean times :math:`\ln 4/3`.
+    broad counts as noise, and noise slower than a piece is not seen. A quartile of the power of Gaussian noise is its
+    mean times :math:`\ln 4/3`.
     """
     power = _powers(signals, PIECE, np.linspace(-1.0, 1.0, PIECE))
     quiet = np.quantile(power, ASSUMED_QUANTILE, axis=0)[1:-1] / -math.log(1.0 - ASSUMED_QUANTILE)

@@ -81,7 +81,7 @@ def check_record(run: Run, drive: FeedDrive) -> None:
     ----------
     run : Run
     drive : FeedDrive
-        The model on paper: its travel and velocity limit, and whether its controller closes a position loop.
+        The nominal model: its travel and velocity limit, and whether its controller closes a position loop.
 
     Raises
     ------
@@ -158,13 +158,13 @@ def _check_position(run: Run, command: FloatArray, span: float) -> None:
 
 
 def check_alignment(run: Run, simulated: Mapping[str, FloatArray]) -> list[str]:
-    """Compare a run with its simulation on paper, and return warnings in words.
+    """Compare a run with its nominal simulation, and return warnings in words.
 
     Parameters
     ----------
     run : Run
     simulated : mapping of str to (n_samples,) array
-        Channels of the same command on the model on paper, not re-calibrated.
+        Channels of the same command on the nominal model, not re-calibrated.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def check_alignment(run: Run, simulated: Mapping[str, FloatArray]) -> list[str]:
         )
         if not 1.0 / USELESS_GAIN < ratio < USELESS_GAIN:
             raise RecordError(text)
-        warnings.append(f"{text} If not, mass and friction on paper are far off.")
+        warnings.append(f"{text} If not, nominal mass and friction are far off.")
     return warnings + _clock_warnings(run, delays)
 
 

@@ -44,7 +44,7 @@ class Run:
         Where the reference is made from the measured motion (`fdbench.diagnosis.model.virtual_controller`): the
         position by which repeats are recognised, and how far it may differ between them, relative to its range.
     left : mapping of str to (n_samples,) array or None
-        What the model on paper leaves of the channels, once it has been simulated.
+        What the nominal model leaves of the channels, once it has been simulated.
     """
 
     name: str
@@ -69,13 +69,13 @@ class Run:
         return float(offset), float(slope)
 
     def beside(self, on_paper: Mapping[str, FloatArray]) -> "Run":
-        """Return the run with what the model on paper leaves of it."""
+        """Return the run with what the nominal model leaves of it."""
         left = {name: values - on_paper[name] for name, values in self.channels.items()}
         return dataclasses.replace(self, left=left)
 
 
 def prepare(record: Record, drive: FeedDrive) -> Run:
-    """Return the run of a record with its command, to be simulated with the controller on paper.
+    """Return the run of a record with its command, to be simulated with the nominal controller.
 
     Raises
     ------

@@ -27,8 +27,8 @@ AROUND, ABOVE = 8, 3.0  # resolved wavenumbers around an order, and power above 
 def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list[float]]:
     """Return the lines (Hz) and wavelengths (m) of what the model lacks; see `fdbench.effects.Parameter.locate`.
 
-    Over time the gap itself is looked at, over position the forces that it asks for, and these times the force of the
-    motor, in which what scales with it stands out whatever its sign.
+    Lines are sought in the residual over time; wavelengths in the inverse-dynamics residual over position, also
+    multiplied by the motor force, to expose effects that are proportional to it.
     """
     simulated: list[dict[str, FloatArray]] = []
     for run in split.runs:
@@ -61,7 +61,7 @@ def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list
 def inverse_dynamics_residuals(
     run: Run, gap: Mapping[str, FloatArray], noise_models: Mapping[str, NoiseModel], drive: FeedDrive
 ) -> FloatArray:
-    r"""Return the forces that the gap of a run asks for, (n_balances, ..., n_samples - 3), in units of their noise.
+    r"""Return the inverse-dynamics residuals of a run, (n_balances, ..., n_samples - 3), in units of their noise.
 
     The gaps of two runs of one linear drive obey its equations of motion, so that what is left is what acts on the
     motor side and on the table, at the time and the place where it acts, whatever the loop makes of it:
@@ -70,8 +70,8 @@ def inverse_dynamics_residuals(
         d_m = \Delta F - m_m \Delta\ddot x_m - B_m \Delta\dot x_m - k \Delta s - c \Delta\dot s, \qquad
         d_t = k \Delta s + c \Delta\dot s - m_t \Delta\ddot x_t - B_t \Delta\dot x_t
 
-    with the stretch :math:`s = x_m - x_t`; where it was not measured, the sum of both with one mass. Derivatives are
-    those in the middle between samples, where a force that is held acts on average.
+    with the deflection of the screw :math:`s = x_m - x_t`; where it was not measured, the sum of both with one mass.
+    Derivatives are those in the middle between samples, where a force that is held acts on average.
     """
     h, force, position = run.period_s, gap["motor_force_N"][..., 1:-2], gap["position_m"]
     noise = {name: floor.rms for name, floor in noise_models.items()}
@@ -84,12 +84,15 @@ def inverse_dynamics_residuals(
     if screw is None or table is None or DEFLECTION not in gap:
         left = force - inertia_and_drag(drive.mass_kg, drive.viscous_friction_N_s_per_m, position)
         return np.asarray(left / math.hypot(noise["motor_force_N"], drive.mass_kg / h**2 * noise["position_m"]))[None]
-    stretch = gap[DEFLECTION]
-    x_t = position if drive.controller.uses_table else position - stretch
+    deflection = gap[DEFLECTION]
+    x_t = position if drive.controller.uses_table else position - deflection
     k, c = screw.stiffness_N_per_m, screw.damping_N_s_per_m
-    spring = k * 0.5 * (stretch[..., 1:-2] + stretch[..., 2:-1]) + c * (stretch[..., 2:-1] - stretch[..., 1:-2]) / h
+    spring = (
+        k * 0.5 * (deflection[..., 1:-2] + deflection[..., 2:-1])
+        + c * (deflection[..., 2:-1] - deflection[..., 1:-2]) / h
+    )
     spread = noise[DEFLECTION] * math.hypot(k / math.sqrt(2.0), c * math.sqrt(2.0) / h)
-    on_motor = force - inertia_and_drag(motor.mass_kg, motor.viscous_friction_N_s_per_m, x_t + stretch) - spring
+    on_motor = force - inertia_and_drag(motor.mass_kg, motor.viscous_friction_N_s_per_m, x_t + deflection) - spring
     on_table = spring - inertia_and_drag(table.mass_kg, table.viscous_friction_N_s_per_m, x_t)
     jerky = noise["position_m"] / h**2
     return np.stack(
@@ -101,7 +104,7 @@ def inverse_dynamics_residuals(
 
 
 def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[float]:
-    """Return the lines that tower over the spectrum around them in any run, the sharpest first."""
+    """Return the lines that stand out of the spectrum of any run, the sharpest first."""
     found: list[tuple[float, float, float]] = []
     for gap, run in zip(gaps, runs, strict=True):
         centred = gap - gap.mean(axis=1, keepdims=True)

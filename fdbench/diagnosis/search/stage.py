@@ -21,7 +21,7 @@ class Rival:
     misfit : float
         On held-out segments, weighted, after the fit.
     penalty : float
-        Minus twice the log prior of the values on paper.
+        Minus twice the log prior of the nominal parameters.
     refined : bool
         Whether it was fitted in closed loop, and not only linearly.
     size : float

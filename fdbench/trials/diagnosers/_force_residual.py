@@ -1,4 +1,4 @@
-"""The force that the model on paper lacks along the measured motion, and what each effect would give there.
+"""The force that the nominal model lacks along the measured motion, and what each effect would give there.
 
 Nothing is simulated and no controller is known: kernels of force effects are evaluated at measured positions, speeds
 and forces. What enters elsewhere (transmission, sensors) cannot be seen so.

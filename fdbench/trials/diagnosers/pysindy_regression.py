@@ -19,7 +19,7 @@ from fdbench.trials.diagnosers._force_residual import Motion, visible
 
 @final
 class PysindyRegression(Diagnoser):
-    """Force residual on paper against all candidates at once, thresholds on coefficients of columns of unit energy.
+    """Nominal force residual against all candidates at once, thresholds on coefficients of columns of unit energy.
 
     The probability of an effect is the share of bagged models that keep one of its columns. Needs the package pysindy.
 

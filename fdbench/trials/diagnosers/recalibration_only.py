@@ -1,4 +1,4 @@
-"""Moves the values on paper and adds no effect; what moves too far is its cause, what is left is unknown."""
+"""Moves the nominal parameters and adds no effect; what moves too far is its cause, what is left is unknown."""
 
 from collections.abc import Sequence
 from typing import final

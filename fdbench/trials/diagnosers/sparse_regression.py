@@ -17,19 +17,19 @@ from fdbench.trials.diagnosers._common import gap_probability
 from fdbench.trials.diagnosers._force_residual import STRIDE, Motion, visible
 
 SEGMENT_S = 0.25
-BEYOND_DOUBT = 2.5  # standard deviations by which a value on paper must be off
+BEYOND_DOUBT = 2.5  # standard deviations by which a nominal parameter must be off
 
 
 @final
 class SparseRegression(Diagnoser):
-    r"""Force residual on paper against what each effect would give along the measured motion.
+    r"""Nominal force residual against what each effect would give along the measured motion.
 
     .. math::
         \xi \leftarrow \arg\min \|r - \Phi \xi\|^2 + \lambda \|\xi\|^2, \quad
         \xi_g \leftarrow 0 \text{ where } \|\Phi_g \xi_g\|^2 < \epsilon \|r\|^2
 
     until nothing more is dropped. The probability of an effect is the share of resamples that keep it. Effects that
-    correct a value on paper are never dropped, and named where that value is off beyond its uncertainty.
+    correct a nominal parameter are never dropped, and named where that value is off beyond its uncertainty.
 
     Source: Brunton, Proctor, Kutz (2016), PNAS 113(15), the algorithm; Fasel et al. (2022), Proc. Royal Society A 478,
     the ensemble.
@@ -117,7 +117,7 @@ def _products(runs: Sequence[Run], nominal: Nominal, every: Sequence[Candidate])
 
 
 def _best_of_class(total: FloatArray, every: Sequence[Candidate]) -> list[tuple[Candidate, list[int]]]:
-    """Return the candidate of each class that explains most beside the values on paper, with its columns."""
+    """Return the candidate of each class that explains most beside the nominal parameters, with its columns."""
     columns, first = {}, 1
     for place, item in enumerate(every):
         columns[place] = list(range(first, first + len(item.members)))
@@ -136,7 +136,7 @@ def _best_of_class(total: FloatArray, every: Sequence[Candidate]) -> list[tuple[
 
 
 def _limits(nominal: Nominal) -> dict[str, float]:
-    """Return the standard deviation of each kind of value on paper, over all places that it is corrected at."""
+    """Return the standard deviation of each kind of nominal parameter, over all places that it is corrected at."""
     found: dict[str, float] = {}
     for item in nominal_parameters(nominal):
         size = item.deviation if item.effect is not None else item.size(nominal.drive)

@@ -1,4 +1,4 @@
-"""Force balances tell what acts on the axis from what the controller on paper makes of it."""
+"""Force balances tell what acts on the axis from what the nominal controller makes of it."""
 
 import dataclasses
 
@@ -17,7 +17,7 @@ from fdbench.plants._controllers import Cascade
 
 @pytest.mark.parametrize("gain", [1.0, 1.3])
 def test_forces_speak_for_what_acts_whatever_the_controller(gain: float) -> None:
-    """Cogging as recorded, beside Coulomb friction that is off, with the velocity gain on paper wrong by 30 %."""
+    """Cogging as recorded, beside Coulomb friction that is off, with the nominal velocity gain wrong by 30 %."""
     true = effects.get("cogging").typical()
     nominal, fitted, judged = case((true,), seed=3)
     controller = drive().controller

@@ -44,7 +44,7 @@ SIDES = ("motor_position_m", "table_position_m")
 
 
 def nominal() -> Nominal:
-    """Return the axis on paper as it stands in its file."""
+    """Return the nominal axis as it stands in its file."""
     return read(Nominal, load_toml(tiers.AXIS), "axis.toml")
 
 

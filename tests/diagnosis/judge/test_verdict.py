@@ -3,6 +3,8 @@
 import pytest
 from axis_lab import drive
 
+from fdbench.diagnosis import answer
+from fdbench.diagnosis.answer import ForceBalances
 from fdbench.diagnosis.judge.look_alikes import divided, force_balances
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
@@ -42,10 +44,8 @@ def test_beyond_all_doubt_look_alikes_are_divided_too() -> None:
     assert found == pytest.approx({"dead_time": 0.495, "current_loop_lag": 0.495})
 
 
-def test_the_second_witness_leaves_look_alikes_aside() -> None:
-    told = {DELAY: 0.5, LAG: 0.6, CABLE: 0.2}
-    assert force_balances(told, DELAY, [LAG.name]) == {
-        "reduction": 0.5,
-        "instead": {"effect": "cable_stiffness", "reduction": 0.2},
-    }
-    assert force_balances({DELAY: 0.5}, DELAY, []) == {"reduction": 0.5, "instead": None}
+def test_the_force_balance_check_leaves_look_alikes_aside() -> None:
+    removed = {DELAY: 0.5, LAG: 0.6, CABLE: 0.2}
+    best_other = answer.Rival(effect="cable_stiffness", reduction=0.2)
+    assert force_balances(removed, DELAY, [LAG.name]) == ForceBalances(reduction=0.5, instead=best_other)
+    assert force_balances({DELAY: 0.5}, DELAY, []) == ForceBalances(reduction=0.5)

@@ -1,9 +1,7 @@
 """EMPS: the published identification of a measured ball-screw axis, from the user's copy of the data."""
 
-from pathlib import Path
-
 import pytest
-from conftest import shared_file
+from conftest import REPOSITORY, shared_file
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.nominal import load_nominal
@@ -15,7 +13,7 @@ from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.scenario import load_scenario
 
-EXAMPLE = Path(__file__).parent.parent / "examples" / "emps"
+EXAMPLE = REPOSITORY / "examples" / "emps"
 
 PUBLISHED = {
     "inverse_dynamics": {
@@ -66,10 +64,10 @@ def test_an_effect_planted_in_the_record_is_named_beside_the_documented_cause() 
     added = {name: values[1] - values[0] for name, values in simulated.items()}
     added["motor_position_m"] = added["position_m"]
     columns = {name: values + added.get(name, 0.0) for name, values in record.items()}
-    causes = {cause["effect"]: cause for cause in diagnose(nominal, [Record(columns)]).answer["causes"]}
+    causes = {cause.effect: cause for cause in diagnose(nominal, [Record(columns)]).answer.causes}
     found, native = causes["cogging"], causes["direction_dependent_friction"]
-    assert found["probability"] > 0.5
-    assert native["probability"] > 0.5
-    assert found["parameters"]["pitch_m"]["value"] == pytest.approx(4e-3, rel=0.01)
-    assert found["parameters"]["cogging_force_N"]["value"] == pytest.approx(5.0, rel=0.1)
-    assert native["parameters"]["viscous_asymmetry_N_s_per_m"]["value"] == pytest.approx(-36.8, abs=3.0)
+    assert found.probability > 0.5
+    assert native.probability > 0.5
+    assert found.parameters["pitch_m"].value == pytest.approx(4e-3, rel=0.01)
+    assert found.parameters["cogging_force_N"].value == pytest.approx(5.0, rel=0.1)
+    assert native.parameters["viscous_asymmetry_N_s_per_m"].value == pytest.approx(-36.8, abs=3.0)

@@ -11,6 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from fdbench.cli import app
+from fdbench.diagnosis.answer import Experiment
+from fdbench.diagnosis.diagnose import write_experiment
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.expected_information import (
     NOTHING,
@@ -21,7 +23,7 @@ from fdbench.diagnosis.experiment.expected_information import (
     VerdictReader,
 )
 from fdbench.diagnosis.experiment.menu import Limits, menu, menu_of
-from fdbench.diagnosis.experiment.proposal import SURE, design, most_open, propose, write_proposed
+from fdbench.diagnosis.experiment.proposal import SURE, design, most_open
 from fdbench.diagnosis.experiment.trajectory import Trajectory, moves
 from fdbench.diagnosis.judge.probability_models import ProbabilityModel, models
 from fdbench.diagnosis.model.hypothesis import start
@@ -44,7 +46,7 @@ Lab = tuple[Replay, Split]
 
 
 def nominal() -> Nominal:
-    """Return the axis on paper of the trials."""
+    """Return the nominal axis of the trials."""
     return read(Nominal, load_toml(tiers.AXIS), "axis.toml")
 
 
@@ -165,20 +167,20 @@ def test_gain_and_log_odds_by_hand() -> None:
     assert found.gain() == pytest.approx(after - now)
     odds = (2 * (np.log(0.9 / 0.05) - np.log(0.6 / 0.3)) + (np.log(0.8 / 0.1) - np.log(0.3 / 0.6))) / 3
     assert found.log_odds(0, 1) == pytest.approx(odds)
-    answer = json.loads(json.dumps(found.answer(), allow_nan=False))
-    assert answer["to_separate"] == ["a", "b"]
-    assert answer["expected_log_odds"] == pytest.approx(odds)
-    assert answer["expected_probability"] == pytest.approx({"now": now, "after": after})
-    assert answer["expected_gain_per_s"] == pytest.approx((after - now) / 2.0)
-    assert answer["trajectory"] == "sine: by hand; 2 s"
-    sizes = {"kind": "sine", "amplitude_m": 0.01, "position_m": [0.0, 0.02], "velocity_m_per_s": 0.3}
-    assert {**answer, **sizes, "acceleration_m_per_s2": 4.0, "duration_s": 2.0} == answer
-    assert answer["separates"][0]["effects"] == ["a", "b"]
+    said = found.experiment()
+    assert said.to_separate == ("a", "b")
+    assert said.expected_log_odds == pytest.approx(odds)
+    assert dataclasses.asdict(said)["expected_probability"] == pytest.approx({"now": now, "after": after})
+    assert said.expected_gain_per_s == pytest.approx((after - now) / 2.0)
+    assert said.trajectory == "sine: by hand; 2 s"
+    assert (said.kind, said.amplitude_m, said.position_m) == ("sine", 0.01, (0.0, 0.02))
+    assert (said.velocity_m_per_s, said.acceleration_m_per_s2, said.duration_s) == (0.3, 4.0, 2.0)
+    assert said.separates[0].effects == ("a", "b")
 
 
 def test_pair_that_is_mixed_up_least_afterwards_is_named() -> None:
     found = by_hand([[0.6, 0.39, 0.01], [0.65, 0.34, 0.01], [0.01, 0.01, 0.98]])
-    assert found.answer()["to_separate"] == ["a", NOTHING]
+    assert found.experiment().to_separate == ("a", NOTHING)
 
 
 def test_other_effects_are_named_together() -> None:
@@ -191,11 +193,12 @@ def test_other_effects_are_named_together() -> None:
         before=now,
         after=np.array([[0.9, 0.0, 0.0, 0.1], [0.1, 0.8, 0.0, 0.1], [0.2, 0.0, 0.7, 0.1], [0.6, 0.2, 0.1, 0.1]]),
     )
-    answer = found.answer()
-    assert answer["to_separate"] == ["a", OTHER]
-    assert answer["expected_log_odds"] == pytest.approx(0.5 * (found.log_odds(0, 1) + found.log_odds(0, 2)))
-    assert [item["effects"] for item in answer["separates"]].count(["a", OTHER]) == 1
-    assert [OTHER, OTHER] not in [item["effects"] for item in answer["separates"]]
+    said = found.experiment()
+    pairs = [item.effects for item in said.separates]
+    assert said.to_separate == ("a", OTHER)
+    assert said.expected_log_odds == pytest.approx(0.5 * (found.log_odds(0, 1) + found.log_odds(0, 2)))
+    assert pairs.count(("a", OTHER)) == 1
+    assert (OTHER, OTHER) not in pairs
 
 
 def test_time_of_the_machine_is_paid_for() -> None:
@@ -223,24 +226,25 @@ def test_old_records_again_hardly_help(lab: Lab, chosen: Forecast) -> None:
 # ---- the proposal ----
 
 
-def test_proposal_separates_what_competes(lab: Lab, chosen: Forecast) -> None:
-    found = propose(*lab, [OPEN], nominal(), READER)
-    assert found == chosen.answer()
-    json.dumps(found, allow_nan=False)
-    odds = {tuple(item["effects"]): item["expected_log_odds"] for item in found["separates"]}
+def test_proposal_separates_what_competes(chosen: Forecast) -> None:
+    found = chosen.experiment()
+    json.dumps(dataclasses.asdict(found), allow_nan=False)
+    odds = {item.effects: item.expected_log_odds for item in found.separates}
     assert odds["backlash", "axial_compliance"] > 3.0
-    assert found["expected_log_odds"] == odds[tuple(found["to_separate"])]
-    assert found["expected_probability"]["after"] > 0.8 > 0.5 > found["expected_probability"]["now"]
+    assert found.expected_log_odds == odds[found.to_separate[0], found.to_separate[1]]
+    expected = found.expected_probability
+    assert expected is not None
+    assert expected.after > 0.8 > 0.5 > expected.now
 
 
 def test_nothing_is_proposed_where_nothing_competes(lab: Lab) -> None:
     decided = stage((GAP, 1.0), (SOFT, 3.0), alone=9.0)
-    assert propose(*lab, [decided], nominal(), READER) is None
-    assert propose(*lab, [stage()], nominal(), READER) is None
-    assert propose(*lab, [], nominal(), READER) is None
+    assert design(*lab, [decided], nominal(), READER) is None
+    assert design(*lab, [stage()], nominal(), READER) is None
+    assert design(*lab, [], nominal(), READER) is None
 
 
-def test_what_is_in_doubt_depends_on_the_heads_that_are_given() -> None:
+def test_what_is_in_doubt_depends_on_the_models_that_are_given() -> None:
     sure = ProbabilityModel(bias=5.0, features={}, claims=98, right=98)
     poor = stage((GAP, 1.25), alone=1.6, size=0.1)
     assert most_open([poor], READER) is poor
@@ -256,10 +260,10 @@ def test_nothing_found_is_no_nothing_where_an_unknown_cause_is_probable() -> Non
     assert most_open([empty], doubtful) is empty
 
 
-def test_no_motion_tells_twins_apart(lab: Lab) -> None:
-    twins = Forecaster(*lab, stage((GAP, 1.20), (GAP, 1.21), alone=9.0), READER)
+def test_no_motion_separates_equivalent_effects(lab: Lab) -> None:
+    same = Forecaster(*lab, stage((GAP, 1.20), (GAP, 1.21), alone=9.0), READER)
     for trajectory in menu_of(lab[1], nominal())[::4]:
-        found = twins.forecast(trajectory)
+        found = same.forecast(trajectory)
         assert found is not None
         assert abs(found.log_odds(0, 1)) < 0.5, trajectory.words
 
@@ -279,24 +283,34 @@ def test_other_effects_count_as_large_as_they_may_be_hidden(lab: Lab) -> None:
     assert sizes["backlash"] == 1.0
 
 
-def diagnosis(lab: Lab, answer: dict[str, Any] | None) -> Any:
-    final = SimpleNamespace(nominal=nominal())
+@dataclasses.dataclass(frozen=True)
+class Said:
+    """An answer that says nothing else."""
 
-    @dataclasses.dataclass
-    class Found:
-        answer: dict[str, Any]
-        split: Split = lab[1]
-        final: Any = None
+    next_experiment: Experiment | None
 
-    return Found(answer={"next_experiment": answer, "causes": []}, final=final)
+    def as_json(self) -> dict[str, Any]:
+        return dataclasses.asdict(self)
 
 
-def test_proposed_motion_is_written_and_named(lab: Lab, chosen: Forecast, tmp_path: Path) -> None:
-    before = diagnosis(lab, chosen.answer())
-    found = write_proposed(before, tmp_path / "next.csv")
-    assert found.answer["next_experiment"] == {**chosen.answer(), "trajectory": str(tmp_path / "next.csv")}
-    assert before.answer["next_experiment"] == chosen.answer()
-    written = read_record(tmp_path / "next.csv")
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """A diagnosis, as far as its experiment goes."""
+
+    answer: Said
+    forecast: Forecast | None
+
+
+def diagnosis(forecast: Forecast | None) -> Any:
+    return Found(Said(None if forecast is None else forecast.experiment()), forecast)
+
+
+def test_proposed_motion_is_written_and_named(chosen: Forecast, tmp_path: Path) -> None:
+    before, path = diagnosis(chosen), str(tmp_path / "next.csv")
+    found = write_experiment(before, path)
+    assert found.answer.next_experiment == dataclasses.replace(chosen.experiment(), trajectory=path, file=path)
+    assert before.answer.next_experiment == chosen.experiment()
+    written = read_record(path)
     assert list(written) == [
         *("time_s", "reference_position_m", "reference_velocity_m_per_s", "reference_acceleration_m_per_s2")
     ]
@@ -305,25 +319,25 @@ def test_proposed_motion_is_written_and_named(lab: Lab, chosen: Forecast, tmp_pa
     assert written.sampling_time_s == pytest.approx(PERIOD_S)
 
 
-def test_nothing_is_written_where_nothing_is_proposed(lab: Lab, tmp_path: Path) -> None:
-    before = diagnosis(lab, None)
-    assert write_proposed(before, tmp_path / "next.csv") is before
+def test_nothing_is_written_where_nothing_is_proposed(tmp_path: Path) -> None:
+    before = diagnosis(None)
+    assert write_experiment(before, tmp_path / "next.csv") is before
     assert not (tmp_path / "next.csv").exists()
 
 
 # ---- the command ----
 
 
-def test_command_writes_the_motion(lab: Lab, chosen: Forecast, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_command_writes_the_motion(chosen: Forecast, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     load_scenario("BallScrewAxis-v0").record(0).save("axis.csv")
     command = ["diagnose", "axis.csv", "--model", str(tiers.AXIS), "--json", "-", "--next-experiment"]
-    monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", lambda *_: diagnosis(lab, chosen.answer()))
+    monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", lambda *_: diagnosis(chosen))
     result = CliRunner().invoke(app, [*command, "next.csv"])
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["next_experiment"]["trajectory"] == "next.csv"
     assert read_record("next.csv")["reference_position_m"].shape == chosen.trajectory.reference[:, 0].shape
-    monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", lambda *_: diagnosis(lab, None))
+    monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", lambda *_: diagnosis(None))
     result = CliRunner().invoke(app, [*command, "none.csv"])
     assert result.exit_code == 0, result.output
     assert "no none.csv" in result.stderr

@@ -1,11 +1,17 @@
 """Every registered effect holds the shared checks; one stepper of the whole library serves them all."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import partial
+from types import SimpleNamespace
 from typing import final
 
 import pytest
 
+from fdbench.checks import _own_record
+from fdbench.checks._own_record import is_named_first
+from fdbench.checks._report import NotApplicable, run_checks
 from fdbench.checks.check_effect import CHECKS, Bench, Case, check_effect, is_documented
 from fdbench.effects._effect import Effect, Port, effects, kernel, parameter
 from fdbench.errors import PluginError
@@ -30,7 +36,7 @@ def test_effect(name: str, check: Callable[[Case], None], bench: Bench) -> None:
 
 
 def test_expected_failures_are_checks_and_have_reasons() -> None:
-    known = {check.__name__ for check in CHECKS}
+    known = {*(check.__name__ for check in CHECKS), is_named_first.__name__}
     for name in NAMES:
         for check, reason in effects.get(name).expected_failures.items():
             assert check in known, name
@@ -45,7 +51,40 @@ def test_effects_that_are_confused_with_each_other_name_each_other() -> None:
 
 def test_an_effect_can_be_checked_alone() -> None:
     lines = check_effect(effects.get("constant_force"))
-    assert [line.split(":")[0] for line in lines] == [check.__name__ for check in CHECKS]
+    assert [line.split(":")[0] for line in lines] == [*(check.__name__ for check in CHECKS), "is_named_first"]
+    assert lines[-1] == "is_named_first: ok"
+
+
+def test_what_a_diagnosis_does_not_look_for_is_said() -> None:
+    with pytest.raises(NotApplicable, match="a process force of unknown course"):
+        is_named_first(effects.get("step_force"))
+    assert run_checks("x", [("own", partial(is_named_first, effects.get("step_force")))]) == [
+        "own: does not apply (a diagnosis does not look for it: it is a process force of unknown course)"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("causes", "message"),
+    [
+        ((), r"it is not named; probabilities: none; unknown cause 0\.30; no gap 0\.60\."),
+        (((0.2, "cogging", ()),), r"it is not named; probabilities: cogging 0\.20; unknown"),
+        (
+            ((0.9, "cogging", ("lead_error",)), (0.8, "backlash", ())),
+            r"cogging comes first; probabilities: cogging 0\.9",
+        ),
+        (((0.9, "cogging", ("backlash",)),), None),
+        (((0.9, "backlash", ()), (0.9, "cogging", ())), None),
+    ],
+)
+def test_what_came_first_instead_is_said(
+    causes: tuple[tuple[float, str, tuple[str, ...]], ...], message: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = [SimpleNamespace(probability=p, effect=name, indistinguishable_from=same) for p, name, same in causes]
+    answer = SimpleNamespace(causes=said, unknown_probability=0.3, no_gap_probability=0.6)
+    monkeypatch.setattr(_own_record, "recorded", lambda *_: ([], []))
+    monkeypatch.setattr(_own_record, "diagnose", lambda *_: SimpleNamespace(answer=answer))
+    with nullcontext() if message is None else pytest.raises(PluginError, match=message):
+        is_named_first(effects.get("backlash"))
 
 
 @final

@@ -44,24 +44,24 @@ def test_the_rest_is_a_function_of_what_made_it(kind: str) -> None:
     x, v, a = STROKES.T
     split, simulated = split_of(RESTS[kind](x, v, a, np.arange(len(x)) * PERIOD_S), np.random.default_rng(0))
     best, *others = dependences(split, simulated, drive)
-    assert best["function_of"] == kind
-    assert float(best["share"]) > 0.7
-    assert [item["share"] for item in others] == sorted((item["share"] for item in others), reverse=True)
+    assert best.function_of == kind
+    assert float(best.share) > 0.7
+    assert [item.share for item in others] == sorted((item.share for item in others), reverse=True)
 
 
 def test_where_the_rest_is_largest_is_said_in_the_units_of_the_motion() -> None:
     drive = read(Nominal, load_toml(tiers.AXIS), "axis.toml").drive
     bump = np.where((STROKES[:, 0] > 0.06) & (STROKES[:, 0] < 0.08), -8.0, 0.0)
     best = dependences(*split_of(bump, np.random.default_rng(0)), drive)[0]
-    most = best["most"]
-    assert isinstance(most, dict)
-    assert most["unit"] == "m"
-    assert 0.05 < most["from"] < 0.065
-    assert 0.075 < most["to"] < 0.09
-    assert -8.0 <= most["force_N"] < -6.0
+    most = best.most
+    assert most is not None
+    assert most.unit == "m"
+    assert 0.05 < most.low < 0.065
+    assert 0.075 < most.high < 0.09
+    assert -8.0 <= most.force_N < -6.0
 
 
 def test_noise_is_a_function_of_nothing() -> None:
     drive = read(Nominal, load_toml(tiers.AXIS), "axis.toml").drive
     split, simulated = split_of(np.zeros(len(STROKES)), np.random.default_rng(1))
-    assert dependences(split, simulated, drive) == []
+    assert dependences(split, simulated, drive) == ()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from axis_lab import case
-from conftest import shared_file
+from conftest import REPOSITORY, shared_file
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.nominal import load_nominal
@@ -32,12 +32,12 @@ ENCODERS = ("motor_position_m", "table_position_m")
 )
 def test_a_hidden_effect_is_named_first(name: str) -> None:
     answer = diagnose(*case((effects.get(name).typical(),), seed=1)).answer
-    assert answer["causes"], answer
-    first = answer["causes"][0]
-    assert name == first["effect"] or name in first["indistinguishable_from"]
-    assert first["probability"] > 0.5
-    assert answer["no_gap_probability"] < 0.5
-    assert answer["shrinkage"]["total"] > 0.5
+    assert answer.causes, answer
+    first = answer.causes[0]
+    assert name == first.effect or name in first.indistinguishable_from
+    assert first.probability > 0.5
+    assert answer.no_gap_probability < 0.5
+    assert answer.shrinkage.total > 0.5
 
 
 @pytest.mark.parametrize(
@@ -53,10 +53,10 @@ def test_an_axis_that_cuts_is_told_by_its_spindle(
 ) -> None:
     kind = effects.get(name)
     cut = kind.typical(teeth=teeth, spindle_frequency_Hz=spindle_frequency_Hz, angle_rad=angle_rad)
-    first = diagnose(*case((cut,), seed=1)).answer["causes"][0]
-    assert first["effect"] == name
-    assert first["probability"] > 0.9
-    found = {item: value["value"] for item, value in first["parameters"].items()}
+    first = diagnose(*case((cut,), seed=1)).answer.causes[0]
+    assert first.effect == name
+    assert first.probability > 0.9
+    found = {item: value.value for item, value in first.parameters.items()}
     assert found["teeth"] == teeth
     assert found["spindle_frequency_Hz"] == pytest.approx(spindle_frequency_Hz, rel=1e-3)
     assert found[kind.amplitude] == pytest.approx(getattr(cut, kind.amplitude), rel=0.05)
@@ -64,9 +64,9 @@ def test_an_axis_that_cuts_is_told_by_its_spindle(
 
 def test_the_same_signal_has_all_its_names() -> None:
     nominal, fitted, judged = case((effects.get("shaker_force").typical(),), seed=2)
-    first = diagnose(nominal, fitted, judged).answer["causes"][0]
-    assert {"periodic_force", "shaker_force"} <= {first["effect"], *first["indistinguishable_from"]}
-    assert {"periodic_force", "shaker_force"} <= set(first["one_of"])
+    first = diagnose(nominal, fitted, judged).answer.causes[0]
+    assert {"periodic_force", "shaker_force"} <= {first.effect, *first.indistinguishable_from}
+    assert {"periodic_force", "shaker_force"} <= set(first.one_of)
     without = dataclasses.replace(nominal, exclude=("periodic_force",))
     assert "shaker_force" in {kind.name for kind in without.library}
 
@@ -74,8 +74,8 @@ def test_the_same_signal_has_all_its_names() -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_nothing_is_named_where_nothing_is_hidden(seed: int) -> None:
     answer = diagnose(*case((), seed)).answer
-    assert answer["no_gap_probability"] + answer["unknown_probability"] > 0.9
-    assert not [cause for cause in answer["causes"] if cause["probability"] > 0.5]
+    assert answer.no_gap_probability + answer.unknown_probability > 0.9
+    assert not [cause for cause in answer.causes if cause.probability > 0.5]
 
 
 def test_a_cause_that_the_library_lacks_is_not_given_the_name_of_a_small_part() -> None:
@@ -84,8 +84,8 @@ def test_a_cause_that_the_library_lacks_is_not_given_the_name_of_a_small_part() 
     other = 1.0 - drive.controller.velocity_feedforward
     on_paper = dataclasses.replace(drive, controller=dataclasses.replace(drive.controller, velocity_feedforward=other))
     answer = diagnose(dataclasses.replace(nominal, plant=on_paper), fitted, judged).answer
-    assert answer["unknown_probability"] > 0.9
-    assert not [cause for cause in answer["causes"] if cause["probability"] > 0.5]
+    assert answer.unknown_probability > 0.9
+    assert not [cause for cause in answer.causes if cause.probability > 0.5]
 
 
 def test_a_log_of_the_scale_and_the_force_alone_is_diagnosed() -> None:
@@ -97,17 +97,17 @@ def test_a_log_of_the_scale_and_the_force_alone_is_diagnosed() -> None:
         for group in (fitted, judged)
     ]
     answer = diagnose(dataclasses.replace(nominal, plant=on_scale), *thin).answer
-    assert set(answer["gap"]["channels"]) == {"motor_force_N", "position_m"}
-    json.dumps(answer, allow_nan=False)
+    assert set(answer.gap.channels) == {"motor_force_N", "position_m"}
+    json.dumps(answer.as_json(), allow_nan=False)
 
 
 def test_shares_add_up_to_one() -> None:
     answer = diagnose(*case((effects.get("cogging").typical(),), seed=4)).answer
-    where = answer["where"]
-    for part in (where["motion"].values(), where["channel"].values()):
+    where = answer.where
+    for part in (where.motion.values(), where.channel.values()):
         assert sum(part) == pytest.approx(1.0)
     for name in ("frequency", "position", "velocity", "time"):
-        assert sum(cell["share"] for cell in where[name]) == pytest.approx(1.0)
+        assert sum(cell.share for cell in getattr(where, name)) == pytest.approx(1.0)
 
 
 def test_hidden_truth_of_a_scenario_file_is_not_read(tmp_path: Path) -> None:
@@ -119,36 +119,34 @@ def test_hidden_truth_of_a_scenario_file_is_not_read(tmp_path: Path) -> None:
 
 def test_the_documented_cause_of_emps_comes_first() -> None:
     folder = shared_file("data", "emps", "DATA_EMPS.mat").parent
-    record = read_record(Path(__file__).parent.parent / "examples" / "emps" / "emps.toml", folder)
+    record = read_record(REPOSITORY / "examples" / "emps" / "emps.toml", folder)
     answer = diagnose(load_nominal(scenario_folder() / "EMPS-v0.toml"), [record]).answer
-    json.dumps(answer, allow_nan=False)
-    first, second = answer["causes"][:2]
-    assert first["effect"] == "direction_dependent_friction"
-    assert first["parameters"]["viscous_asymmetry_N_s_per_m"]["value"] == pytest.approx(-36.8, abs=2.0)
-    assert second["effect"] == "cogging"
-    assert second["parameters"]["pitch_m"]["value"] == pytest.approx(2.5e-3, rel=0.01)
-    reductions = answer["shrinkage"]["steps"][0]["channels"]
+    json.dumps(answer.as_json(), allow_nan=False)
+    first, second = answer.causes[:2]
+    assert first.effect == "direction_dependent_friction"
+    assert first.parameters["viscous_asymmetry_N_s_per_m"].value == pytest.approx(-36.8, abs=2.0)
+    assert second.effect == "cogging"
+    assert second.parameters["pitch_m"].value == pytest.approx(2.5e-3, rel=0.01)
+    reductions = answer.shrinkage.steps[0].channels
     assert reductions["motor_force_N"] == pytest.approx(0.38, abs=0.04)
     assert reductions["position_m"] == pytest.approx(0.47, abs=0.04)
     assert not {"stribeck_friction", "position_dependent_friction", "periodic_force"} & {
-        cause["effect"] for cause in answer["causes"]
+        cause.effect for cause in answer.causes
     }
-    assert answer["unknown_probability"] > 0.5
+    assert answer.unknown_probability > 0.5
     # Less force than modelled at low speed is next; it has no name in the library.
-    rest = answer["rest_depends_on"][0]
-    assert rest["function_of"] == "velocity"
-    assert -0.03 < rest["most"]["from"] < rest["most"]["to"] < 0.0 < rest["most"]["force_N"]
+    rest = answer.rest_depends_on[0]
+    assert rest.function_of == "velocity"
+    assert -0.03 < rest.most.low < rest.most.high < 0.0 < rest.most.force_N
 
 
 def test_what_a_milling_scenario_withholds_is_found() -> None:
     scenario = load_scenario("MillingUpDown-v0")
     records = [scenario.observe(seed)[0] for seed in (1, 2, 3)]
     nominal = load_nominal(scenario_folder() / "MillingUpDown-v0.toml")
-    causes = {item["effect"]: item for item in diagnose(nominal, records).answer["causes"]}
-    assert {"tooth_passing_force", "runout_force"} <= {
-        name for name, item in causes.items() if item["probability"] > 0.9
-    }
-    depth = causes["tooth_passing_force"]["parameters"]["axial_depth_m"]["value"]
-    runout = causes["runout_force"]["parameters"]["radial_runout_m"]["value"]
+    causes = {item.effect: item for item in diagnose(nominal, records).answer.causes}
+    assert {"tooth_passing_force", "runout_force"} <= {name for name, item in causes.items() if item.probability > 0.9}
+    depth = causes["tooth_passing_force"].parameters["axial_depth_m"].value
+    runout = causes["runout_force"].parameters["radial_runout_m"].value
     assert depth == pytest.approx(1.5e-3, rel=0.06)
     assert runout == pytest.approx(1e-5, rel=0.06)

@@ -203,6 +203,6 @@ def test_tier_to_learn_from_excludes_effects_from_the_library(
     case = tiers.draw_case(Tier.L, [name], np.random.default_rng(7))
     listed, unlisted = ([item["name"] for item in case.truth[part]] for part in ("listed", "unlisted"))
     assert unlisted == case.model.get("exclude", [])
-    assert (listed, unlisted) == (([], [name]) if is_hidden else ([name], []))  # a value on paper stays listed
+    assert (listed, unlisted) == (([], [name]) if is_hidden else ([name], []))  # a nominal parameter stays listed
     library = [kind.name for kind in read(Nominal, case.model, "model").library]
     assert (name in library) != is_hidden

@@ -1,7 +1,6 @@
 """What a diagnosis says: terminal summary, repaired model, page, JSON; and what is said of bad records."""
 
 import base64
-import copy
 import json
 import re
 import sys
@@ -12,9 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import REPOSITORY
 
 from fdbench import cli
 from fdbench.catalogue import scenario_folder
+from fdbench.diagnosis.answer import VALUE, Cause, ExpectedProbability, Experiment, Separation, from_json
 from fdbench.diagnosis.diagnose import Diagnosis, diagnose
 from fdbench.diagnosis.judge.localise import Gaps, Partition, where
 from fdbench.diagnosis.model.as_nominal import as_nominal
@@ -32,7 +33,7 @@ from fdbench.record import Record
 from fdbench.report.diagnosis import write_diagnosis
 from fdbench.report.diagnosis_text import summary, verdict
 
-MODEL = Path(__file__).resolve().parent.parent / "examples" / "emps" / "model.toml"
+MODEL = REPOSITORY / "examples" / "emps" / "model.toml"
 PERIOD_S = 1e-3
 ASYMMETRY_N_S_PER_M = 60.0
 FORCE_NOISE_N, POSITION_NOISE_M = 1.0, 1e-6
@@ -89,10 +90,10 @@ def found(nominal: Nominal) -> Diagnosis:
 
 def answered(found: Diagnosis, **changes: Any) -> Diagnosis:
     """Return the diagnosis with another answer; no causes means no effects and no steps."""
-    answer = copy.deepcopy(found.answer) | changes
-    if answer["causes"] == []:
-        answer["shrinkage"] |= {"steps": [], "total": 0.0, "ci95": [0.0, 0.0]}
-        return replace(found, answer=answer, final=found.calibrated)
+    answer = replace(found.answer, **changes)
+    if not answer.causes:
+        shrunk = replace(answer.shrinkage, steps=(), total=0.0, ci95=(0.0, 0.0))
+        return replace(found, answer=replace(answer, shrinkage=shrunk), final=found.calibrated)
     return replace(found, answer=answer)
 
 
@@ -100,7 +101,8 @@ def answered(found: Diagnosis, **changes: Any) -> Diagnosis:
 
 
 def test_answer_keeps_the_contract(found: Diagnosis) -> None:
-    answer = json.loads(json.dumps(found.answer, allow_nan=False))
+    answer = json.loads(json.dumps(found.answer.as_json(), allow_nan=False))
+    assert from_json(answer) == found.answer
     assert answer.keys() >= {
         *("gap", "where", "causes", "unknown_probability", "no_gap_probability", "shrinkage", "next_experiment"),
         "warnings",
@@ -146,10 +148,10 @@ def test_shares_by_hand() -> None:
     time = np.arange(4000) * PERIOD_S
     left = np.where(time < 2.0, np.sin(2.0 * np.pi * 10.0 * time), 3.0 * np.sin(2.0 * np.pi * 100.0 * time))
     found = where(gaps_of(left, np.where(time < 2.0, 0.1, -0.1)))
-    assert found["motion"]["cruise_negative"] == pytest.approx(1.0, abs=0.05)
-    assert found["motion"]["cruise_positive"] == 0.0
-    assert [cell["share"] for cell in found["time"]] == pytest.approx([0.0] * 4 + [0.25] * 4)
-    bands = {tuple(cell["band_Hz"]): cell["share"] for cell in found["frequency"]}
+    assert found.motion["cruise_negative"] == pytest.approx(1.0, abs=0.05)
+    assert found.motion["cruise_positive"] == 0.0
+    assert [cell.share for cell in found.time] == pytest.approx([0.0] * 4 + [0.25] * 4)
+    bands = {cell.band_Hz: cell.share for cell in found.frequency}
     low, high = 0.25 - 10.0 / 500.0, 2.25 - 100.0 / 500.0  # less the part of white noise of 1
     assert bands[5.0, 15.0] == pytest.approx(low / (low + high), abs=0.01)
     assert bands[50.0, 150.0] == pytest.approx(high / (low + high), abs=0.01)
@@ -158,8 +160,8 @@ def test_shares_by_hand() -> None:
 
 def test_nothing_beyond_the_noise_has_no_share() -> None:
     found = where(gaps_of(np.full(4000, 0.9), np.full(4000, 0.1)))
-    assert sum(found["motion"].values()) == sum(cell["share"] for cell in found["time"]) == 0.0
-    assert found["ci95"]["channel"] == {"position_m": [0.0, 0.0]}
+    assert sum(found.motion.values()) == sum(cell.share for cell in found.time) == 0.0
+    assert found.ci95["channel"] == {"position_m": (0.0, 0.0)}
 
 
 def test_intervals_hold_the_true_share() -> None:
@@ -182,7 +184,7 @@ def test_intervals_hold_the_true_share() -> None:
 
 
 def test_summary_names_the_planted_effect(found: Diagnosis) -> None:
-    text = summary(found)
+    text = summary(found.answer)
     lines = text.splitlines()
     assert 15 <= len(lines) <= 40
     assert max(len(line) for line in lines) <= 110
@@ -192,68 +194,70 @@ def test_summary_names_the_planted_effect(found: Diagnosis) -> None:
     assert "(measured)" in text
     assert "assumed" not in text
     assert "transition velocity 1 mm/s (typical)" in text
-    for word in ("motion:", "frequency:", "position:", "on paper", "re-calibration alone", "95 %:", "not noise"):
+    for word in ("motion:", "frequency:", "position:", "nominal", "re-calibration alone", "95 %:", "not noise"):
         assert word in text
 
 
 def test_no_number_is_more_certain_than_its_data(found: Diagnosis) -> None:
-    cause = found.answer["causes"][0] | {"probability": 0.9999999}
-    text = summary(answered(found, causes=[cause], unknown_probability=1e-9))
-    assert "above 0.99" in text
-    assert not re.search(r"0\.99\d|1\.00|100 %", " ".join(verdict(answered(found, causes=[cause]))))
-    assert "No intervals of the parameters" in summary(answered(found, causes=[without_interval(cause)]))
+    cause = replace(found.answer.causes[0], probability=0.9999999)
+    answer = replace(found.answer, causes=(cause,))
+    assert "above 0.99" in summary(replace(answer, unknown_probability=1e-9))
+    assert not re.search(r"0\.99\d|1\.00|100 %", " ".join(verdict(answer)))
+    assert "No intervals of the parameters" in summary(replace(answer, causes=(without_interval(cause),)))
 
 
-def without_interval(cause: dict[str, Any]) -> dict[str, Any]:
-    return cause | {"parameters": {name: value | {"ci95": None} for name, value in cause["parameters"].items()}}
+def without_interval(cause: Cause) -> Cause:
+    return replace(cause, parameters={name: replace(value, ci95=None) for name, value in cause.parameters.items()})
 
 
 def small(found: Diagnosis, on_paper: float, recalibrated: float) -> dict[str, Any]:
     """Return the parts of an answer with these mean squared gaps in units of the floor."""
-    shrunk = found.answer["shrinkage"] | {"on_paper": on_paper, "steps": [], "total": 0.0, "ci95": [0.0, 0.0]}
-    closed = 1.0 - recalibrated / on_paper
     return {
-        "causes": [],
-        "shrinkage": shrunk,
-        "parametric": found.answer["parametric"] | {"closed_by_recalibration": closed},
+        "causes": (),
+        "shrinkage": replace(found.answer.shrinkage, on_paper=on_paper, steps=(), total=0.0, ci95=(0.0, 0.0)),
+        "parametric": replace(found.answer.parametric, closed_by_recalibration=1.0 - recalibrated / on_paper),
     }
 
 
 def test_every_honest_answer_has_its_words(found: Diagnosis) -> None:
-    cause = found.answer["causes"][0] | {"probability": 0.9, "indistinguishable_from": []}
-    both = cause | {"indistinguishable_from": ["constant_force", "friction_drift"]}
-    weak = cause | {"probability": 0.3}
+    cause = replace(found.answer.causes[0], probability=0.9, indistinguishable_from=())
+    both = replace(cause, indistinguishable_from=("constant_force", "friction_drift"))
+    weak = replace(cause, probability=0.3)
     cases = [
         ({"no_gap_probability": 0.99, **small(found, 1.02, 1.01)}, "No gap beyond the noise: these records"),
-        ({"no_gap_probability": 0.99, **small(found, 9.0, 1.01)}, "once the values on paper are re-calibrated"),
+        ({"no_gap_probability": 0.99, **small(found, 9.0, 1.01)}, "once the nominal parameters are re-calibrated"),
         ({"no_gap_probability": 0.7, **small(found, 1.22, 1.22)}, "Too small to attribute"),
         (
             {"no_gap_probability": 0.0, "unknown_probability": 0.97, **small(found, 9.0, 8.0)},
             "None of the known effects",
         ),
-        ({"causes": [both]}, "Cannot be told apart on these data: direction_dependent_friction or constant_force or"),
-        ({"causes": [cause], "unknown_probability": 0.8}, "Something else is missing too"),
-        ({"causes": [cause], "unknown_probability": 0.1}, "Cause: direction_dependent_friction, probability 0.90"),
-        ({"causes": [weak], "unknown_probability": 0.1}, "Perhaps direction_dependent_friction"),
-        ({"causes": [cause | {"parametric": True}]}, "Wrong on paper"),
-        ({"warnings": ["stroke 1: the force is late."]}, "Read the warnings under Doubts first"),
+        ({"causes": (both,)}, "Cannot be told apart on these data: direction_dependent_friction or constant_force or"),
+        ({"causes": (cause,), "unknown_probability": 0.8}, "Something else is missing too"),
+        ({"causes": (cause,), "unknown_probability": 0.1}, "Cause: direction_dependent_friction, probability 0.90"),
+        ({"causes": (weak,), "unknown_probability": 0.1}, "Perhaps direction_dependent_friction"),
+        ({"causes": (replace(cause, kind=VALUE),)}, "Nominal parameter wrong"),
+        ({"warnings": ("stroke 1: the force is late.",)}, "Read the warnings under Doubts first"),
     ]
     for changes, words in cases:
-        text = " ".join(verdict(answered(found, **changes)))
+        answer = answered(found, **changes).answer
+        text = " ".join(verdict(answer))
         assert words in text
-        whole = summary(answered(found, **changes))
-        assert words.split()[0] in whole
+        assert words.split()[0] in summary(answer)
         others = [other for _, other in cases if other != words and other in text]
         assert [other for other in others if not other.startswith(("Cause", "Something"))] == []
 
 
 def test_doubts_are_said(found: Diagnosis) -> None:
-    answer = copy.deepcopy(found.answer)
-    for floor in answer["noise_floor"].values():
-        floor["measured_from_repeats"] = False
-    answer["parametric"]["moved_in_standard_deviations"] = {"motor_mass": 4.4, "motor_viscous": 0.1}
-    answer["shrinkage"]["steps"][0]["ci95"] = [-0.02, 0.1]
-    text = " ".join(summary(replace(found, answer=answer)).split())
+    answer = found.answer
+    moved = {"motor_mass": 4.4, "motor_viscous": 0.1}
+    first, *others = answer.shrinkage.steps
+    answer = replace(
+        answer,
+        noise_floor={name: replace(own, measured_from_repeats=False) for name, own in answer.noise_floor.items()},
+        parametric=replace(answer.parametric, moved_in_standard_deviations=moved),
+        shrinkage=replace(answer.shrinkage, steps=(replace(first, ci95=(-0.02, 0.1)), *others)),
+    )
+    text = " ".join(summary(answer).split())
     assert "noise floor of motor_force_N, position_m is assumed" in text
     assert "three times" in text
     assert "motor_mass by +4.4 standard deviations" in text
@@ -262,9 +266,9 @@ def test_doubts_are_said(found: Diagnosis) -> None:
     assert "the same motion again" in text
     assert "(assumed)" in text
     assert "a first guess, whatever the probabilities say" in text
-    assert "a first guess" not in summary(found)
-    answer["shrinkage"]["judged_on"] = "held-out"
-    assert "a first guess" not in summary(replace(found, answer=answer))
+    assert "a first guess" not in summary(found.answer)
+    held_out = replace(answer.shrinkage, judged_on="held-out")
+    assert "a first guess" not in summary(replace(answer, shrinkage=held_out))
 
 
 # ---- repaired model ----
@@ -276,7 +280,7 @@ def test_repaired_model_is_read_back(found: Diagnosis, tmp_path: Path) -> None:
     again = load_nominal(path)
     assert again == as_nominal(found.final)
     assert [type(effect).name for effect in again.drive.effects] == [
-        *("coulomb_friction", "constant_force", "direction_dependent_friction"),
+        *("coulomb_friction", "constant_force", "direction_dependent_friction", "friction_form"),
     ]
     assert again.drive.mass_kg == found.final.variant().plant.mass_kg
 
@@ -366,7 +370,7 @@ def test_page_has_every_part_and_needs_nothing_else(page: str, found: Diagnosis)
     markup = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     assert not re.search(r'(?:src|href)="(?!#)', markup)
     assert re.findall(r"default-src \S+", page) == ["default-src 'none';"]
-    for sentence in verdict(found):
+    for sentence in verdict(found.answer):
         assert sentence in page
     assert model_text(found).splitlines()[0] in page
     assert len(page) < 9_000_000
@@ -387,9 +391,9 @@ def test_gap_curves_hold_the_extremes(page: str, found: Diagnosis) -> None:
 def test_bars_are_the_shares_of_the_answer(page: str, found: Diagnosis) -> None:
     bars = [trace for figure in figures(page).values() for trace in figure["data"] if trace.get("type") == "bar"]
     drawn = [trace["x"] for trace in bars]
-    where = found.answer["where"]
-    assert list(where["motion"].values()) in drawn
-    assert [cell["share"] for cell in where["frequency"]] in drawn
+    where = found.answer.where
+    assert list(where.motion.values()) in drawn
+    assert [cell.share for cell in where.frequency] in drawn
     parts = next(trace for trace in bars if trace["y"][-1] == "noise")
     assert sum(parts["x"]) == pytest.approx(1.0, abs=0.02)
     assert parts["y"] == ["direction_dependent_friction", "not explained", "noise"]
@@ -400,10 +404,10 @@ def test_bars_are_the_shares_of_the_answer(page: str, found: Diagnosis) -> None:
 def test_shares_have_their_intervals_drawn(page: str, found: Diagnosis) -> None:
     bars = [trace for figure in figures(page).values() for trace in figure["data"] if trace.get("type") == "bar"]
     lines = {tuple(trace["x"]): trace["error_x"] for trace in bars if "error_x" in trace}
-    where = found.answer["where"]
+    where = found.answer.where
     for shares, bounds in (
-        (list(where["motion"].values()), list(where["ci95"]["motion"].values())),
-        ([cell["share"] for cell in where["time"]], [cell["ci95"] for cell in where["time"]]),
+        (list(where.motion.values()), list(where.ci95["motion"].values())),
+        ([cell.share for cell in where.time], [cell.ci95 for cell in where.time]),
     ):
         line = lines[tuple(shares)]
         ends = np.array(shares) + np.array([[-1.0], [1.0]]) * [line["arrayminus"], line["array"]]
@@ -412,25 +416,34 @@ def test_shares_have_their_intervals_drawn(page: str, found: Diagnosis) -> None:
 
 
 def test_an_answer_without_intervals_is_drawn(found: Diagnosis, tmp_path: Path) -> None:
-    older = copy.deepcopy(found.answer["where"])
-    del older["ci95"]
-    for cells in older.values():
+    older = found.answer.as_json()
+    del older["where"]["ci95"]
+    for cells in older["where"].values():
         for cell in cells if isinstance(cells, list) else ():
             del cell["ci95"]
-    write_diagnosis(answered(found, where=older), tmp_path / "older.html")
+    write_diagnosis(replace(found, answer=from_json(older)), tmp_path / "older.html")
     text = (tmp_path / "older.html").read_text("utf-8")
     bars = [trace for figure in figures(text).values() for trace in figure["data"] if trace.get("type") == "bar"]
     assert not [trace for trace in bars if "error_x" in trace]
 
 
 def test_next_experiment_is_on_the_page(found: Diagnosis, tmp_path: Path) -> None:
-    experiment = {
-        **{"to_separate": ["backlash", "dead_time"], "trajectory": "next.csv", "expected_log_odds": 6.0},
-        "separates": [{"effects": ["backlash", "dead_time"], "expected_log_odds": 6.0}],
-        **{"expected_probability": {"now": 0.5, "after": 0.97}, "expected_gain_per_s": 0.094},
-        **{"kind": "multisine", "motion": "multisine: 1 to 60 Hz, 2.03 mm rms", "position_m": [0.05, 0.07]},
-        **{"amplitude_m": 0.01, "velocity_m_per_s": 0.4, "acceleration_m_per_s2": 9.0, "duration_s": 5.0},
-    }
+    experiment = Experiment(
+        to_separate=("backlash", "dead_time"),
+        trajectory="next.csv",
+        file="next.csv",
+        expected_log_odds=6.0,
+        separates=(Separation(effects=("backlash", "dead_time"), expected_log_odds=6.0),),
+        expected_probability=ExpectedProbability(now=0.5, after=0.97),
+        expected_gain_per_s=0.094,
+        kind="multisine",
+        motion="multisine: 1 to 60 Hz, 2.03 mm rms",
+        position_m=(0.05, 0.07),
+        amplitude_m=0.01,
+        velocity_m_per_s=0.4,
+        acceleration_m_per_s2=9.0,
+        duration_s=5.0,
+    )
     write_diagnosis(answered(found, next_experiment=experiment), tmp_path / "next.html")
     text = (tmp_path / "next.html").read_text("utf-8")
     for words in ("to separate backlash from dead_time", "multisine: 1 to 60 Hz", "(next.csv)", "50 mm to 70 mm"):
@@ -506,7 +519,7 @@ def test_bad_records_get_a_sentence(nominal: Nominal, clean: Record) -> None:
 
 def test_clean_record_gets_no_warning(nominal: Nominal, clean: Record, found: Diagnosis) -> None:
     assert checked(nominal, clean) == []
-    assert found.answer["warnings"] == []
+    assert found.answer.warnings == ()
 
 
 def test_wrong_gain_is_warned_of(nominal: Nominal, clean: Record) -> None:

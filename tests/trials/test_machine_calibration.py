@@ -1,4 +1,4 @@
-"""Heads learned on simulated cases of the user's own machine, motions and noise."""
+"""Probability models learned on simulated cases of the user's own machine, motions and noise."""
 
 import dataclasses
 from pathlib import Path
@@ -17,8 +17,7 @@ from fdbench.errors import SpecError
 from fdbench.plants.feed_drive import FeedDrive, Following, LinearMotor
 from fdbench.record import Record
 from fdbench.report.diagnosis_text import summary
-from fdbench.trials import learn
-from fdbench.trials import machine_calibration as machine_calibration
+from fdbench.trials import learn, machine_calibration
 from fdbench.trials.learn import Claim
 
 Records = tuple[Nominal, list[Record], list[Record]]
@@ -26,7 +25,7 @@ Records = tuple[Nominal, list[Record], list[Record]]
 
 @pytest.fixture(scope="module")
 def given() -> Records:
-    """Model on paper, two repeats of a short motion, and another motion."""
+    """Nominal model, two repeats of a short motion, and another motion."""
     nominal, fitted, judged = case((), seed=3)
     return nominal, fitted[2:], judged[1:]
 
@@ -49,7 +48,7 @@ def with_columns(records: list[Record], changes: dict[str, Any]) -> list[Record]
 # ---- cases are drawn once ----
 
 
-def test_a_rehearsal_goes_on_where_it_stopped_and_is_kept(
+def test_a_calibration_goes_on_where_it_stopped_and_is_kept(
     given: Records, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[int] = []
@@ -66,15 +65,12 @@ def test_a_rehearsal_goes_on_where_it_stopped_and_is_kept(
         machine_calibration.calibrated_models(*given, 4)
     models = machine_calibration.calibrated_models(*given, 4)
     assert asked == [2, 2, 0, 2, 2]  # two repeats in each case, and no case twice
-    assert models.source == "rehearsal, 4 cases on this machine and these motions"
+    assert models.source == "machine-specific calibration, 4 cases of this machine and its motions"
     assert (models.none, models.unknown) == (confidence.models().none, confidence.models().unknown)
     assert models != dataclasses.replace(confidence.models(), source=models.source)
     monkeypatch.setattr(machine_calibration.RecordingSetup, "noises", None)  # neither simulated nor diagnosed again
     assert machine_calibration.calibrated_models(*given, 4) == models
-    assert (
-        machine_calibration.calibrated_models(*given, 3).source
-        == "rehearsal, 3 cases on this machine and these motions"
-    )
+    assert "3 cases" in machine_calibration.calibrated_models(*given, 3).source
     assert len(asked) == 5
     assert len(list(cache.iterdir())) == 1
 
@@ -111,9 +107,9 @@ def test_other_records_than_those_of_tier_l(given: Records, kind: str) -> None:
         plant = dataclasses.replace(plant, motor=motor, table=None, screw=None)
         gone |= {"motor_torque_Nm": None, "motor_current_A": lambda item: drive().motor_force(item) / 100.0}
     records = [with_columns(group, gone) for group in (fitted, judged)]
-    scene = machine_calibration.recording_setup(Nominal(plant=plant, simulation=Simulation(substeps=10)), *records)
-    found = machine_calibration._case(scene, scene.noises(), 0)
-    assert set(found["signs"]) == set(learn.KINDS)
+    setup = machine_calibration.recording_setup(Nominal(plant=plant, simulation=Simulation(substeps=10)), *records)
+    found = machine_calibration._case(setup, setup.noises(), 0)
+    assert set(found["features"]) == set(learn.KINDS)
     assert set(found["truth"]) == {"listed", "unlisted"}
 
 
@@ -144,12 +140,12 @@ def test_draws_that_never_work_are_refused(given: Records, monkeypatch: pytest.M
         machine_calibration._case(machine_calibration.recording_setup(*given), machine_calibration.USUAL, 7)
 
 
-# ---- how far heads move ----
+# ---- how far models move ----
 
 
-def claims_of(kind: str, head: ProbabilityModel, n: int, right: bool) -> list[Claim]:
-    """Return claims with the mean signs of those that a head was learned from."""
-    features = {name: sign.centre for name, sign in head.features.items()}
+def claims_of(kind: str, model: ProbabilityModel, n: int, right: bool) -> list[Claim]:
+    """Return claims with the mean features of those that a model was learned from."""
+    features = {name: feature.centre for name, feature in model.features.items()}
     return [Claim(kind=kind, features=features, right=right)] * n
 
 
@@ -166,29 +162,33 @@ def test_few_claims_change_little_and_many_convince(kind: str) -> None:
     own = claims_of(kind, prior, 1, True)[0].features
     assert 0.0 < abs(one.probability(own) - before) < 0.1
     assert (many.probability(own) > 0.5) == surprising
-    assert [sign.centre for sign in one.features.values()] == [sign.centre for sign in prior.features.values()]
+    assert [feature.centre for feature in one.features.values()] == [
+        feature.centre for feature in prior.features.values()
+    ]
 
 
-def test_heads_that_no_claims_bear_on_stay() -> None:
+def test_models_that_no_claims_bear_on_stay() -> None:
     shipped = confidence.models()
     found = machine_calibration.adapted(claims_of("unknown", shipped.unknown, 9, True), shipped, "x")
     assert found == dataclasses.replace(shipped, source="x")
 
 
-# ---- heads reach the answer ----
+# ---- models reach the answer ----
 
 
-def test_the_answer_is_drawn_from_the_heads_that_are_given(given: Records) -> None:
+def test_the_answer_is_drawn_from_the_models_that_are_given(given: Records) -> None:
     even = ProbabilityModel(bias=0.0, features={}, claims=98, right=49)
-    models = dataclasses.replace(confidence.models(), unknown=even, value=even, source="rehearsal, of a test")
+    models = dataclasses.replace(
+        confidence.models(), unknown=even, value=even, source="machine-specific calibration, of a test"
+    )
     found = diagnose(*given, models=models)
-    assert found.answer["unknown_probability"] == 0.5
-    assert found.answer["probabilities_from"] == "rehearsal, of a test"
-    assert "rehearsal, of a test" in summary(found)
+    assert found.answer.unknown_probability == 0.5
+    assert found.answer.probabilities_from == "machine-specific calibration, of a test"
+    assert "machine-specific calibration, of a test" in " ".join(summary(found.answer).split())
     assert confidence.models().unknown.probability(found.features["unknown"]["unknown"]) != 0.5
 
 
-def test_the_command_line_passes_heads_on(given: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_line_passes_models_on(given: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from typer.testing import CliRunner
 
     from fdbench.cli import app
@@ -198,11 +198,13 @@ def test_the_command_line_passes_heads_on(given: Records, tmp_path: Path, monkey
 
     def found(*arguments: object) -> SimpleNamespace:
         seen.append(arguments[-1])
-        return SimpleNamespace(answer={})
+        return SimpleNamespace(answer=SimpleNamespace(as_json=dict))
 
     monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", found)
-    monkeypatch.setattr(machine_calibration, "rehearsed", lambda *arguments: ("heads", arguments[3]))
+    monkeypatch.setattr(machine_calibration, "calibrated_models", lambda *arguments: ("models", arguments[3]))
     arguments = ["diagnose", str(tmp_path / "axis.parquet"), "--model", "scenarios/EMPS-v0.toml", "--json", "-"]
-    for more in ([], ["--rehearse", "80"]):
-        assert CliRunner().invoke(app, [*arguments, *more]).exit_code == 0
-    assert seen == [None, ("heads", 80)]
+    for more in ([], ["--calibrate", "80"], ["--rehearse", "40"]):
+        result = CliRunner().invoke(app, [*arguments, *more])
+        assert result.exit_code == 0
+        assert ("--rehearse is called --calibrate now" in result.stderr) == ("--rehearse" in more)
+    assert seen == [None, ("models", 80), ("models", 40)]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import REPOSITORY
 
 from fdbench import cli
 from fdbench.catalogue import scenario_folder
@@ -21,13 +22,13 @@ from fdbench.errors import FdbenchError, RecordError
 from fdbench.plants.feed_drive import FeedDrive, LinearMotor, RotaryMotor
 from fdbench.record import Record
 
-MODEL = Path(__file__).resolve().parent.parent / "examples" / "emps" / "model.toml"
+MODEL = REPOSITORY / "examples" / "emps" / "model.toml"
 PERIOD_S = 1e-3
 Columns = dict[str, np.ndarray]
 
 
 def stroke() -> Columns:
-    """Return 3 s of strokes at three speeds, with the force that the model on paper needs for them."""
+    """Return 3 s of strokes at three speeds, with the force that the nominal model needs for them."""
     parts, place = [], 0.0
     for target, duration_s in ((0.1, 1.0), (0.04, 0.6), (0.08, 0.6), (0.0, 0.8)):
         s = np.arange(round(duration_s / PERIOD_S)) * PERIOD_S / duration_s

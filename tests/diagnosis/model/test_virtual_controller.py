@@ -9,7 +9,7 @@ from pathlib import Path
 import axis_lab
 import numpy as np
 import pytest
-from conftest import shared_file
+from conftest import REPOSITORY, shared_file
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.hypothesis import start
@@ -26,7 +26,7 @@ from fdbench.record import Record
 from fdbench.report.diagnosis_text import summary
 from fdbench.simulate.system import Setup, Timing
 
-EXAMPLE = Path(__file__).resolve().parent.parent / "examples" / "emps"
+EXAMPLE = REPOSITORY / "examples" / "emps"
 ENCODER_NOISE_M = 3e-8
 
 
@@ -135,12 +135,12 @@ def test_a_drive_without_controller_is_not_simulated_on_its_command() -> None:
 @pytest.mark.parametrize("name", ["backlash", "cogging", "load_dependent_friction"])
 def test_the_effect_is_named_first_without_the_controller(name: str, tmp_path: Path) -> None:
     found = diagnose(*blind((effects.get(name).typical(),), seed=1))
-    first = found.answer["causes"][0]
-    assert name == first["effect"] or name in first["indistinguishable_from"]
-    assert first["probability"] > 0.5
-    assert found.answer["shrinkage"]["total"] > 0.5
-    assert "No controller was given" in found.answer["warnings"][0]
-    assert "No controller was given" in summary(found)
+    first = found.answer.causes[0]
+    assert name == first.effect or name in first.indistinguishable_from
+    assert first.probability > 0.5
+    assert found.answer.shrinkage.total > 0.5
+    assert "No controller was given" in found.answer.warnings[0]
+    assert "No controller was given" in summary(found.answer)
     path = tmp_path / "repaired.toml"
     path.write_text(model_text(found), encoding="utf-8")
     assert load_nominal(path) == repaired(found.final)
@@ -149,8 +149,8 @@ def test_the_effect_is_named_first_without_the_controller(name: str, tmp_path: P
 
 def test_nothing_is_named_without_the_controller_where_nothing_is_hidden() -> None:
     answer = diagnose(*blind((), seed=2)).answer
-    assert answer["no_gap_probability"] + answer["unknown_probability"] > 0.9
-    assert not [cause for cause in answer["causes"] if cause["probability"] > 0.5]
+    assert answer.no_gap_probability + answer.unknown_probability > 0.9
+    assert not [cause for cause in answer.causes if cause.probability > 0.5]
 
 
 def test_records_without_command_are_followed_although_the_controller_is_known() -> None:
@@ -167,12 +167,12 @@ def test_the_documented_cause_of_emps_comes_first_without_the_controller() -> No
     columns = read_record(EXAMPLE / "emps.toml", folder)
     record = kept([columns.slice(0, 12500)], "motor_position_m", "motor_force_N")[0]
     answer = diagnose(unknown(load_nominal(EXAMPLE / "model.toml")), [record]).answer
-    json.dumps(answer, allow_nan=False)
-    first = answer["causes"][0]
-    assert first["effect"] == "direction_dependent_friction"
-    assert first["parameters"]["viscous_asymmetry_N_s_per_m"]["value"] == pytest.approx(-36.8, abs=3.0)
-    force, reductions = answer["gap"]["channels"]["motor_force_N"], answer["shrinkage"]["steps"][0]["channels"]
-    beyond_noise = 1.0 - (force["noise_floor"] / force["recalibrated"]) ** 2
+    json.dumps(answer.as_json(), allow_nan=False)
+    first = answer.causes[0]
+    assert first.effect == "direction_dependent_friction"
+    assert first.parameters["viscous_asymmetry_N_s_per_m"].value == pytest.approx(-36.8, abs=3.0)
+    force, reductions = answer.gap.channels["motor_force_N"], answer.shrinkage.steps[0].channels
+    beyond_noise = 1.0 - (force.noise_floor / force.recalibrated) ** 2
     assert reductions["motor_force_N"] / beyond_noise == pytest.approx(0.42, abs=0.04)
 
 
@@ -210,7 +210,7 @@ def test_the_effect_is_named_first_on_one_mass(name: str) -> None:
             kept(records, "reference_position_m", "reference_velocity_m_per_s", "position_m", "motor_force_N")
         )
     answer = diagnose(Nominal(plant=one_mass(60.0, 120.0), simulation=Simulation(substeps=10)), *groups).answer
-    first = answer["causes"][0]
-    assert name == first["effect"] or name in first["indistinguishable_from"]
-    assert first["probability"] > 0.5
-    assert set(answer["gap"]["channels"]) == {"motor_force_N", "position_m"}
+    first = answer.causes[0]
+    assert name == first.effect or name in first.indistinguishable_from
+    assert first.probability > 0.5
+    assert set(answer.gap.channels) == {"motor_force_N", "position_m"}

@@ -4,12 +4,13 @@ import json
 from pathlib import Path
 
 import pytest
+from conftest import REPOSITORY
 
 from fdbench.checks.check_scenario import CHECKS
 from fdbench.errors import MissingData, SpecError
 from fdbench.scenario import load_scenario, scenario_ids
 
-DIGESTS = Path(__file__).parent / "golden" / "scenario_digests.json"
+DIGESTS = REPOSITORY / "tests" / "golden" / "scenario_digests.json"
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)

@@ -1,0 +1,107 @@
+"""Shared checks of plants: what every nominal system must hold, on the first scenario that has it."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+
+from fdbench.catalogue import scenario_ids
+from fdbench.checks._report import NotApplicable, run_checks
+from fdbench.checks.check_estimator import shortened
+from fdbench.errors import FdbenchError, PluginError
+from fdbench.plants import Plant
+from fdbench.record import Record
+from fdbench.scenario import Scenario, load_scenario
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A plant as a scenario has it."""
+
+    cls: type[Plant]
+    scenario: Scenario | None
+
+    @cached_property
+    def record(self) -> Record:
+        """A record of it."""
+        return self.known().observe(0)[0]
+
+    def known(self) -> Scenario:
+        """Return the scenario."""
+        if self.scenario is None:
+            raise NotApplicable("no simulated scenario has it")
+        return self.scenario
+
+
+def prepare(cls: type[Plant]) -> Case:
+    """Return the case that the checks run on."""
+    for name in scenario_ids():
+        scenario = load_scenario(name)
+        if scenario.timing is not None and type(scenario.plant) is cls:
+            return Case(cls, shortened(scenario))
+    return Case(cls, None)
+
+
+def is_frozen_and_documented(case: Case) -> None:
+    """Require a final frozen dataclass with a docstring."""
+    frozen = dataclasses.is_dataclass(case.cls) and case.cls.__dataclass_params__.frozen
+    if not (frozen and getattr(case.cls, "__final__", False) and case.cls.__doc__):
+        raise PluginError("the class must be @final, a @dataclass(frozen=True, kw_only=True), and have a docstring.")
+
+
+def offers_the_models_it_names(case: Case) -> None:
+    """Require the scenario's model, finite on a record, and a refusal of a name that is none."""
+    scenario = case.known()
+    plant, model = scenario.plant, scenario.estimation.model
+    if model not in plant.models():
+        raise PluginError(f"the scenario asks for the model {model}, offered are {', '.join(plant.models())}.")
+    found = plant.regression(case.record, model)
+    if not (np.isfinite(found.regressors).all() and np.isfinite(found.target).all()):
+        raise PluginError(f"the regression {model} is not finite on its own record.")
+    if found.regressors.shape != (len(found.target), len(found.names)):
+        raise PluginError(f"the regression {model} has {found.regressors.shape} regressors for its names and target.")
+    try:
+        plant.regression(case.record, "no_such_model")
+    except FdbenchError:
+        return
+    raise PluginError("a model that is none is accepted.")
+
+
+def knows_its_parameters(case: Case) -> None:
+    """Require finite parameters from the nominal values."""
+    scenario = case.known()
+    period_s = scenario.setup.timing.sampling_time_s
+    found: Mapping[str, float] = scenario.plant.true_parameters(scenario.estimation.model, period_s)
+    if not all(np.isfinite(value) for value in found.values()):
+        raise PluginError(f"true_parameters are not finite: {dict(found)}.")
+    if found:
+        scenario.plant.physical_parameters(scenario.estimation.model, found, period_s)
+
+
+def is_the_same_again(case: Case) -> None:
+    """Require the same record from the same seed, bit for bit."""
+    again = case.known().observe(0)[0]
+    if any(not np.array_equal(case.record[name], again[name], equal_nan=True) for name in case.record):
+        raise PluginError("the same seed gives another record.")
+
+
+CHECKS: tuple[Callable[[Case], None], ...] = (
+    is_frozen_and_documented,
+    offers_the_models_it_names,
+    knows_its_parameters,
+    is_the_same_again,
+)
+
+
+def check_plant(cls: type[Plant]) -> list[str]:
+    """Run all checks on a plant and return a line for each.
+
+    Raises
+    ------
+    PluginError
+        If a check fails.
+    """
+    case = prepare(cls)
+    return run_checks(cls.name, [(check.__name__, partial(check, case)) for check in CHECKS])

@@ -1,0 +1,69 @@
+"""Sensor artefacts: repeated samples are interpolated over, and a grid of readings is recognised."""
+
+import numpy as np
+import pytest
+from axis_lab import drive
+
+from fdbench.diagnosis.evidence.sensor_artefacts import grid_artefact, held_artefact, interpolated
+from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.runs import Run
+
+PERIOD_S, N = 1e-3, 3000
+TIME_S = np.arange(N) * PERIOD_S
+NOMINAL = Nominal(plant=drive(), simulation=Simulation(substeps=10))
+
+
+def run_of(position: np.ndarray, held: np.ndarray | None = None) -> Run:
+    reference = np.column_stack((position, np.gradient(position, PERIOD_S), np.zeros(len(position))))
+    channels = {"motor_force_N": 50.0 * np.cos(3.0 * TIME_S), "position_m": position}
+    return Run(name="x", period_s=PERIOD_S, reference=reference, channels=channels, lap=None, held=held)
+
+
+def test_repeated_samples_are_interpolated_over() -> None:
+    rng = np.random.default_rng(0)
+    clean = run_of(0.01 * np.sin(3.0 * TIME_S) + 1e-7 * rng.standard_normal(N))
+    held = np.zeros(N, dtype=np.bool_)
+    held[[100, 101, 102, 900, 2000]] = True
+    fresh = np.maximum.accumulate(np.where(held, 0, np.arange(N)))
+    stale = Run(
+        name="x",
+        period_s=PERIOD_S,
+        reference=clean.reference,
+        channels={name: values[fresh] for name, values in clean.channels.items()},
+        lap=None,
+        held=held,
+    )
+    model = {"motor_force_N": 50.0 * np.cos(3.0 * TIME_S), "position_m": 0.01 * np.sin(3.0 * TIME_S)}
+    mended, count = interpolated(stale, model)
+    assert count == 5
+    assert np.abs(mended.channels["position_m"] - clean.channels["position_m"]).max() < 1e-6
+    assert np.abs(stale.channels["position_m"] - clean.channels["position_m"]).max() > 2e-5
+    artefact = held_artefact([stale], [mended], [count])
+    assert artefact is not None
+    assert artefact.value == pytest.approx(5 / N)
+    assert artefact.low < 5 / N < artefact.high
+
+
+def test_a_sample_that_repeats_while_nothing_moves_is_no_artefact() -> None:
+    held = np.zeros(N, dtype=np.bool_)
+    held[500] = True
+    run = run_of(np.zeros(N), held)
+    assert interpolated(run, {name: np.zeros(N) for name in run.channels}) == (run, 0)
+
+
+@pytest.mark.parametrize("step_m", [1e-6, 2e-7])
+def test_a_grid_of_readings_is_recognised(step_m: float) -> None:
+    replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
+    smooth = 2e-3 * np.sin(2.0 * TIME_S) + 2e-4 * np.sin(17.0 * TIME_S)
+    found = grid_artefact([run_of(np.round(smooth / step_m) * step_m)], replay)
+    assert found is not None
+    assert found.value == pytest.approx(step_m, rel=0.02)
+    assert found.low < step_m < found.high
+    assert found.probability > 0.9
+
+
+def test_smooth_readings_have_no_grid() -> None:
+    replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
+    noise = 1e-7 * np.random.default_rng(1).standard_normal(N)
+    assert grid_artefact([run_of(2e-3 * np.sin(2.0 * TIME_S) + noise)], replay) is None

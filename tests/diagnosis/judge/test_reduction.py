@@ -1,0 +1,52 @@
+"""How far the gap shrinks: means over segments and channels, resampling, and shares of effects, by hand."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from fdbench.diagnosis.judge.reduction import RESAMPLES, Reductions, shapley
+
+
+def reductions() -> Reductions:
+    """Two stretches of time with two channels each, of the model and one effect."""
+    return Reductions(
+        subsets=[(), (0,)],
+        by_segment=np.array([[40.0, 10.0], [8.0, 4.0], [60.0, 30.0], [12.0, 4.0]]),
+        counts=np.array([10.0, 4.0, 10.0, 4.0]),
+        groups=np.array([0.0, 0.0, 1.0, 1.0]),
+        channel=np.array([0, 1, 0, 1]),
+    )
+
+
+def test_means_are_weighted_by_samples() -> None:
+    found = reductions()
+    assert found.of_channel(0).tolist() == [5.0, 2.0]
+    assert found.of_channel(1).tolist() == [2.5, 1.0]
+    assert found.mean() == pytest.approx([120.0 / 28.0, 48.0 / 28.0])
+
+
+def test_a_stretch_of_time_is_drawn_whole() -> None:
+    found = reductions()
+    draws = found.draws()
+    assert draws.shape == (RESAMPLES, 4)
+    np.testing.assert_array_equal(draws[:, 0], draws[:, 1])
+    np.testing.assert_array_equal(draws[:, 2], draws[:, 3])
+    assert (draws[:, 0] + draws[:, 2] == 2.0).all()
+    first_alone = found.mean(np.array([[2.0, 2.0, 0.0, 0.0]]))
+    assert first_alone[0] == pytest.approx([48.0 / 14.0, 14.0 / 14.0])
+    np.testing.assert_array_equal(draws, found.draws())
+
+
+def test_shares_of_effects_add_up_and_are_fair() -> None:
+    rng = np.random.default_rng(0)
+    subsets = [c for n in range(4) for c in itertools.combinations(range(3), n)]
+    values = {subset: float(rng.uniform()) for subset in subsets} | {(): 0.0}
+    assert sum(shapley(values, 3)) == pytest.approx(values[0, 1, 2])
+    orders = list(itertools.permutations(range(3)))
+    by_order = [
+        [values[tuple(sorted(order[: order.index(p) + 1]))] - values[tuple(sorted(order[: order.index(p)]))]
+         for p in range(3)]
+        for order in orders
+    ]  # fmt: skip
+    assert shapley(values, 3) == pytest.approx(np.mean(by_order, axis=0))

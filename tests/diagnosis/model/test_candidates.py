@@ -1,0 +1,63 @@
+"""Candidates: what may be added to a hypothesis, at which points, and what a linear fit makes of it."""
+
+import math
+
+import pytest
+from axis_lab import drive
+
+from fdbench.diagnosis.model.candidates import QUARTER_TURN, Candidate, candidates, middle_shapes
+from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.effects import effects
+
+BASE = start(Nominal(plant=drive(), simulation=Simulation(substeps=10)))
+
+
+def test_two_phases_become_one_amplitude_and_phase() -> None:
+    """3 cos + 4 sin is 5 at the angle of atan(4/3), about the phase that was tried."""
+    kind = effects.get("cogging")
+    effect = kind.typical(cogging_force_N=2.0, phase_rad=0.1)
+    pair = Candidate(members=(effect, effect.changed(phase_rad=0.1 + QUARTER_TURN)))
+    (found,) = (pair.scaled([0.3, 0.4]) or pair).members
+    values = dict(zip((item.name for item in kind.parameters()), found.values(), strict=True))
+    assert values["cogging_force_N"] == pytest.approx(0.5 * 2.0)
+    assert values["phase_rad"] == pytest.approx(0.1 + math.atan2(0.4, 0.3))
+
+
+def test_sizes_beyond_the_bounds_are_refused_or_cut() -> None:
+    gap = effects.get("backlash").typical(gap_m=1e-5)
+    assert Candidate(members=(gap,)).scaled([-1.0]) is None
+    largest = Candidate(members=(gap,)).scaled([100.0])
+    assert largest is not None
+    assert largest.members[0].values()[0] == pytest.approx(4e-5)
+
+
+def test_a_replacement_is_whole_or_none() -> None:
+    (index,) = [place for place, item in enumerate(BASE.nominal.drive.effects) if item.name == "coulomb_friction"]
+    every = [item for item in candidates(BASE) if item.replaces == index]
+    assert {item.name for item in every} >= {"lugre_friction"}
+    assert every[0].scaled([0.9]) is every[0]
+    assert every[0].scaled([3.5]) is None
+
+
+def test_what_is_there_or_a_nominal_parameter_is_no_candidate() -> None:
+    names = {item.name for item in candidates(BASE)}
+    assert "backlash" in names
+    assert not names & {"coulomb_friction", "viscous_friction", "inertia_mismatch", "constant_force"}
+    with_gap = BASE.with_effect(effects.get("backlash").typical())
+    assert "backlash" not in {item.name for item in candidates(with_gap)}
+    assert "encoder_quantisation" in names
+
+
+def test_periods_are_tried_where_they_were_located() -> None:
+    found = [item for item in candidates(BASE, {"wavelength": [3e-3, 7e-3]}) if item.name == "cogging"]
+    assert [dict(zip((p.name for p in item.kind.parameters()), item.members[0].values(), strict=True))["pitch_m"]
+            for item in found] == [3e-3, 7e-3]  # fmt: skip
+    assert [len(item.members) for item in found] == [2, 2]
+    assert "cogging" not in {item.name for item in candidates(BASE, {})}
+
+
+def test_one_shape_of_each_class() -> None:
+    every = candidates(BASE)
+    middle = middle_shapes(every)
+    assert [item.kind for item in middle] == list(dict.fromkeys(item.kind for item in every))

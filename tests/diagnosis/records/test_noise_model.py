@@ -1,0 +1,37 @@
+"""The noise model: white noise has its own size, with repeats or without, and lines are no noise."""
+
+import numpy as np
+import pytest
+
+from fdbench.diagnosis.records.noise_model import assumed, noise_floor, raised, spectrum_of, white
+from fdbench.diagnosis.records.runs import Run
+
+PERIOD_S, N = 1e-3, 20_000
+
+
+def run_of(values: np.ndarray) -> Run:
+    reference = np.zeros((len(values), 3))
+    return Run(name="x", period_s=PERIOD_S, reference=reference, channels={"position_m": values}, lap=None)
+
+
+def test_a_spectrum_adds_up_to_the_mean_square() -> None:
+    values = 3.0 * np.random.default_rng(0).standard_normal(N)
+    assert spectrum_of([values]).sum() == pytest.approx(np.mean(values**2), rel=1e-9)
+
+
+def test_assumed_noise_is_that_of_the_quietest_parts() -> None:
+    """Bursts and a line are 100 times the noise; a model may not have them, but they are not noise."""
+    rng, time_s = np.random.default_rng(1), np.arange(N) * PERIOD_S
+    noise = 2.0 * rng.standard_normal(N)
+    burst = np.where((time_s % 4.0) < 1.5, 20.0 * np.sin(40.0 * time_s), 0.0)
+    line = 10.0 * np.sin(2.0 * np.pi * 60.0 * time_s)
+    found = noise_floor([run_of(noise + burst + line)], "position_m")
+    assert not found.measured
+    assert found.rms == pytest.approx(2.0, rel=0.1)
+    assert np.sqrt(assumed([noise]).sum()) == pytest.approx(2.0, rel=0.1)
+
+
+def test_an_artefact_adds_its_energy() -> None:
+    found = raised({"position_m": white(3.0, measured=True)}, {"position_m": 16.0})["position_m"]
+    assert found.rms == pytest.approx(5.0)
+    assert found.measured

@@ -1,0 +1,70 @@
+"""Periods are located: lines over time, wavelengths over position, in what a gap asks for."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from axis_lab import drive
+
+from fdbench.diagnosis.experiment.trajectory import moves
+from fdbench.diagnosis.records.noise_model import white
+from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.search.periods import _lines_in_position, _lines_in_time, inverse_dynamics_residuals
+
+PERIOD_S = 1e-3
+STROKES = moves((0.0, 0.2, 0.0), (0.1,), 4.0, PERIOD_S)
+NOISE = {"motor_force_N": white(2.0, measured=True), "position_m": white(1e-12, measured=True)}
+
+
+def run_along(reference: np.ndarray) -> Run:
+    position = reference[:, 0]
+    channels = {"motor_force_N": np.zeros(len(position)), "position_m": position}
+    return Run(name="x", period_s=PERIOD_S, reference=reference, channels=channels, lap=None)
+
+
+def test_lines_are_found_and_noise_has_none() -> None:
+    run, rng = run_along(np.zeros((4000, 3))), np.random.default_rng(0)
+    noise, time_s = rng.standard_normal(4000), np.arange(4000) * PERIOD_S
+    assert _lines_in_time([noise[None]], [run]) == []
+    lines = np.sin(2.0 * np.pi * 17.3 * time_s) + 0.7 * np.sin(2.0 * np.pi * 90.1 * time_s)
+    found = _lines_in_time([(noise + lines)[None]], [run])
+    assert sorted(found) == pytest.approx([17.3, 90.1], abs=0.03)
+
+
+@pytest.mark.parametrize("pitch_m", [1.3e-3, 4e-3, 0.05])
+def test_a_wavelength_is_found_whatever_the_sign_in_either_direction(pitch_m: float) -> None:
+    run = run_along(STROKES)
+    wave = np.sin(2.0 * np.pi * STROKES[:, 0] / pitch_m) * np.sign(STROKES[:, 1])
+    noise = 0.3 * np.random.default_rng(1).standard_normal(len(wave))
+    found = _lines_in_position([(wave + noise)[None, 1:-2]], [run], None)
+    assert min(abs(found_m / pitch_m - 1.0) for found_m in found) < 0.02
+
+
+def test_orders_of_the_lead_are_tried_where_something_is_there() -> None:
+    run, rng = run_along(STROKES), np.random.default_rng(2)
+    noise = 0.3 * rng.standard_normal(len(STROKES))
+    strong = sum(np.sin(2.0 * np.pi * STROKES[:, 0] / own) for own in (1.9e-3, 2.7e-3, 3.3e-3))
+    weak = 0.2 * np.sin(2.0 * np.pi * STROKES[:, 0] / 5e-3)
+    both = (strong + weak + noise)[None, 1:-2]
+    assert min(abs(own - 5e-3) for own in _lines_in_position([both], [run], None)) > 1e-4
+    assert 5e-3 in _lines_in_position([both], [run], 0.01)
+
+
+def test_no_wavelength_where_the_axis_stands() -> None:
+    assert _lines_in_position([np.ones((1, 997))], [run_along(np.zeros((1000, 3)))], 0.01) == []
+
+
+def test_inverse_dynamics_of_one_mass_by_hand() -> None:
+    """Motions that a force explains ask for nothing more; the rest is the force that was added, in units of noise."""
+    paper = dataclasses.replace(drive(), table=None, screw=None)
+    time_s = np.arange(2000) * PERIOD_S
+    omega = 2.0 * np.pi * 3.0
+    position = 1e-3 * np.sin(omega * time_s)
+    inertia = -paper.mass_kg * omega**2 * position
+    drag = paper.viscous_friction_N_s_per_m * 1e-3 * omega * np.cos(omega * time_s)
+    gap = {"motor_force_N": inertia + drag + 5.0, "position_m": position}
+    (left,) = inverse_dynamics_residuals(run_along(STROKES), gap, NOISE, paper)
+    # Between samples the force is held while the motion goes on, hence half a sample of lag.
+    lag = np.abs(np.gradient(inertia + drag)).max() * 0.5
+    assert left.mean() == pytest.approx(5.0 / np.hypot(2.0, paper.mass_kg / PERIOD_S**2 * 1e-12), abs=0.01)
+    assert np.abs(left - 2.5).max() < 0.55 * lag

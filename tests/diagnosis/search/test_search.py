@@ -1,0 +1,74 @@
+"""Rounds of the search: probabilities by hand, one effect found among all, and nothing where there is nothing."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from axis_lab import drive
+
+from fdbench.diagnosis.evidence.split import Split
+from fdbench.diagnosis.experiment.trajectory import moves
+from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.noise_model import white
+from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.search.search import Search
+from fdbench.diagnosis.search.stage import Rival, Stage
+from fdbench.effects import Effect, effects
+
+PERIOD_S = 1e-3
+FLOORS = {"motor_force_N": 4.0, "position_m": 5e-7, "motor_minus_table_position_m": 5e-8}
+NOMINAL = Nominal(plant=drive(), simulation=Simulation(substeps=10))
+
+
+def search(*extra: Effect) -> Search:
+    """Return a search in two noisy runs of an axis with effects; the second one is held out."""
+    replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
+    rng, runs = np.random.default_rng(0), []
+    base = start(NOMINAL)
+    for item in extra:
+        base = base.with_effect(item)
+    for stops in ((0.0, 0.06, 0.01), (0.0, 0.05, 0.02)):
+        reference = moves(stops, (0.08,), 2.0, PERIOD_S)
+        still = dict.fromkeys(FLOORS, np.zeros(len(reference)))
+        run = Run(name="x", period_s=PERIOD_S, reference=reference, channels=still, lap=None)
+        simulated = replay.simulate(run, [base.variant()])
+        noisy = {name: own[0] + FLOORS[name] * rng.standard_normal(len(own[0])) for name, own in simulated.items()}
+        runs.append(dataclasses.replace(run, channels=noisy))
+    held_out = [np.full(run.n_samples, place == 1) for place, run in enumerate(runs)]
+    noise_models = {name: white(rms, measured=True) for name, rms in FLOORS.items()}
+    return Search(replay, Split(runs=runs, held_out=held_out, noise_models=noise_models))
+
+
+def test_the_effect_that_is_there_comes_first() -> None:
+    true = effects.get("direction_dependent_friction").typical(viscous_asymmetry_N_s_per_m=60.0)
+    stage = search(true).stage(start(NOMINAL))
+    assert stage is not None
+    best = stage.rivals[0]
+    assert best.kind is type(true)
+    assert best.refined
+    assert stage.gain(best) > 0.9
+    assert stage.present() > 0.9
+    found = best.hypothesis.effects[0]
+    assert getattr(found, found.amplitude) == pytest.approx(getattr(true, true.amplitude), rel=0.1)
+
+
+def test_noise_alone_needs_no_round() -> None:
+    assert search().stage(start(NOMINAL)) is None
+
+
+def test_probabilities_of_a_round_by_hand() -> None:
+    """Evidence is M to the power of -n/2 for each; that there is none is as likely beforehand as the whole library."""
+    base = start(NOMINAL)
+    kinds = [effects.get(name) for name in ("backlash", "cogging")]
+    rivals = tuple(
+        Rival(kind=kind, hypothesis=base, misfit=misfit, penalty=penalty, refined=True, size=1.0)
+        for kind, misfit, penalty in zip(kinds, (1.5, 1.6), (2.0, 0.0), strict=True)
+    )
+    stage = Stage(base=base, misfit=1.8, penalty=0.0, test_count=1e3, rivals=rivals, effective=10.0)
+    weights = [1.5**-5 * math.exp(-1.0), 1.6**-5, len(NOMINAL.library) * 1.8**-5]
+    assert stage.probabilities() == pytest.approx([weight / sum(weights) for weight in weights[:2]])
+    assert stage.present() == pytest.approx(1.0 - weights[2] / sum(weights))
+    assert stage.gain(rivals[0]) == pytest.approx(0.3 / 0.8)
