@@ -1,4 +1,4 @@
-"""The seeded bootstrap: how often groups, or which rows, are drawn with replacement, and the interval of what follows."""
+"""The seeded bootstrap: how often groups or which rows are drawn with replacement, and the interval that follows."""
 
 from typing import Any
 
