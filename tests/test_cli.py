@@ -20,12 +20,12 @@ from typer.testing import CliRunner, Result
 
 from fdbench import cli
 from fdbench.catalogue import scenario_folder
-from fdbench.commands._written import write_changed
 from fdbench.commands.list import Kind
 from fdbench.effects import effects
 from fdbench.errors import RecordError
 from fdbench.estimator import estimators
 from fdbench.reading import read_record
+from fdbench.report.written import write_changed
 from fdbench.scenario import load_scenario
 
 PROGRAM = [sys.executable, "-m", "fdbench.cli"]
@@ -181,7 +181,7 @@ def write(name: str, text: str) -> Path:
         ("diagnose axis.csv --model binary.toml", r"binary\.toml: not valid TOML"),
         ("diagnose axis.csv --model MODEL --html none/a.html", r"there is no folder none"),
         ("diagnose axis.csv --model MODEL --json folder", r"folder: a folder, where a file"),
-        ("diagnose axis.csv --model MODEL --data folder", r"--data folder: a folder for mapping files"),
+        ("diagnose axis.csv --model MODEL --data folder", r"data folder: a folder for mapping files"),
         ("diagnose axis.csv --model MODEL --effect none.py", r"none\.py: no such file"),
         ("diagnose axs.csv --model MODEL", r"axs\.csv: no such file.*axis\.csv"),
         ("diagnose folder --model MODEL", r"folder: "),
@@ -615,7 +615,7 @@ def test_only_what_has_changed_is_written_anew(results: Path, monkeypatch: pytes
     assert files_written() == {"leaderboard.md"}
     (results / "made_of.json").write_text("{", "utf-8")
     assert files_written() == both
-    monkeypatch.setattr("fdbench.commands._written._code", lambda: b"other code")
+    monkeypatch.setattr("fdbench.report.written._code", lambda: b"other code")
     assert files_written() == both
     shutil.rmtree(results / "runs" / "ShakerConstant-v1" / "least_squares")
     assert files_written("--no-report") == {"leaderboard.md"}

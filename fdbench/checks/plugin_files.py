@@ -1,4 +1,4 @@
-"""Plug-ins that are named by their files."""
+"""Plug-ins that are given as files: registered, and refused where they cannot work."""
 
 import os
 from collections.abc import Iterable
@@ -7,7 +7,7 @@ from pathlib import Path
 from fdbench.errors import PluginError
 
 
-def add_effects(files: Iterable[str] | None) -> None:
+def add_effects(files: Iterable[str | Path] | None) -> None:
     """Register effects by their files, and refuse those whose kernel does not fit what they declare."""
     if not files:
         return
@@ -17,7 +17,7 @@ def add_effects(files: Iterable[str] | None) -> None:
     from fdbench.checks.check_effect import Bench, Case, declares_what_the_kernel_takes, returns_finite_values
     from fdbench.effects import effects
 
-    for file in distinct(files):
+    for file in distinct(map(str, files)):
         effect = effects.get(effects.add_file(file))
         case = Case(effect, Bench([effect]))
         for fits in (declares_what_the_kernel_takes, returns_finite_values):
