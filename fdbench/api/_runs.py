@@ -150,7 +150,7 @@ def run(
     suite = next((item for item in Suite if item == scenarios), None)
     ids = in_suite(suite) if suite else _names(scenarios)
     add_effects(effects)
-    names = None if estimators is None else [*select(distinct(map(str, _names(estimators))))]
+    names = None if estimators is None else [*select(distinct(_names(estimators)))]
     kept = tempfile.TemporaryDirectory(prefix="fdbench-") if output is None else None
     folder = Path(kept.name) if kept else Path(str(output))
     summary = run_benchmark(

@@ -17,17 +17,18 @@ def add_effects(files: Iterable[str | Path] | None) -> None:
     from fdbench.checks.check_effect import Bench, Case, declares_what_the_kernel_takes, returns_finite_values
     from fdbench.effects import effects
 
-    for file in distinct(map(str, files)):
+    for file in distinct(files):
         effect = effects.get(effects.add_file(file))
         case = Case(effect, Bench([effect]))
         for fits in (declares_what_the_kernel_takes, returns_finite_values):
             run_checks(file, [(fits.__name__, partial(fits, case))])
 
 
-def distinct(names_or_files: Iterable[str]) -> list[str]:
-    """Return names and files as they are; two files of one name are refused, for the file name is the plug-in's."""
+def distinct(names_or_files: Iterable[str | Path]) -> list[str]:
+    """Return names and files as texts; two files of one name are refused, for the file name is the plug-in's."""
+    every = [str(item) for item in names_or_files]
     given: dict[str, Path] = {}
-    for file in (Path(item) for item in names_or_files if item.endswith(".py")):
+    for file in (Path(item) for item in every if item.endswith(".py")):
         if os.path.realpath(given.setdefault(file.stem, file)) != os.path.realpath(file):
             raise PluginError(f"{given[file.stem]} and {file}: two plug-ins of one name. Rename one of the files.")
-    return list(names_or_files)
+    return every
