@@ -1,9 +1,11 @@
 """``run`` and ``compare`` as functions."""
 
 import os
+import shutil
 import tempfile
+import weakref
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,7 +50,6 @@ class RunResult:
     summary: Summary
     written: tuple[str, ...] = ()
     unchanged: tuple[str, ...] = ()
-    _kept: "tempfile.TemporaryDirectory[str] | None" = field(default=None, repr=False)
 
     def scores(self) -> "pd.DataFrame":
         """Return a row for each scenario, estimator, seed and metric that was asked for."""
@@ -151,8 +152,7 @@ def run(
     ids = in_suite(suite) if suite else _names(scenarios)
     add_effects(effects)
     names = None if estimators is None else [*select(distinct(_names(estimators)))]
-    kept = tempfile.TemporaryDirectory(prefix="fdbench-") if output is None else None
-    folder = Path(kept.name) if kept else Path(str(output))
+    folder = Path(tempfile.mkdtemp(prefix="fdbench-") if output is None else output)
     summary = run_benchmark(
         ids,
         names,
@@ -167,8 +167,11 @@ def run(
         memory_limit_MB=memory_limit_MB,
         progress=progress,
     )
-    written, unchanged = ((), ()) if kept else write_results(folder, report)
-    return RunResult(folder, summary, written, unchanged, kept)
+    if output is not None:
+        return RunResult(folder, summary, *write_results(folder, report))
+    result = RunResult(folder, summary)
+    weakref.finalize(result, shutil.rmtree, folder, ignore_errors=True)
+    return result
 
 
 def _names(given: str | Path | Sequence[str | Path]) -> list[str | Path]:

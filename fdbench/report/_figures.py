@@ -90,6 +90,15 @@ def encoded(values: FloatArray) -> dict[str, str]:
     return {"dtype": "f4", "bdata": base64.b64encode(finite.tobytes()).decode("ascii")}
 
 
+def decoded(encoded: Mapping[str, str]) -> FloatArray:
+    """Return the numbers that `encoded` made text of.
+
+    >>> decoded(encoded(np.array([1.0, np.inf, -0.5])))
+    array([ 1. ,  nan, -0.5])
+    """
+    return np.frombuffer(base64.b64decode(encoded["bdata"]), encoded["dtype"]).astype(np.float64)
+
+
 def _abscissa(time_s: FloatArray) -> Trace:
     """Return times as start and step, which takes no room, where the steps are equal."""
     steps = np.diff(time_s)

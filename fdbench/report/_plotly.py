@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from fdbench.report._figures import plain
+from fdbench.report._figures import decoded, plain
 from fdbench.report._page import Figure
 from fdbench.report._templates import resource
 
@@ -21,6 +21,8 @@ def plotly_figure(figure: Figure) -> "go.Figure":
     colours = dict(re.findall(r"(--[\w-]+): (#\w+)", resource("page.css").partition("@media")[0]))
 
     def coloured(node: Any) -> Any:
+        if isinstance(node, Mapping) and "bdata" in node:
+            return decoded(node)
         if isinstance(node, Mapping):
             return {key: coloured(item) for key, item in node.items()}
         if isinstance(node, list | tuple):
