@@ -404,7 +404,7 @@ def test_an_effect_by_path_is_a_candidate_of_the_diagnosis(monkeypatch: pytest.M
         library.extend(kind.name for kind in nominal.library)
         raise RecordError("seen.")
 
-    monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", seen)
+    monkeypatch.setattr("fdbench.api._diagnosis.find", seen)
     arguments = ["diagnose", "axis.parquet", "--model", MODEL, "--effect", write("square_spring.py", EFFECT)]
     assert refused(*arguments) == "fdbench: seen.\n"
     assert "square_spring" in library
@@ -511,11 +511,12 @@ def test_json_has_no_number_that_json_lacks(monkeypatch: pytest.MonkeyPatch) -> 
     answer = {"gap": {"before": float("inf")}, "causes": [{"share": float("nan")}, {"share": 0.5}], "größe": (1, None)}
     expected = {"gap": {"before": None}, "causes": [{"share": None}, {"share": 0.5}], "größe": [1, None]}
     load_scenario("BallScrewAxis-v0").record(0).save("axis.parquet")
-    monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", lambda *_: SimpleNamespace(answer=answer))
+    found = SimpleNamespace(answer=SimpleNamespace(as_json=lambda: answer))
+    monkeypatch.setattr("fdbench.api._diagnosis.find", lambda *_: found)
     result = run("diagnose", "axis.parquet", "--model", MODEL, "--json", "-")
     assert (result.exit_code, result.stderr) == (0, "")
     assert json.loads(result.stdout, parse_constant=unlike_json) == expected
-    monkeypatch.setattr("fdbench.report.diagnosis_text.summary", lambda found: "found.")
+    monkeypatch.setattr("fdbench.api._diagnosis.summary", lambda found: "found.")
     result = run("diagnose", "axis.parquet", "--model", MODEL, "--json", "a.json")
     assert (result.exit_code, result.stdout, result.stderr) == (0, "found.\n", "")
     assert json.loads(Path("a.json").read_text("utf-8"), parse_constant=unlike_json) == expected
