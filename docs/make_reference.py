@@ -319,7 +319,7 @@ def call(name: str, thing: Any) -> str:
             default = ... if "factory" in repr(item.default) else item.default
             parameters.append(item.replace(annotation=inspect.Parameter.empty, default=default))
     text = str(inspect.Signature(parameters)).replace("Ellipsis", "...")
-    return f"```python\n{name}{text}\n```"
+    return f"`{name}{text}`"
 
 
 def entries_of(section: str) -> list[tuple[str, str, str]]:
