@@ -4,6 +4,7 @@ Docstrings are data sheets already; they are turned into Markdown as they stand,
 """
 
 import dataclasses
+import importlib
 import inspect
 import json
 import math
@@ -26,11 +27,11 @@ from fdbench.units import unit_of
 
 FOLDER = Path(__file__).resolve().parent / "reference"
 NOTE = "<!-- Written by docs/make_reference.py from docstrings and declarations; edit those, not this page. -->"
-HEADING = re.compile(r"^(Parameters|Attributes|Raises|References|Examples)\n-+\n", re.M)
+HEADING = re.compile(r"^(Parameters|Attributes|Returns|Raises|References|Examples)\n-+\n", re.M)
 SMALLEST = 5e-324  # how a specification writes "above zero"
 
 
-def sheet(cls: type) -> dict[str, str]:
+def sheet(cls: Any) -> dict[str, str]:
     """Return the sections of a docstring; the one before the first heading is named ''."""
     parts = HEADING.split(inspect.cleandoc(cls.__doc__ or ""))
     return {"": parts[0], **dict(zip(parts[1::2], parts[2::2], strict=True))}
@@ -300,9 +301,81 @@ def scenarios_page() -> str:
     return page("Scenarios", introduction, [contents((n, load_scenario(n).title) for n in names), *parts])
 
 
+# ---- what Python code calls
+
+API = {
+    "fdbench": ("diagnose", "run", "compare", "load_scenario", "read_record", "Record"),
+    "fdbench.api": ("DiagnosisResult", "RunResult", "ComparisonResult"),
+    "fdbench.estimator": ("Context", "Regression", "Estimate"),
+    "fdbench.plants": ("Plant",),
+}
+
+
+def call(name: str, thing: Any) -> str:
+    """Return how a function, method or class is called; types are said below."""
+    parameters = []
+    for item in inspect.signature(thing).parameters.values():
+        if item.name != "self" and not item.name.startswith("_"):
+            default = ... if "factory" in repr(item.default) else item.default
+            parameters.append(item.replace(annotation=inspect.Parameter.empty, default=default))
+    text = str(inspect.Signature(parameters)).replace("Ellipsis", "...")
+    return f"`{name}{text}`"
+
+
+def entries_of(section: str) -> list[tuple[str, str, str]]:
+    """Return name, type and text of each entry of a section of a docstring."""
+    found = re.findall(r"^(\S.*?)(?: : (.+))?\n((?:[ ]+.*\n?|\n(?=[ ]))*)", f"{section.strip()}\n", re.M)
+    return [(name, inline(kind), inline(" ".join(body.split()))) for name, kind, body in found]
+
+
+def entries(section: str) -> str:
+    """Return the entries of a section of a docstring as a table."""
+    return table("name|type|is", [(f"`{name}`", kind, text) for name, kind, text in entries_of(section)])
+
+
+def described_in_full(thing: Any) -> list[str]:
+    """Return the sections of a docstring in Markdown."""
+    parts = sheet(thing)
+    raised = [f"Raises `{name}` {text[0].lower()}{text[1:]}" for name, _, text in entries_of(parts.get("Raises", ""))]
+    return [
+        markdown(parts[""]),
+        *(entries(parts[key]) for key in ("Parameters", "Attributes") if key in parts),
+        " ".join(raised),
+        markdown(parts.get("Examples", "")),
+    ]
+
+
+def interface(home: str, name: str) -> str:
+    """Return a function, or a class with its public methods and properties."""
+    thing = getattr(importlib.import_module(home), name)
+    text = [f"## {name}", f"`from {home} import {name}`"]
+    text += [] if inspect.isabstract(thing) else [call(name, thing)]
+    text += described_in_full(thing)
+    for member, value in vars(thing).items() if inspect.isclass(thing) else ():
+        own = value.fget if isinstance(value, property) else getattr(value, "__func__", value)
+        if member.startswith("_") or not inspect.isfunction(own):
+            continue
+        text += [f"### {name}.{member}", "" if isinstance(value, property) else call(f".{member}", own)]
+        text += described_in_full(own)
+    return "\n\n".join(filter(None, text))
+
+
+def api_page() -> str:
+    """Return the page of what Python code calls."""
+    introduction = (
+        "What scripts and notebooks call, and what an estimator is given. "
+        "[How to use it](../how-to/python.md). What is not here may change from version to version."
+    )
+    listed = [(home, name) for home, names in API.items() for name in names]
+    said = [(name, sheet(getattr(importlib.import_module(home), name))[""].split("\n")[0]) for home, name in listed]
+    parts = [contents((name, inline(line)) for name, line in said), *(interface(*item) for item in listed)]
+    return page("Python", introduction, parts)
+
+
 def pages() -> dict[str, str]:
     """Return the text of each page by file name."""
     return {
+        "api.md": api_page(),
         "effects.md": effects_page(),
         "estimators.md": estimators_page(),
         "metrics.md": metrics_page(),

@@ -1,7 +1,8 @@
 """Two folders of results held against each other: which rows are worse by more than chance and by more than matters."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -19,6 +20,7 @@ from fdbench.regression import FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd
+    from scipy.stats._stats_py import TtestResult
 
 LOSS, GAIN, EVEN, NEW, MISSING, NOT_JUDGED = VERDICTS = ("loss", "gain", "even", "new", "missing", "not judged")
 
@@ -316,10 +318,11 @@ def paired_p_values(differences: FloatArray) -> tuple[float, float]:
     >>> paired_p_values(np.array([0.1]))
     (0.0, 1.0)
     """
-    n = len(differences)
-    if n < FEWEST_PAIRS:
+    if len(differences) < FEWEST_PAIRS:
         return float(not (differences > 0.0).all()), float(not (differences < 0.0).all())
-    return _student(float(differences.mean()), float(differences.std(ddof=1)) / math.sqrt(n), n - 1.0)
+    from scipy.stats import ttest_1samp
+
+    return _one_sided(lambda: ttest_1samp(differences, 0.0), float(differences.mean()))
 
 
 def unpaired_p_values(old: FloatArray, new: FloatArray) -> tuple[float, float]:
@@ -328,18 +331,19 @@ def unpaired_p_values(old: FloatArray, new: FloatArray) -> tuple[float, float]:
     >>> unpaired_p_values(np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 3.0]))
     (0.5, 0.5)
     """
-    parts = np.array([side.var(ddof=1) / len(side) for side in (old, new)])
-    variance = float(parts.sum())
-    freedom = 1.0 if variance == 0.0 else variance**2 / float((parts**2 / (len(old) - 1, len(new) - 1)).sum())
-    return _student(float(new.mean() - old.mean()), math.sqrt(variance), freedom)
+    from scipy.stats import ttest_ind
+
+    return _one_sided(lambda: ttest_ind(new, old, equal_var=False), float(new.mean() - old.mean()))
 
 
-def _student(mean: float, deviation: float, freedom: float) -> tuple[float, float]:
-    from scipy.special import stdtr
-
-    if deviation == 0.0:
+def _one_sided(test: Callable[[], "TtestResult"], mean: float) -> tuple[float, float]:
+    """Return the p-values of a mean above and below 0 from a test of both; without any spread 0 or 1."""
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore", RuntimeWarning)  # values that hardly differ
+        half = 0.5 * float(test().pvalue)
+    if math.isnan(half):
         return float(mean <= 0.0), float(mean >= 0.0)
-    return float(stdtr(freedom, -mean / deviation)), float(stdtr(freedom, mean / deviation))
+    return (half, 1.0 - half) if mean > 0.0 else (1.0 - half, half)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

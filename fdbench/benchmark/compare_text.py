@@ -73,6 +73,11 @@ def speed_ratios(comparison: Comparison) -> dict[str, float]:
     return {name: math.exp(sum(values) / len(values)) for name, values in sorted(logarithms.items())}
 
 
+def changes(comparison: Comparison) -> list[list[str]]:
+    """Return the cells of all rows that are not even, under `HEADER`."""
+    return list(_lines(comparison.of(LOSS, GAIN, NEW, MISSING)))
+
+
 def terminal(comparison: Comparison) -> "Group":
     """Return the rows that are not even as a table, the notes, and the outcome."""
     from rich import box
@@ -83,7 +88,7 @@ def terminal(comparison: Comparison) -> "Group":
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for column in ("verdict", "scenario, estimator, metric", *HEADER[-3:]):
         table.add_column(column, justify="right" if column in ("change", "p") else "left", overflow="fold")
-    for verdict, *names, values, change, p_value in _lines(comparison.of(LOSS, GAIN, NEW, MISSING)):
+    for verdict, *names, values, change, p_value in changes(comparison):
         style = "red" if verdict == LOSS else None
         table.add_row(verdict, escape(" ".join(names)), escape(values), change, p_value, style=style)
     return Group(*([table] if table.row_count else []), *map(escape, notes(comparison)), summary(comparison))

@@ -13,6 +13,7 @@ from fdbench.errors import FdbenchError
 from fdbench.metrics import Metric, metrics
 from fdbench.regression import FloatArray
 from fdbench.scenario import TRACKS
+from fdbench.statistics import drawn_rows, percentile_interval
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -240,14 +241,10 @@ def bootstrap(values: "pd.DataFrame") -> dict[str, tuple[float, FloatArray]]:
     Seeds are drawn with replacement within each scenario, the same for all columns, so that differences are paired;
     each scenario has the same weight. The generator is its own, with a fixed seed.
     """
-    rng = np.random.default_rng(SEED)
     scenario = values.index.get_level_values("scenario").to_numpy()
-    weights = np.empty(len(values))
-    drawn = np.empty((RESAMPLES, len(values)), dtype=np.intp)
-    for name in np.unique(scenario):
-        own = np.flatnonzero(scenario == name)
-        weights[own] = 1.0 / len(own)
-        drawn[:, own] = rng.choice(own, size=(RESAMPLES, len(own)))
+    _, place, seeds = np.unique(scenario, return_inverse=True, return_counts=True)
+    weights = 1.0 / seeds[place]
+    drawn = drawn_rows(scenario, RESAMPLES, SEED)
     spread = np.broadcast_to(weights, drawn.shape)
     columns = {str(name): values[name].to_numpy(dtype=np.float64) for name in values}
     return {
@@ -256,10 +253,9 @@ def bootstrap(values: "pd.DataFrame") -> dict[str, tuple[float, FloatArray]]:
     }
 
 
-def percentile_interval(value: float, resampled: FloatArray, known: bool) -> Interval:
+def _interval(value: float, resampled: FloatArray, known: bool) -> Interval:
     """Return the 95 % percentile interval of a bootstrap; without bounds if it is not known."""
-    tail = 50.0 * (1.0 - LEVEL)
-    low, high = np.percentile(resampled, [tail, 100.0 - tail]) if known else (np.nan, np.nan)
+    low, high = percentile_interval(resampled) if known else (np.nan, np.nan)
     return Interval(value=value, low=float(low), high=float(high))
 
 
@@ -287,14 +283,14 @@ def standings(scores: "pd.DataFrame", track: str, plant: str | None = None) -> l
         if is_ranked:
             n_ranked += 1
             best, best_resampled = distributions[first or name]
-            difference = percentile_interval(best - value, best_resampled - resampled, known)
+            difference = _interval(best - value, best_resampled - resampled, known)
             if not first or difference.excludes_zero:
                 first, rank = name, n_ranked
         lines.append(
             Standing(
                 rank=rank if is_ranked else None,
                 estimator=name,
-                score=percentile_interval(value, resampled, known),
+                score=_interval(value, resampled, known),
                 scenarios=int(covered[name].sum()),
                 of_scenarios=len(covered),
                 failures=int(statuses[name].reindex(values.index).isin([FAILED, DIVERGED]).sum()),

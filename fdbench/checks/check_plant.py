@@ -57,13 +57,13 @@ def offers_the_models_it_names(case: Case) -> None:
     plant, model = scenario.plant, scenario.estimation.model
     if model not in plant.models():
         raise PluginError(f"the scenario asks for the model {model}, offered are {', '.join(plant.models())}.")
-    found = plant.regression(case.record, model)
+    found = plant.linear_model(model).regression(case.record)
     if not (np.isfinite(found.regressors).all() and np.isfinite(found.target).all()):
         raise PluginError(f"the regression {model} is not finite on its own record.")
     if found.regressors.shape != (len(found.target), len(found.names)):
         raise PluginError(f"the regression {model} has {found.regressors.shape} regressors for its names and target.")
     try:
-        plant.regression(case.record, "no_such_model")
+        plant.linear_model("no_such_model")
     except FdbenchError:
         return
     raise PluginError("a model that is none is accepted.")

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
+from fdbench.checks.plugin_files import add_effects
 from fdbench.commands._options import Effects, MemoryLimit, TimeLimit
-from fdbench.commands._plugins import add_effects
 from fdbench.errors import FdbenchError, PluginError
 
 

@@ -24,18 +24,17 @@ def compare(
     """Compare two folders of results; exit with 1 where NEW is worse by more than chance and by more than matters."""
     from rich.console import Console
 
+    from fdbench import api
     from fdbench.benchmark import compare_text
-    from fdbench.benchmark.compare import LOSS
-    from fdbench.benchmark.compare import compare as compare_results
-    from fdbench.benchmark.store import Store
 
-    tables = (Store(existing(folder, "scores.parquet")).scores() for folder in (base, new))
-    found = compare_results(*tables, allow_missing=allow_missing, gate_speed=gate_speed)
+    sides = [existing(folder, "scores.parquet") for folder in (base, new)]
+    result = api.compare(*sides, allow_missing=allow_missing, gate_speed=gate_speed)
+    found = result.comparison
     if markdown is not None:
         markdown.write_text(compare_text.markdown(found), encoding="utf-8")
     if json_:
         echo_json(compare_text.document(found))
     else:
         Console().print(compare_text.terminal(found))
-    if found.of(LOSS):
+    if result.has_loss:
         raise typer.Exit(1)

@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
-from fdbench.commands._json import echo_json, json_text
+from fdbench.commands._json import echo_json
 from fdbench.commands._options import Effects, file_to_write, writable
-from fdbench.commands._plugins import add_effects
 from fdbench.errors import SpecError
 
 
@@ -47,53 +46,36 @@ def diagnose(
     """Say where the gap between a model and records lies, which effect causes it, and how far it shrinks."""
     from rich.console import Console
 
-    from fdbench.diagnosis.diagnose import diagnose as find
-    from fdbench.diagnosis.model.nominal import load_nominal
-    from fdbench.reading import read_record
-    from fdbench.record import Record
-    from fdbench.report.diagnosis_text import summary
+    from fdbench import api
 
-    def read(path: Path) -> Record:
-        return read_record(path, data if path.suffix.lower() == ".toml" else None)
-
-    if data is not None and not any(
-        path.suffix.lower() == ".toml" for path in (*records, *(holdout or ()), *(baseline or ()))
-    ):
-        raise SpecError(f"--data {data}: a folder for mapping files (.toml), but no record is one.")
     if next_experiment is not None and next_experiment.suffix.lower() != ".csv":
         raise SpecError(f"--next-experiment {next_experiment}: the motion is written as .csv.")
-    add_effects(effect)
     if rehearse:
         typer.echo(
             "fdbench: --rehearse is called --calibrate now; the former name goes with the next version.", err=True
         )
-    note = Console(stderr=True)
-    with note.status("reading") as status:
-        nominal = load_nominal(model)
-        fitted, judged, before = ([read(path) for path in paths] for paths in (records, holdout or (), baseline or ()))
-        models = None
-        if calibrate or rehearse:
-            from fdbench.trials.machine_calibration import calibrated_models
-
-            models = calibrated_models(nominal, fitted, judged, calibrate or rehearse, status.update)
-        found = find(nominal, fitted, judged, status.update, models, before)
+    with Console(stderr=True).status("reading") as status:
+        found = api.diagnose(
+            model,
+            records,
+            holdout or (),
+            effect or (),
+            calibrate or rehearse,
+            baseline=baseline or (),
+            data=data,
+            progress=status.update,
+        )
     if next_experiment is not None:
-        from fdbench.diagnosis.diagnose import write_experiment
-
-        found = write_experiment(found, next_experiment)
+        found = found.write_experiment(next_experiment)
         if found.answer.next_experiment is None:
             typer.echo(f"fdbench: no causes in doubt that a motion would tell apart: no {next_experiment}.", err=True)
     if json_ is not None and str(json_) != "-":
-        json_.write_text(json_text(found.answer.as_json()) + "\n", encoding="utf-8")
+        found.write_json(json_)
     if html is not None:
-        from fdbench.report.diagnosis import write_diagnosis
-
-        write_diagnosis(found, html)
+        found.write_html(html)
     if write_model is not None:
-        from fdbench.diagnosis.repaired import write_repaired
-
-        write_repaired(found, write_model)
+        found.write_model(write_model)
     if str(json_) == "-":
         echo_json(found.answer.as_json())
     else:
-        typer.echo(summary(found.answer))
+        typer.echo(str(found))

@@ -1,26 +1,14 @@
 """``fdbench run``."""
 
 import os
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from fdbench.benchmark.suite import SEEDS, Suite
 from fdbench.commands._options import DEFAULT_OUT, Effects, MemoryLimit, TimeLimit
-from fdbench.commands._plugins import add_effects, distinct
 from fdbench.errors import FdbenchError
-
-
-class Suite(StrEnum):
-    """Selections of scenarios: two of drawn machines, and the published trials that these were made of."""
-
-    QUICK = "quick"
-    FULL = "full"
-    PUBLISHED = "published"
-
-
-SEEDS = {Suite.QUICK: 3, Suite.FULL: 10, Suite.PUBLISHED: 3}
 
 
 def results_folder(path: Path) -> Path:
@@ -31,17 +19,6 @@ def results_folder(path: Path) -> Path:
     if not os.access(nearest, os.W_OK):
         raise FdbenchError(f"{path}: cannot be written: permission denied.")
     return path
-
-
-def in_suite(suite: Suite) -> list[str]:
-    """Return the ids of a suite; of several versions the newest counts, the others are published trials."""
-    from fdbench.catalogue import newest_ids, scenario_ids
-    from fdbench.scenario import load_scenario
-
-    newest = newest_ids()
-    if suite is Suite.PUBLISHED:
-        return [name for name in scenario_ids() if name not in newest]
-    return [name for name in newest if suite in load_scenario(name).suites]
 
 
 def run(
@@ -95,50 +72,35 @@ def run(
     """
     from rich.console import Console
 
-    from fdbench.benchmark import console, leaderboard
-    from fdbench.benchmark.run import run as run_benchmark
-    from fdbench.benchmark.run import select
+    from fdbench import api
+    from fdbench.benchmark import console
     from fdbench.benchmark.store import SKIPPED, Store
-    from fdbench.commands._written import write_changed
-    from fdbench.report import write_report
-    from fdbench.trials.board import board, published
 
-    add_effects(effect)
-    chosen = scenario or in_suite(suite)
-    names = [*select(distinct(estimator))] if estimator else None
     screen = Console()
     with console.progress(screen) as shown:
-        summary = run_benchmark(
-            chosen,
-            names,
+        result = api.run(
+            scenario or suite,
+            estimator,
             seeds or SEEDS[suite],
             out,
+            effects=effect or (),
+            jobs=jobs,
+            report=not no_report,
             sealed=sealed,
             nonce=nonce,
             first_seed=first_seed,
-            jobs=jobs or os.cpu_count() or 1,
             keep_estimates=keep_estimates,
             time_limit_s=time_limit,
             memory_limit_MB=memory_limit,
             progress=shown,
         )
-    store = Store(out)
-
-    def write_leaderboard(file: Path) -> None:
-        file.write_text(leaderboard.leaderboard(store) + board(published()), encoding="utf-8")
-
-    def write_page(file: Path) -> None:
-        write_report(out, file)
-
-    makers = {"leaderboard.md": write_leaderboard, **({} if no_report else {"report.html": write_page})}
-    written = write_changed(out, makers)
-    scores = store.scores(summary.keys)
+    summary, scores = result.summary, result.scores()
     screen.print(console.ranking_table(scores))
     trouble = console.trouble_table(scores)
     if trouble is not None:
         screen.print(trouble)
     if traceback:
-        typer.echo(console.tracebacks_text(store, summary.keys), err=True)
+        typer.echo(console.tracebacks_text(Store(out), summary.keys), err=True)
     counts = ", ".join(f"{count} {status}" for status, count in summary.statuses.items())
     reasons = f" Why runs were skipped: {out}/leaderboard.md." if summary.statuses[SKIPPED] else ""
     typer.echo(f"{summary.computed} runs done, {summary.reused} kept from before ({counts}).{reasons}")
@@ -148,10 +110,9 @@ def run(
         )
     if summary.stale:
         typer.echo(console.stale_text(summary.stale))
-    typer.echo(f"Written: {', '.join(f'{out}/{name}' for name in ('scores.parquet', *written))}")
-    unchanged = [f"{out}/{name}" for name in makers if name not in written]
-    if unchanged:
-        typer.echo(f"As before: {', '.join(unchanged)}")
+    typer.echo(f"Written: {', '.join(f'{out}/{name}' for name in ('scores.parquet', *result.written))}")
+    if result.unchanged:
+        typer.echo(f"As before: {', '.join(f'{out}/{name}' for name in result.unchanged)}")
     if text := console.nothing_good_text(scores):
         typer.echo(text)
         raise typer.Exit(1)

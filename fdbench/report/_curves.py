@@ -69,12 +69,17 @@ class Curves:
         runs = self.runs
         if len(runs) > MOST_RUNS:
             yield note(f"The first {MOST_RUNS} of {len(runs)} records.")
-        n_points = min(MOST_POINTS, POINTS_OF_ALL_RUNS // min(len(runs), MOST_RUNS))
-        for index, run in enumerate(runs[:MOST_RUNS]):
-            panels = [panel for channel in self.channels for panel in self._panels(index, channel, n_points)]
-            held_out = float(self.found.split.held_out[index].mean())
-            caption = f"Dashed: twice the noise floor. Not fitted, but judged on: {percent(held_out)} of the samples."
-            yield stack(Path(run.name).name, panels, "time (s)", caption)
+        for index in range(min(len(runs), MOST_RUNS)):
+            yield self.of_run(index, self.channels)
+
+    def of_run(self, index: int, channels: Sequence[str]) -> Figure:
+        """Return channels and gaps of one run over time."""
+        run = self.runs[index]
+        n_points = min(MOST_POINTS, POINTS_OF_ALL_RUNS // min(len(self.runs), MOST_RUNS))
+        panels = [panel for channel in channels for panel in self._panels(index, channel, n_points)]
+        held_out = float(self.found.split.held_out[index].mean())
+        caption = f"Dashed: twice the noise floor. Not fitted, but judged on: {percent(held_out)} of the samples."
+        return stack(Path(run.name).name, panels, "time (s)", caption)
 
     def _panels(self, index: int, channel: str, n_points: int) -> Iterator[Panel]:
         run, text = self.runs[index], quantity(channel)[0]
@@ -115,9 +120,10 @@ class Curves:
         yield note(
             "Mean gap at each commanded position while the axis moves, forwards and backwards, over all records."
         )
-        yield from (self._profile(channel) for channel in self.channels)
+        yield from (self.profile(channel) for channel in self.channels)
 
-    def _profile(self, channel: str) -> Figure:
+    def profile(self, channel: str) -> Figure:
+        """Return the mean gap of a channel at each commanded position."""
         position, velocity, _ = np.concatenate([run.reference for run in self.runs]).T
         both = [np.concatenate(gaps) for gaps in self.of(channel)]
         edges = np.linspace(float(position.min()), float(position.max()) + 1e-12, N_BINS + 1)
@@ -143,9 +149,10 @@ class Curves:
 
     def spectra(self) -> Iterator[Block]:
         yield note(f"Welch's method: Hann's window, segments of up to {SEGMENT} samples, mean over all records.")
-        yield from (self._spectrum(channel) for channel in self.channels)
+        yield from (self.spectrum(channel) for channel in self.channels)
 
-    def _spectrum(self, channel: str) -> Figure:
+    def spectrum(self, channel: str) -> Figure:
+        """Return the power density of the gap of a channel."""
         period_s = self.runs[0].period_s
         length = min(SEGMENT, *(run.n_samples for run in self.runs))
         before, after = (_decibels(_density(gaps, period_s, length)) for gaps in self.of(channel))

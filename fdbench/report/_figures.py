@@ -11,7 +11,8 @@ import numpy as np
 from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.run import NULL
 from fdbench.regression import FloatArray
-from fdbench.report._page import Figure, Html, Trace, tag
+from fdbench.report._page import Figure, Trace
+from fdbench.report._templates import Html, part
 
 # What is drawn for comparison only and would hide the rest; a click on its name shows it.
 HIDDEN = (NULL,)
@@ -62,13 +63,12 @@ def styles_of(names: Sequence[str]) -> dict[str, Style]:
 
 def legend(styles: Mapping[str, Style]) -> Html:
     """Return the colours of the page."""
-    return tag("ul", *(tag("li", named(name, style)) for name, style in styles.items()), kind="legend")
+    return part("legend", styles)
 
 
 def named(name: str, style: Style) -> Html:
     """Return the name of an estimator behind its colour."""
-    swatch = Html(f'<span class="swatch {style.symbol}" style="background:{style.colour}"></span>')
-    return Html(swatch + tag("span", name))
+    return part("named", name, style)
 
 
 def labelled(text: str, unit: str) -> str:
@@ -88,6 +88,15 @@ def encoded(values: FloatArray) -> dict[str, str]:
     """Return numbers as plotly reads them, 4 bytes each; what is not finite is a gap."""
     finite = np.where(np.isfinite(values), values, np.nan).astype("<f4")
     return {"dtype": "f4", "bdata": base64.b64encode(finite.tobytes()).decode("ascii")}
+
+
+def decoded(encoded: Mapping[str, str]) -> FloatArray:
+    """Return the numbers that `encoded` made text of.
+
+    >>> decoded(encoded(np.array([1.0, np.inf, -0.5])))
+    array([ 1. ,  nan, -0.5])
+    """
+    return np.frombuffer(base64.b64decode(encoded["bdata"]), encoded["dtype"]).astype(np.float64)
 
 
 def _abscissa(time_s: FloatArray) -> Trace:

@@ -27,9 +27,10 @@ from fdbench.report._figures import (
     line,
     stack,
 )
-from fdbench.report._page import Block, Figure, Html, Trace, note
+from fdbench.report._page import Block, Figure, Trace, note
 from fdbench.report._series import POINTS_FOR_A_BOUND, envelope, gaps, opening_range, peak, thinned
 from fdbench.report._spectrum import spectrum
+from fdbench.report._templates import Html
 from fdbench.scenario import Scenario, Truth, load_scenario
 from fdbench.wording import quantity, scaled
 

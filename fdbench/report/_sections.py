@@ -8,7 +8,8 @@ import numpy as np
 from fdbench.diagnosis.answer import Answer, Cell, Experiment, Pair, Quantity, Where
 from fdbench.report import diagnosis_text as words
 from fdbench.report._figures import AFTER, BEFORE, SOFT, Style, bars, dots
-from fdbench.report._page import Block, Figure, Grid, Html, Section, note, paragraph, table, tag
+from fdbench.report._page import Block, Figure, Grid, Section, note, paragraph, table
+from fdbench.report._templates import Html, part
 from fdbench.wording import percent, probability_text, public_text, quantity, si_text
 
 PARTITIONS = {
@@ -24,11 +25,11 @@ PARTITIONS = {
 def lead(answer: Answer) -> Iterator[Html]:
     """Yield the verdict and what speaks against it."""
     for sentence in words.verdict(answer):
-        yield paragraph(tag("strong", sentence))
+        yield paragraph(part("strong", sentence))
     doubts = list(words.doubts(answer))
     if doubts:
         yield paragraph("Doubts:")
-        yield tag("ul", *(tag("li", public_text(doubt)) for doubt in doubts))
+        yield part("bullets", [public_text(doubt) for doubt in doubts])
 
 
 def sections(answer: Answer) -> list[Section]:
@@ -96,6 +97,14 @@ def _causes(answer: Answer) -> Iterator[Block]:
         yield from _experiment(answer.next_experiment)
     if not causes:
         yield paragraph("No effect is named.")
+        return
+    yield from cause_tables(answer)
+
+
+def cause_tables(answer: Answer) -> Iterator[Html]:
+    """Yield the causes with their probabilities and shares, and their parameters; nothing without causes."""
+    causes = answer.causes
+    if not causes:
         return
     rows = []
     for cause in causes:
@@ -168,7 +177,13 @@ def _shrinkage(answer: Answer) -> Iterator[Block]:
     caption = f"Judged on {judged}. Bars: 95 % of resampled stretches of time, for the step alone."
     figure = dots(title, names, values, bounds, styles, "mean squared gap / noise floor")
     yield Figure(title=title, traces=figure.traces, layout=figure.layout, height_px=figure.height_px, caption=caption)
-    yield tag("ul", *(tag("li", sentence) for sentence in words.shrinkage(answer)))
+    yield part("bullets", list(words.shrinkage(answer)))
+    yield paragraph("Gap of each channel, root mean square:")
+    yield channel_table(answer)
+
+
+def channel_table(answer: Answer) -> Html:
+    """Return the gap of each channel before and after."""
     rows = [
         [
             quantity(name)[0],
@@ -181,5 +196,4 @@ def _shrinkage(answer: Answer) -> Iterator[Block]:
         for name, channel in answer.gap.channels.items()
     ]
     header = ["channel", "nominal", "re-calibrated", "repaired", "noise floor", "mean square less"]
-    yield paragraph("Gap of each channel, root mean square:")
-    yield table(header, rows, "lrrrrr")
+    return table(header, rows, "lrrrrr")

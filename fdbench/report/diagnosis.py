@@ -10,8 +10,9 @@ from fdbench.diagnosis.search.search import SMALLEST_GAIN
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.report._curves import Curves
 from fdbench.report._figures import bars
-from fdbench.report._page import Block, Section, folded, note, paragraph, table, tag, write_page
+from fdbench.report._page import Block, Section, folded, note, paragraph, table, write_page
 from fdbench.report._sections import lead, noise_floors, sections
+from fdbench.report._templates import part
 from fdbench.wording import percent, si_text
 
 SEEN_RIVALS = 8
@@ -35,7 +36,7 @@ def write_diagnosis(found: Diagnosis, path: str | Path) -> None:
         *sections(found.answer),
         Section("Rivals", list(_rivals(found.stages))),
         Section("Records, noise floor and re-calibration", list(_basis(found))),
-        Section("Repaired model", [tag("div", tag("pre", model_text(found)), kind="wide")]),
+        Section("Repaired model", [part("preformatted", model_text(found))]),
     ]
     write_page(
         Path(path), "fdbench: diagnosis of a gap", list(lead(found.answer)), [part for part in parts if part.blocks]

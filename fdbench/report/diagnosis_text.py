@@ -42,7 +42,7 @@ def summary(answer: Answer) -> str:
     str
         Verdict, gap of each channel, where it lies, causes, how far it shrinks, and what speaks against all that.
     """
-    lines = [f"Gap diagnosis{_recorded(answer)}"]
+    lines = [title(answer)]
     sections: Sequence[tuple[str, Iterator[str]]] = (
         ("Verdict", verdict(answer)),
         (f"Gap, root mean square on {answer.shrinkage.judged_on_words}", _gap(answer)),
@@ -51,9 +51,9 @@ def summary(answer: Answer) -> str:
         ("How far it shrinks: mean squared gap in units of the noise floor", shrinkage(answer)),
         ("Doubts", doubts(answer)),
     )
-    for title, content in sections:
+    for heading, content in sections:
         body = list(content)
-        lines += [title, *(line for text in body for line in _wrapped(text))] if body else []
+        lines += [heading, *(line for text in body for line in _wrapped(text))] if body else []
     return "\n".join(lines)
 
 
@@ -141,16 +141,18 @@ def _nearest(answer: Answer) -> str:
     return f" The nearest, {answer.nearest.effect}, would remove {reduction} of it."
 
 
-def _recorded(answer: Answer) -> str:
+def title(answer: Answer) -> str:
+    """Return what was diagnosed."""
     if answer.recorded is None:
-        return ""
+        return "Gap diagnosis"
     n = answer.recorded.records
     period = si_text(answer.recorded.sampling_time_s, "s")
     since = answer.recorded.baseline
     before = (
         f", what changed since {'1 baseline record' if since == 1 else f'{since} baseline records'}" if since else ""
     )
-    return f": {'1 record' if n == 1 else f'{n} records'}, {answer.recorded.samples} samples of {period}{before}"
+    records = "1 record" if n == 1 else f"{n} records"
+    return f"Gap diagnosis: {records}, {answer.recorded.samples} samples of {period}{before}"
 
 
 def shrinkage(answer: Answer) -> Iterator[str]:

@@ -22,6 +22,7 @@ from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.run import NULL
 from fdbench.benchmark.statistics import (
     LEVEL,
+    Standing,
     Trouble,
     loss,
     parameter_bias,
@@ -35,9 +36,10 @@ from fdbench.benchmark.statistics import (
 from fdbench.benchmark.store import FAILED, OK, PROVENANCE, SKIPPED, STATUSES, Store
 from fdbench.metrics import metrics
 from fdbench.report._figures import Style, dots, labelled, legend, named, styles_of
-from fdbench.report._page import Block, Grid, Html, Section, breakable, folded, note, paragraph, table, tag, write_page
+from fdbench.report._page import Block, Figure, Grid, Section, breakable, folded, note, paragraph, table, write_page
 from fdbench.report._scenario import known_scenario, pictures
 from fdbench.report._series import points_of_a_series
+from fdbench.report._templates import Html, part
 from fdbench.scenario import TRACKS
 from fdbench.units import time_text, unit_of
 from fdbench.wording import public_text, quantity, unit_text
@@ -95,17 +97,22 @@ def _ranking(scores: "pd.DataFrame", styles: Mapping[str, Style]) -> list[Block]
     return [paragraph(SCORE), *(Section(f"Track: {track}", sections) for track, sections in tracks.items())]
 
 
-def _standings(scores: "pd.DataFrame", track: str, plant: str, styles: Mapping[str, Style]) -> Iterator[Block]:
-    ranking = standings(scores, track, plant)
-    names = [line.estimator for line in ranking]
-    yield dots(
+def ranking_figure(ranking: Sequence[Standing], styles: Mapping[str, Style]) -> Figure:
+    """Return the score of each estimator with its interval."""
+    return dots(
         f"Score with {LEVEL:.0%} interval",
-        names,
+        [line.estimator for line in ranking],
         np.array([line.score.value for line in ranking]),
         np.array([(line.score.low, line.score.high) for line in ranking]),
         styles,
         "score (1: knows the truth, 0: has learnt nothing)",
     )
+
+
+def _standings(scores: "pd.DataFrame", track: str, plant: str, styles: Mapping[str, Style]) -> Iterator[Block]:
+    ranking = standings(scores, track, plant)
+    names = [line.estimator for line in ranking]
+    yield ranking_figure(ranking, styles)
     yield table(
         ["rank", "estimator", "score", f"{LEVEL:.0%} interval", "scenarios", "failures"],
         [
@@ -115,7 +122,7 @@ def _standings(scores: "pd.DataFrame", track: str, plant: str, styles: Mapping[s
                 f"{line.score.value:.3f}",
                 interval_text(line.score),
                 f"{line.scenarios} of {line.of_scenarios}",
-                tag("span", str(line.failures), kind="bad" if line.failures else ""),
+                part("bad", line.failures) if line.failures else "0",
             ]
             for line in ranking
         ],
@@ -172,7 +179,7 @@ def _metric_tables(means: "pd.DataFrame") -> Iterator[Html]:
         best = min((value for name, value in losses.items() if name not in (NULL, ORACLE)), default=math.nan)
         scale = values.get(NULL, math.nan)
         cells = [
-            tag("strong" if losses.get(name) == best and name not in (NULL, ORACLE) else "span", text)
+            part("strong", text) if losses.get(name) == best and name not in (NULL, ORACLE) else text
             for name, text in ((name, _with_micro(value_text(v, metric.unit, scale))) for name, v in values.items())
         ]
         arrow = "↑" if metric.bigger_is_better else "↓"
@@ -235,8 +242,8 @@ def _troubles(scores: "pd.DataFrame", statuses: "pd.DataFrame") -> Iterator[Html
         merged.setdefault((line.status, line.reason, line.estimators, seeds), []).append(line)
     rows = [
         [
-            tag("span", status, kind="" if status == SKIPPED else "bad"),
-            tag("span", public_text(reason), kind="reason"),
+            status if status == SKIPPED else part("bad", status),
+            part("reason", public_text(reason)),
             estimators,
             _names_text([line.scenario for line in lines], every),
             max((line.seeds for line in lines), key=len),
@@ -261,9 +268,9 @@ def _metric_troubles(scores: "pd.DataFrame") -> Iterator[Html]:
     missing = bad[np.array(has_estimate, dtype=bool)]
     rows = [
         [
-            tag("span", str(status), kind="bad" if status == FAILED else ""),
+            part("bad", status) if status == FAILED else str(status),
             str(metric),
-            tag("span", public_text(str(reason)), kind="reason"),
+            part("reason", public_text(str(reason))),
             ", ".join(sorted(group["estimator"].unique())),
             _names_text(sorted(group["scenario"].unique()), every),
         ]
@@ -296,18 +303,18 @@ def _with_micro(time: str) -> str:
 def _provenance(scores: "pd.DataFrame") -> Iterator[Html]:
     digests = ("scenario_digest", "estimator_digest")
     rows = [
-        [name.replace("_", " "), *(tag("code", value) for value in [", ".join(sorted(scores[name].unique())) or "–"])]
+        [name.replace("_", " "), *(part("code", value) for value in [", ".join(sorted(scores[name].unique())) or "–"])]
         for name in PROVENANCE
         if name not in (*digests, "utc")
     ]
     first, last = scores["utc"].min(), scores["utc"].max()
-    rows.append(["time of the runs (UTC)", tag("code", first if first == last else f"{first} to {last}")])
+    rows.append(["time of the runs (UTC)", part("code", first if first == last else f"{first} to {last}")])
     rows.append(["seeds", _seeds_text(sorted(int(seed) for seed in scores["seed"].unique()))])
     yield table(["what", "value"], rows, "ll")
     scenarios = scores.groupby("scenario").agg(digest=("scenario_digest", "first"), seeds=("seed", "nunique"))
     yield table(
         ["scenario", "seeds", "digest"],
-        [[str(line.Index), str(line.seeds), tag("code", str(line.digest))] for line in scenarios.itertuples()],
+        [[str(line.Index), str(line.seeds), part("code", str(line.digest))] for line in scenarios.itertuples()],
         "lrl",
     )
     estimators = scores.groupby(["estimator", "estimator_digest"])
@@ -316,7 +323,7 @@ def _provenance(scores: "pd.DataFrame") -> Iterator[Html]:
         table(
             ["estimator", "digest", "scenarios"],
             [
-                [str(name), tag("code", str(digest)[:SHORT_DIGEST]), ", ".join(sorted(group["scenario"].unique()))]
+                [str(name), part("code", str(digest)[:SHORT_DIGEST]), ", ".join(sorted(group["scenario"].unique()))]
                 for (name, digest), group in estimators
             ],
             "lll",

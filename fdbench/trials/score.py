@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fdbench.errors import SpecError, did_you_mean
 from fdbench.nonce import check_nonce
 from fdbench.record import FloatArray
+from fdbench.statistics import drawn_rows, percentile_interval
 from fdbench.trials import seal
 from fdbench.trials.answer import FAILED
 from fdbench.trials.make import MANIFEST, read_manifest
@@ -21,7 +22,6 @@ NAMED = 0.5  # probability above which an effect counts as named
 WORTH_CALIBRATING = 0.05
 BINS = 10
 RESAMPLES = 1000
-LEVEL = 0.95
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -288,9 +288,7 @@ def check_varies(table: Table, constant: bool, answers: Path) -> None:
 
 def sheet(table: Table) -> dict[str, dict[str, Any]]:
     """Return each quantity with its 95 % bootstrap interval over cases."""
-    rng = np.random.default_rng(0)
-    n = len(table.none)
-    draws = [table.rows(rng.integers(0, n, n)) for _ in range(RESAMPLES)]
+    draws = [table.rows(rows) for rows in drawn_rows(np.zeros(len(table.none)), RESAMPLES)]
     found: dict[str, dict[str, Any]] = {}
     for name, (words, function) in QUANTITIES.items():
         value = function(table)
@@ -298,9 +296,7 @@ def sheet(table: Table) -> dict[str, dict[str, Any]]:
             continue
         values = np.array([function(draw) for draw in draws])
         values = values[np.isfinite(values)]
-        low, high = (
-            np.quantile(values, [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0]).tolist() if len(values) else (value, value)
-        )
+        low, high = percentile_interval(values).tolist() if len(values) else (value, value)
         found[name] = {"quantity": words, "value": value, "ci95": [low, high], "cases": bearing(table, name)}
     return found
 

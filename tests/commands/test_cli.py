@@ -20,12 +20,12 @@ from typer.testing import CliRunner, Result
 
 from fdbench import cli
 from fdbench.catalogue import scenario_folder
-from fdbench.commands._written import write_changed
 from fdbench.commands.list import Kind
 from fdbench.effects import effects
 from fdbench.errors import RecordError
 from fdbench.estimator import estimators
 from fdbench.reading import read_record
+from fdbench.report.written import write_changed
 from fdbench.scenario import load_scenario
 
 PROGRAM = [sys.executable, "-m", "fdbench.cli"]
@@ -181,7 +181,7 @@ def write(name: str, text: str) -> Path:
         ("diagnose axis.csv --model binary.toml", r"binary\.toml: not valid TOML"),
         ("diagnose axis.csv --model MODEL --html none/a.html", r"there is no folder none"),
         ("diagnose axis.csv --model MODEL --json folder", r"folder: a folder, where a file"),
-        ("diagnose axis.csv --model MODEL --data folder", r"--data folder: a folder for mapping files"),
+        ("diagnose axis.csv --model MODEL --data folder", r"data folder: a folder for mapping files"),
         ("diagnose axis.csv --model MODEL --effect none.py", r"none\.py: no such file"),
         ("diagnose axs.csv --model MODEL", r"axs\.csv: no such file.*axis\.csv"),
         ("diagnose folder --model MODEL", r"folder: "),
@@ -404,7 +404,7 @@ def test_an_effect_by_path_is_a_candidate_of_the_diagnosis(monkeypatch: pytest.M
         library.extend(kind.name for kind in nominal.library)
         raise RecordError("seen.")
 
-    monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", seen)
+    monkeypatch.setattr("fdbench.api._diagnosis.find", seen)
     arguments = ["diagnose", "axis.parquet", "--model", MODEL, "--effect", write("square_spring.py", EFFECT)]
     assert refused(*arguments) == "fdbench: seen.\n"
     assert "square_spring" in library
@@ -511,11 +511,12 @@ def test_json_has_no_number_that_json_lacks(monkeypatch: pytest.MonkeyPatch) -> 
     answer = {"gap": {"before": float("inf")}, "causes": [{"share": float("nan")}, {"share": 0.5}], "größe": (1, None)}
     expected = {"gap": {"before": None}, "causes": [{"share": None}, {"share": 0.5}], "größe": [1, None]}
     load_scenario("BallScrewAxis-v0").record(0).save("axis.parquet")
-    monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", lambda *_: SimpleNamespace(answer=answer))
+    found = SimpleNamespace(answer=SimpleNamespace(as_json=lambda: answer))
+    monkeypatch.setattr("fdbench.api._diagnosis.find", lambda *_: found)
     result = run("diagnose", "axis.parquet", "--model", MODEL, "--json", "-")
     assert (result.exit_code, result.stderr) == (0, "")
     assert json.loads(result.stdout, parse_constant=unlike_json) == expected
-    monkeypatch.setattr("fdbench.report.diagnosis_text.summary", lambda found: "found.")
+    monkeypatch.setattr("fdbench.api._diagnosis.summary", lambda found: "found.")
     result = run("diagnose", "axis.parquet", "--model", MODEL, "--json", "a.json")
     assert (result.exit_code, result.stdout, result.stderr) == (0, "found.\n", "")
     assert json.loads(Path("a.json").read_text("utf-8"), parse_constant=unlike_json) == expected
@@ -615,7 +616,7 @@ def test_only_what_has_changed_is_written_anew(results: Path, monkeypatch: pytes
     assert files_written() == {"leaderboard.md"}
     (results / "made_of.json").write_text("{", "utf-8")
     assert files_written() == both
-    monkeypatch.setattr("fdbench.commands._written._code", lambda: b"other code")
+    monkeypatch.setattr("fdbench.report.written._code", lambda: b"other code")
     assert files_written() == both
     shutil.rmtree(results / "runs" / "ShakerConstant-v1" / "least_squares")
     assert files_written("--no-report") == {"leaderboard.md"}

@@ -84,6 +84,16 @@ def test_blocks_on_environments_run(tmp_path: Path) -> None:
         run(block, tmp_path)
 
 
+def test_blocks_on_python_do_what_they_say(tmp_path: Path) -> None:
+    """One program, as in a notebook: later blocks use what earlier ones made."""
+    found = blocks(REPOSITORY / "docs" / "how-to" / "python.md")
+    program, expected = ("".join(b.text for b in found if b.language == kind) for kind in ("python", "text"))
+    printed = run(Block("", "python", program), tmp_path)
+    options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+    checker, example = doctest.OutputChecker(), doctest.Example("", expected)
+    assert checker.check_output(expected, printed, options), checker.output_difference(example, printed, options)
+
+
 def test_slow_blocks_are_targets_of_make() -> None:
     targets = re.findall(r"^(\w+):", (REPOSITORY / "Makefile").read_text("utf-8"), re.M)
     lines = [line for block in blocks(README) if block.before == SLOW for line in block.text.splitlines()]
@@ -133,7 +143,7 @@ def test_links_lead_somewhere(page: Path) -> None:
 def test_commands_name_what_exists(page: Path) -> None:
     text = page.read_text("utf-8").replace("\\\n", " ")
     text = "\n".join(re.findall(r"`+([^`]+)`+", text))
-    assert set(re.findall(r"(?:^|\s)fdbench ([a-z]+)\b(?!:)", text)) <= set(COMMANDS)
+    assert set(re.findall(r"(?:^|(?<!from)\s)fdbench ([a-z]+)\b(?!:)", text)) <= set(COMMANDS)
     assert set(re.findall(r"--scenario (?:fdbench/)?([A-Z]\w+-v\d+)(?!\.toml)\b", text)) <= {*scenario_ids()}
     assert set(re.findall(r"--estimator (\w+)(?!\.py)\b", text)) <= {*estimators.names()}
     assert set(re.findall(r"fdbench reproduce (\w+)", text)) <= {*papers()}

@@ -2,12 +2,14 @@
 
 import difflib
 import importlib.util
+import inspect
 import re
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
+import fdbench.api
 from fdbench.catalogue import scenario_ids
 from fdbench.effects import effects
 from fdbench.estimator import estimators
@@ -15,7 +17,7 @@ from fdbench.metrics import metrics
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SCRIPT = REPOSITORY / "docs" / "make_reference.py"
-FILES = ("effects.md", "estimators.md", "metrics.md", "scenarios.md")
+FILES = ("api.md", "effects.md", "estimators.md", "metrics.md", "scenarios.md")
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +70,16 @@ def test_effects_state_their_parameters(name: str, pages: dict[str, str]) -> Non
     for item in effects.get(name).parameters():
         row = (f"`{item.name}`", f"`{item.symbol}`", item.unit, f"{item.low:g}", f"{item.high:g}", f"{item.typical:g}")
         assert f"| {' | '.join(row)} |" in section
+
+
+def test_the_face_of_the_package_is_described(pages: dict[str, str]) -> None:
+    sections = re.findall(r"^## (\S+)$", pages["api.md"], re.M)
+    assert {name for name in fdbench.__all__ if name != "__version__"} <= set(sections)
+    assert {"Context", "Record", "Regression", "Estimate", "Plant", *fdbench.api.__all__} <= set(sections)
+    for name, thing in (("diagnose", fdbench.diagnose), ("run", fdbench.run), ("compare", fdbench.compare)):
+        section = pages["api.md"].partition(f"\n## {name}\n")[2].partition("\n## ")[0]
+        for argument in inspect.signature(thing).parameters:
+            assert re.search(rf"^\| `[^`]*\b{argument}\b[^`]*` \|", section, re.M), f"{name}: {argument}"
 
 
 def test_keys_state_unit_and_bounds(pages: dict[str, str]) -> None:

@@ -24,9 +24,11 @@ from fdbench.diagnosis.answer import EFFECT, from_json, read_answer
 from fdbench.errors import FdbenchError
 from fdbench.report import write_report
 from fdbench.report._figures import styles_of
-from fdbench.report._page import Figure, Html, Section, page, table, tag
+from fdbench.report._page import Figure, Section, page, paragraph, table
 from fdbench.report._series import envelope, thinned
+from fdbench.report._templates import Html
 from fdbench.report.answer import write_answer
+from fdbench.report.cards import verdict_card
 from fdbench.report.diagnosis_text import summary
 
 SCENARIOS = ("MillingUpDown-v1", "ShakerConstant-v0")
@@ -234,7 +236,7 @@ def test_names_are_escaped_in_figures(tmp_path: Path) -> None:
 def test_figures_and_tables_are_escaped() -> None:
     figure = Figure(title=HOSTILE, traces=[{"name": HOSTILE}], layout={}, height_px=100, caption=HOSTILE)
     cells = table([HOSTILE], [[HOSTILE]], "l")
-    shown = Page(page(HOSTILE, [tag("p", HOSTILE)], [Section(HOSTILE, [figure, cells])]))
+    shown = Page(page(HOSTILE, [paragraph(HOSTILE)], [Section(HOSTILE, [figure, cells])]))
     assert [data["data"][0]["name"] for data in shown.figures.values()] == [HOSTILE]
     assert [name for name, _ in shown.tags if name == "img"] == []
     places = ["title", "h1", "p", "link", "h2", "h3", "figcaption", "th", "td"]
@@ -498,6 +500,37 @@ def test_an_answer_from_before_causes_had_a_kind_is_read(tmp_path: Path) -> None
     assert "Cause: direction_dependent_friction, probability above 0.99" in summary(older)
     assert from_json(older.as_json()) == older
     assert "direction_dependent_friction" in " ".join(page_of(tmp_path, json.loads(written.read_text())).words)
+
+
+def test_markup_in_every_name_is_shown_as_it_is(tmp_path: Path) -> None:
+    """Names and texts of an answer that somebody else has written: on the page and in the card of a notebook."""
+    name, changed = HOSTILE, answer()
+    cause, step = changed["causes"][0], changed["shrinkage"]["steps"][0]
+    cause["effect"] = changed["suspects"][0]["effect"] = step["added"] = name
+    cause["indistinguishable_from"] = [name]
+    cause["parameters"] = {f"{name}_N": {"value": 1.0, "ci95": [0.5, 1.5], "unit": name}}
+    for table_of, key in ((changed["gap"]["channels"], "position_m"), (changed["noise_floor"], "position_m")):
+        table_of[f"{name}_m"] = table_of.pop(key) | {"unit": name}
+    changed["where"]["channel"] = {f"{name}_m": 1.0}
+    changed["where"]["motion"] = {name: 1.0}
+    changed["shrinkage"] |= {"judged_on": name, "unit": name}
+    changed["next_experiment"] = {"to_separate": [name, name], "trajectory": name, "motion": name, "file": name}
+    changed["warnings"] = [name]
+    changed["parametric"]["moved_in_standard_deviations"] = {name: 4.0}
+    changed["probabilities_from"] = name
+    shown = page_of(tmp_path, changed)
+    card = Page(verdict_card(read_answer(tmp_path / "answer.json")))
+    for document in (shown, card):
+        assert [tag for tag, _ in document.tags if tag == "img"] == []
+        assert "<img src=x onerror=alert(2)>" in " ".join(document.words)
+    scripts = [attributes for tag, attributes in shown.tags if tag == "script"]
+    assert len(scripts) == len(shown.figures) + 2  # plotly, and what draws
+    assert [tag for tag, _ in card.tags if tag == "script"] == []
+
+
+def test_rows_have_a_cell_for_each_column() -> None:
+    with pytest.raises(ValueError, match="2 cells in a row, 1 columns"):
+        table(["a"], [["b", "c"]], "l")
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from fdbench.diagnosis.judge.reduction import RESAMPLES
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import Run
 from fdbench.record import FloatArray
+from fdbench.statistics import drawn_counts, percentile_interval
 
 PHASES = (
     "rest",
@@ -152,10 +153,9 @@ class Partition:
     """
 
     def __init__(self, parts: FloatArray, seed: int = 0) -> None:
-        n = len(parts)
-        picked = np.random.default_rng(seed).multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES)
+        drawn = drawn_counts(np.arange(len(parts)), RESAMPLES, seed)
         self.shares: list[float] = shares(parts.sum(axis=0)).tolist()
-        bounds = np.percentile(shares(picked @ parts), [2.5, 97.5], axis=0).T.tolist()
+        bounds = percentile_interval(shares(drawn @ parts)).T.tolist()
         self.ci95: list[Pair] = [(low, high) for low, high in bounds]
 
     def named(self, names: Sequence[str]) -> tuple[dict[str, float], dict[str, Pair]]:

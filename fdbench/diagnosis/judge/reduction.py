@@ -17,6 +17,7 @@ from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
+from fdbench.statistics import drawn_counts, percentile_interval
 
 RESAMPLES = 1000
 MEASURABLE = 1.5  # mean squared gap in units of the floor below which its explained fraction means nothing
@@ -57,10 +58,7 @@ class Reductions:
 
     def draws(self, seed: int = 0) -> FloatArray:
         """Return how often each segment is drawn, (n_resamples, n_segments); a stretch of time is drawn whole."""
-        names, place = np.unique(self.groups, return_inverse=True)
-        rng = np.random.default_rng(seed)
-        picked = rng.multinomial(len(names), np.full(len(names), 1.0 / len(names)), size=RESAMPLES)
-        return np.asarray(picked[:, place], dtype=np.float64)
+        return drawn_counts(self.groups, RESAMPLES, seed)
 
 
 def explained_fraction(before: float, after: float) -> float | None:
@@ -208,6 +206,6 @@ def parametric(raw: float, reductions: Reductions, calibrated: Hypothesis, final
     )
 
 
-def _interval(values: FloatArray) -> Pair:
-    low, high = np.percentile(values, [2.5, 97.5])
+def _interval(resampled: FloatArray) -> Pair:
+    low, high = percentile_interval(resampled)
     return float(low), float(high)

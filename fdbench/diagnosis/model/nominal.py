@@ -9,8 +9,10 @@ from fdbench.effects import Effect, effects
 from fdbench.errors import SpecError
 from fdbench.plants import Plant
 from fdbench.plants.feed_drive import FeedDrive, Following
-from fdbench.scenario import extended
+from fdbench.scenario import Scenario, extended
 from fdbench.specification import bounded, check_bounds, nonnegative, positive, read, snake_case
+
+SUBSTEPS = 10  # where a scenario does not say
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,6 +105,12 @@ def _is_located(kind: type[Effect]) -> bool:
     return any(item.locate for item in kind.parameters())
 
 
+def nominal_of(scenario: Scenario) -> Nominal:
+    """Return the model on paper of a scenario; what the machine really is is not looked at."""
+    substeps = SUBSTEPS if scenario.timing is None else scenario.timing.substeps
+    return Nominal(plant=scenario.plant, simulation=Simulation(substeps=substeps))
+
+
 def load_nominal(path: str | Path) -> Nominal:
     """Read a model file, or take the nominal model out of a scenario file.
 
@@ -115,7 +123,7 @@ def load_nominal(path: str | Path) -> Nominal:
         timing = table.get("timing", {})
         if not isinstance(timing, Mapping):
             raise SpecError(f"{where}.timing: a table is expected, found {timing!r}.")
-        table = {"plant": table.get("plant", {}), "simulation": {"substeps": timing.get("substeps", 10)}}
+        table = {"plant": table.get("plant", {}), "simulation": {"substeps": timing.get("substeps", SUBSTEPS)}}
     plant = table.get("plant")
     if isinstance(plant, Mapping) and plant.get("kind") == snake_case(FeedDrive.__name__) and "controller" not in plant:
         table["plant"] = {**plant, "controller": {"kind": snake_case(Following.__name__)}}

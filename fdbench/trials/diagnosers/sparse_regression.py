@@ -12,6 +12,7 @@ from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.records.runs import Run
 from fdbench.diagnosis.search.periods import located
 from fdbench.record import FloatArray, Record
+from fdbench.statistics import drawn_counts
 from fdbench.trials.diagnoser import Answer, Diagnoser
 from fdbench.trials.diagnosers._common import gap_probability
 from fdbench.trials.diagnosers._force_residual import STRIDE, Motion, visible
@@ -60,10 +61,8 @@ class SparseRegression(Diagnoser):
         kept: dict[str, list[float]] = {item.name: [] for item, _ in groups}
         limits = _limits(nominal)
         left = []
-        rng = np.random.default_rng(0)
-        for _ in range(self.resamples):
-            weights = rng.multinomial(len(sums), np.full(len(sums), 1.0 / len(sums)))
-            total = np.tensordot(weights.astype(np.float64), sums, axes=1)
+        for counts in drawn_counts(np.arange(len(sums)), self.resamples):
+            total = np.tensordot(counts, sums, axes=1)
             chosen, xi, rest = self._stlsq(total, groups)
             left.append(rest)
             for item, columns in groups:

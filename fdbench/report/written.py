@@ -2,16 +2,31 @@
 
 import json
 from collections.abc import Callable, Iterator, Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.metadata import version
 from pathlib import Path
 
+from fdbench.benchmark.leaderboard import leaderboard
 from fdbench.benchmark.provenance import PACKAGE, digest
 from fdbench.benchmark.seal import FILE
-from fdbench.benchmark.store import replaced
+from fdbench.benchmark.store import Store, replaced
+from fdbench.report.results import write_report
+from fdbench.trials.board import board, published
 
 MADE_OF = "made_of.json"
-SOURCES = (".py", ".json", ".toml")
+SOURCES = (".py", ".json", ".toml", ".html", ".css", ".js")
+
+
+def write_results(folder: Path, page: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Write the leaderboard and, if asked for, the page of a folder; return the files written and those left."""
+    makers = {"leaderboard.md": _write_leaderboard, **({"report.html": write_report} if page else {})}
+    own = {name: partial(make, folder) for name, make in makers.items()}
+    written = write_changed(folder, own)
+    return tuple(written), tuple(name for name in own if name not in written)
+
+
+def _write_leaderboard(folder: Path, file: Path) -> None:
+    file.write_text(leaderboard(Store(folder)) + board(published()), encoding="utf-8")
 
 
 def write_changed(folder: Path, makers: Mapping[str, Callable[[Path], None]]) -> list[str]:
@@ -32,14 +47,14 @@ def write_changed(folder: Path, makers: Mapping[str, Callable[[Path], None]]) ->
     files = {name: folder / name for name in makers}
     written = [name for name, file in files.items() if not file.is_file() or known.get(name) != _state(sources, file)]
     for name in written:
-        with replaced(files[name]) as partial:
-            makers[name](partial)
-            known[name] = _state(sources, partial)
+        with replaced(files[name]) as unfinished:
+            makers[name](unfinished)
+            known[name] = _state(sources, unfinished)
     if _sources(folder) != sources:  # another run has written to this folder meanwhile
         known = {}
     if written:
-        with replaced(folder / MADE_OF) as partial:
-            partial.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
+        with replaced(folder / MADE_OF) as unfinished:
+            unfinished.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
     return written
 
 

@@ -1,4 +1,4 @@
-"""Plug-ins that are named by their files."""
+"""Plug-ins that are given as files: registered, and refused where they cannot work."""
 
 import os
 from collections.abc import Iterable
@@ -7,7 +7,7 @@ from pathlib import Path
 from fdbench.errors import PluginError
 
 
-def add_effects(files: Iterable[str] | None) -> None:
+def add_effects(files: Iterable[str | Path] | None) -> None:
     """Register effects by their files, and refuse those whose kernel does not fit what they declare."""
     if not files:
         return
@@ -24,10 +24,11 @@ def add_effects(files: Iterable[str] | None) -> None:
             run_checks(file, [(fits.__name__, partial(fits, case))])
 
 
-def distinct(names_or_files: Iterable[str]) -> list[str]:
-    """Return names and files as they are; two files of one name are refused, for the file name is the plug-in's."""
+def distinct(names_or_files: Iterable[str | Path]) -> list[str]:
+    """Return names and files as texts; two files of one name are refused, for the file name is the plug-in's."""
+    every = [str(item) for item in names_or_files]
     given: dict[str, Path] = {}
-    for file in (Path(item) for item in names_or_files if item.endswith(".py")):
+    for file in (Path(item) for item in every if item.endswith(".py")):
         if os.path.realpath(given.setdefault(file.stem, file)) != os.path.realpath(file):
             raise PluginError(f"{given[file.stem]} and {file}: two plug-ins of one name. Rename one of the files.")
-    return list(names_or_files)
+    return every
