@@ -1,4 +1,4 @@
-"""Friction form: by how much friction over speed differs from its nominal curve, as a free smooth function."""
+"""Friction curve: by how much friction over speed differs from its nominal curve, as a free smooth function."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from fdbench.effects._effect import Effect, Port, kernel, parameter
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class FrictionForm(Effect):
+class FrictionCurve(Effect):
     r"""Deviation of friction from its nominal curve, alike in both directions: bumps on a logarithmic axis of speed.
 
     .. math:: F(v) = \operatorname{sgn}(v) \sum_{k=0}^{2} a_k \frac{4 v^2 v_k^2}{(v^2 + v_k^2)^2}, \qquad
@@ -23,8 +23,8 @@ class FrictionForm(Effect):
 
     Examples
     --------
-    >>> effect = FrictionForm.typical(force_0_N=2.0, fastest_m_per_s=0.1)
-    >>> force, slope = FrictionForm.kernel(0.0, 1e-4, 0.0, -0.01, 0.0, *effect.values())
+    >>> effect = FrictionCurve.typical(force_0_N=2.0, fastest_m_per_s=0.1)
+    >>> force, slope = FrictionCurve.kernel(0.0, 1e-4, 0.0, -0.01, 0.0, *effect.values())
     >>> round(force, 9)
     -2.0
     """
