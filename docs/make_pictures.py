@@ -288,7 +288,7 @@ def turkay_errors() -> "Figure":
     """Draw the errors of both methods for each run-out."""
     figure, (discrete, continuous) = panels("a;b", 5.2)
     quiet = load_scenario("SlotMilling-v0")
-    truth = quiet.plant.true_parameters(quiet.estimation.model, quiet.setup.timing.sampling_time_s)
+    truth = quiet.linear_model.nominal_parameters(quiet.setup.timing.sampling_time_s)
     exact_b_0 = truth["b_0"] / 1e3
     exact = turkay.continuous(quiet, truth)
     errors: dict[str, list[float]] = {turkay.TIME: [], turkay.FREQUENCY: []}
@@ -330,7 +330,7 @@ def turkay_response() -> "Figure":
     omega = np.geomspace(1.0, 300.0, 160)
     s, z = 1j * omega, np.exp(0.01j * omega)
     quiet = load_scenario("SlotMilling-v0")
-    truth = quiet.plant.true_parameters(quiet.estimation.model, quiet.setup.timing.sampling_time_s)
+    truth = quiet.linear_model.nominal_parameters(quiet.setup.timing.sampling_time_s)
 
     def response(c: FloatArray) -> FloatArray:
         return np.asarray(np.abs((c[2] + c[3] * s) / (s**2 + c[0] * s + c[1])))

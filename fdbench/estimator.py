@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.plants._plant import Plant
+from fdbench.plants._plant import LinearModel, Plant
 from fdbench.record import Record
 from fdbench.registry import Registry
 from fdbench.regression import Regression, Sample, samples
@@ -60,13 +60,18 @@ class Context:
     covariance: FloatArray | None = None
 
     @property
+    def linear_model(self) -> LinearModel:
+        """The linear model that is to be identified."""
+        return self.plant.linear_model(self.model)
+
+    @property
     def nominal(self) -> Mapping[str, float]:
         """Parameters of the model as they follow from the data sheet."""
-        return self.plant.true_parameters(self.model, self.sampling_time_s)
+        return self.linear_model.nominal_parameters(self.sampling_time_s)
 
     def regression(self, record: Record) -> Regression:
         """Return the nominal plant's linear model, filled with the samples of ``record``."""
-        return self.plant.regression(record, self.model)
+        return self.linear_model.regression(record)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,7 +143,7 @@ class Estimator(ABC):
         """
         if any(name not in estimate.parameters for name in context.nominal):
             return None
-        return context.plant.free_run(command, context.model, estimate.parameters)
+        return context.linear_model.free_run(command, estimate.parameters)
 
 
 class BatchEstimator(Estimator):

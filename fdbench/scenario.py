@@ -18,7 +18,7 @@ from fdbench.effects import Effect
 from fdbench.errors import SimulationDiverged, SpecError, UnknownName, did_you_mean
 from fdbench.estimator import Context
 from fdbench.motions import Motion
-from fdbench.plants import Plant
+from fdbench.plants import LinearModel, Plant
 from fdbench.reading import measured_file, read_mapped
 from fdbench.record import FloatArray, Record
 from fdbench.simulate.system import Noise, Setup, System, Timing
@@ -188,6 +188,11 @@ class Scenario:
         if self.measured is None and (self.timing is None or self.motion is None):
             raise SpecError("timing: missing table; a scenario has [timing] and [motion], or [measured].")
 
+    @property
+    def linear_model(self) -> LinearModel:
+        """The plant's linear model that is to be identified."""
+        return self.plant.linear_model(self.estimation.model)
+
     def context(self) -> Context:
         """Return what an estimator may know."""
         period = self.timing.sampling_time_s if self.timing else self.record().sampling_time_s
@@ -212,7 +217,7 @@ class Scenario:
 
         def parameters(draw: Draw, deviations: float) -> FloatArray:
             plant = moved(self, draw, deviations).plant
-            return np.array(list(plant.true_parameters(model, period_s).values()))
+            return np.array(list(plant.linear_model(model).nominal_parameters(period_s).values()))
 
         changes = np.array([0.5 * (parameters(draw, 1.0) - parameters(draw, -1.0)) for draw in own])
         return np.asarray(changes.T @ changes) if changes.any() else None
@@ -250,7 +255,7 @@ class Scenario:
         """
         if self.measured is not None:
             record, withheld = self._measurement()
-            response = None if withheld is None else self.plant.regression(withheld, self.estimation.model).target
+            response = None if withheld is None else self.linear_model.regression(withheld).target
             parameters = dict(self.measured.reference_parameters)
             return record, Truth(parameters=parameters, disturbance_N=None, response=response)
         machine = self.drawn(seed)
@@ -288,7 +293,7 @@ class Scenario:
         if self.validation is None or self.validation.motion is None:
             return None
         record, _ = simulate(self._validating, seed)
-        return self.plant.regression(record, self.estimation.model).target
+        return self.linear_model.regression(record).target
 
     @property
     def _validating(self) -> "Scenario":
@@ -316,7 +321,7 @@ def simulate(scenario: Scenario, seed: int) -> tuple[Record, Truth]:
         columns["held_sample"] = hidden["held_sample"]
     provenance = {"scenario": scenario.id, "digest": scenario.digest, "seed": seed, "version": __version__}
     record = Record(columns, provenance, f"{scenario.id} seed {seed}")
-    parameters = scenario.plant.true_parameters(scenario.estimation.model, period)
+    parameters = scenario.linear_model.nominal_parameters(period)
     return record, Truth(parameters=parameters, disturbance_N=hidden.get("disturbance_N"))
 
 

@@ -75,7 +75,7 @@ def test_a_further_draw_moves_no_other(shaker: Scenario) -> None:
 
 def test_the_covariance_is_that_of_the_machines(shaker: Scenario) -> None:
     context, period_s = shaker.context(), 1.0 / 333.0
-    drawn_ones = [shaker.drawn(seed).plant.true_parameters("velocity_loop", period_s) for seed in range(600)]
+    drawn_ones = [shaker.drawn(seed).linear_model.nominal_parameters(period_s) for seed in range(600)]
     sampled = np.cov(np.array([list(values.values()) for values in drawn_ones]).T)
     assert context.covariance is not None
     np.testing.assert_allclose(np.sqrt(np.diag(context.covariance)), np.sqrt(np.diag(sampled)), rtol=0.12)
@@ -93,11 +93,11 @@ def test_the_truth_is_that_of_the_drawn_machine(shaker: Scenario) -> None:
     _, truth = shaker.observe(4)
     machine = shaker.drawn(4)
     assert shaker.timing is not None
-    assert truth.parameters == machine.plant.true_parameters("velocity_loop", shaker.timing.sampling_time_s)
+    assert truth.parameters == machine.linear_model.nominal_parameters(shaker.timing.sampling_time_s)
     assert truth.response is not None
     command = shaker.command()
     assert command is not None
-    response = shaker.plant.free_run(command, "velocity_loop", truth.parameters)
+    response = shaker.linear_model.free_run(command, truth.parameters)
     assert response is not None
     assert np.sqrt(np.mean((response - truth.response) ** 2)) < 1e-3 * np.std(truth.response)
 

@@ -145,7 +145,7 @@ def test_action_deviates_from_the_command() -> None:
     rows = np.array([env.step(np.ones(1, dtype=np.float32))[0] for _ in range(100)])
     velocity = rows[-1, env.columns.index("velocity_m_per_s")]
     reference = rows[-1, env.columns.index("reference_velocity_m_per_s")]
-    loop = scenario.plant.true_parameters("velocity_loop", env.interface.period_s)
+    loop = scenario.linear_model.nominal_parameters(env.interface.period_s)
     steady = (loop["beta_1"] * (reference + scenario.environment.action_scale) - loop["beta_3"]) / (1 - loop["beta_2"])
     assert velocity == pytest.approx(steady, abs=5 * 2e-5)
 

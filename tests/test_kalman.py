@@ -260,8 +260,11 @@ class Rescaled:
             space, C=self.factor * space.C, output_variances=self.factor**2 * space.output_variances
         )  # fmt: skip
 
-    def regression(self, record: Record, model: str) -> Any:
-        regression = self.plant.regression(record, model)
+    def linear_model(self, name: str) -> "Rescaled":
+        return self
+
+    def regression(self, record: Record) -> Any:
+        regression = self.plant.linear_model("state_space").regression(record)
         return replace(regression, readings=self.factor * regression.readings)
 
 

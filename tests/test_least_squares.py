@@ -24,10 +24,13 @@ class TablePlant:
     def __init__(self, regression: Regression) -> None:
         self.table = regression
 
-    def regression(self, record: Record, model: str) -> Regression:
+    def linear_model(self, name: str) -> "TablePlant":
+        return self
+
+    def regression(self, record: Record) -> Regression:
         return self.table
 
-    def true_parameters(self, model: str, sampling_time_s: float) -> dict[str, float]:
+    def nominal_parameters(self, sampling_time_s: float) -> dict[str, float]:
         return dict.fromkeys(self.table.names, 1.0)
 
 

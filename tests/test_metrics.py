@@ -253,7 +253,7 @@ def of_a_heavier_machine(factor: float) -> Outcome:
     assert isinstance(plant.motor, LinearMotor)
     heavier = replace(plant, motor=replace(plant.motor, mass_kg=factor * plant.motor.mass_kg))
     model, period_s = outcome.scenario.estimation.model, outcome.record.sampling_time_s
-    return claims(outcome, parameters=heavier.true_parameters(model, period_s))
+    return claims(outcome, parameters=heavier.linear_model(model).nominal_parameters(period_s))
 
 
 def test_physical_parameter_error_is_that_of_the_machine() -> None:

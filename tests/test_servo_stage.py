@@ -235,8 +235,10 @@ def test_what_a_stage_cannot_do_is_refused() -> None:
         SPIRAL.plant.system(Setup(timing=setup.timing, motion=setup.motion))
     with pytest.raises(SpecError, match=r"moves 2 axes, the plant has 1"):
         STAIRCASE.plant.system(dataclasses.replace(setup, motion=SPIRAL.setup.motion))
-    with pytest.raises(SpecError, match=r"model 'servo' is not offered by this stage\. Did you mean servo_response"):
-        STAIRCASE.plant.regression(STAIRCASE.record(), "servo")
+    with pytest.raises(
+        SpecError, match=r"model 'servo' is not offered by this servo_stage\. Did you mean servo_response"
+    ):
+        STAIRCASE.plant.linear_model("servo")
     with pytest.raises(SpecError, match=r"seeds: 1 are expected"):
         STAIRCASE.system().start([1, 2])
     system = STAIRCASE.system()

@@ -80,7 +80,7 @@ def discrete(result: Estimate) -> FloatArray:
 
 
 def continuous(scenario: Scenario, result: Estimate) -> FloatArray:
-    values = scenario.plant.physical_parameters("arx", result.parameters, 0.01)
+    values = scenario.linear_model.physical_parameters(result.parameters, 0.01)
     return np.asarray(np.array(list(values.values())) * PER_MM)
 
 
@@ -96,8 +96,9 @@ def test_tu1_derived_constants() -> None:
     assert plant.gain_N_s_per_m == pytest.approx(533.1573e3, rel=1e-6)
     assert plant.steady_force_N == pytest.approx(618.6085, rel=1e-6)
     assert plant.coefficients == pytest.approx(C, rel=1e-6)
-    truth = plant.true_parameters("arx", 0.01)
-    assert tuple(plant.physical_parameters("arx", truth, 0.01).values()) == pytest.approx(C, rel=1e-6)
+    model = plant.linear_model("arx")
+    truth = model.nominal_parameters(0.01)
+    assert tuple(model.physical_parameters(truth, 0.01).values()) == pytest.approx(C, rel=1e-6)
 
 
 def test_tu2_held_input_equivalent() -> None:
@@ -108,7 +109,7 @@ def test_tu2_held_input_equivalent() -> None:
 
 def test_tu3_time_domain_is_exact_on_a_linear_plant_with_held_input() -> None:
     scenario = changed(load_scenario(QUIET), linearised=True, hold_input=True)
-    truth = scenario.plant.true_parameters("arx", 0.01)
+    truth = scenario.linear_model.nominal_parameters(0.01)
     result = fit(scenario, LeastSquares())
     for name in NAMES:
         assert result.parameters[name] == pytest.approx(truth[name], rel=1e-9)
@@ -131,7 +132,7 @@ def test_tu5_frequency_domain_is_exact_on_a_linear_plant_with_whole_periods() ->
 @pytest.mark.parametrize("name", RUNOUT)
 def test_tu6_frequency_domain_is_50_times_better_under_runout(name: str) -> None:
     scenario = load_scenario(name)
-    truth = scenario.plant.true_parameters("arx", 0.01)["b_0"]
+    truth = scenario.linear_model.nominal_parameters(0.01)["b_0"]
     time, frequency = (
         abs(fit(scenario, estimator).parameters["b_0"] / truth - 1.0)
         for estimator in (LeastSquares(), FrequencyLeastSquares(bins=BINS))
@@ -396,7 +397,7 @@ def test_records_that_are_too_short_are_refused() -> None:
 
 def test_models_by_other_names_are_refused() -> None:
     with pytest.raises(SpecError, match="Did you mean arx"):
-        load_scenario(QUIET).plant.true_parameters("arxs", 0.01)
+        load_scenario(QUIET).plant.linear_model("arxs")
 
 
 # ---- least squares in the frequency domain ----

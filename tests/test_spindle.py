@@ -87,7 +87,7 @@ def test_regression_has_readings_and_no_regressors() -> None:
     assert regression.readings is not None
     np.testing.assert_array_equal(regression.readings[:, 0], record["displacement_m"][1:])
     assert regression.disturbance_gain == pytest.approx(STATIC, rel=1e-5)
-    assert (regression.names, dict(scenario.plant.true_parameters("state_space", 1e-4))) == ((), {})
+    assert (regression.names, dict(scenario.linear_model.nominal_parameters(1e-4))) == ((), {})
 
 
 # ---- the spindle as it is simulated ----
@@ -271,10 +271,9 @@ def test_faulty_plants_are_refused() -> None:
     network: Any = load_scenario("SensorNetwork-v0").plant
     with pytest.raises(SpecError, match=r"links: unknown node 'displacement'\. Did you mean displacement_m"):
         replace(network, links=(("displacement", "motor_position_m"),))
-    record = load_scenario("SpindleStep-v0").record(0)
     for other in (plant, network):
         with pytest.raises(SpecError, match="Did you mean state_space"):
-            other.regression(record, "state_spac")
+            other.linear_model("state_spac")
     system = plant.system(load_scenario("SpindleStep-v0").setup)
     with pytest.raises(SpecError, match="seeds: 1 are expected"):
         system.start([1, 2])

@@ -394,7 +394,7 @@ def test_what_a_testbed_does_not_have_is_refused() -> None:
     with pytest.raises(SpecError, match="highest_force_N: 3 is not above lowest_force_N, 4"):
         with_plant(scenario, highest_force_N=3.0)
     with pytest.raises(SpecError, match="model 'arx' is not offered"):
-        bed(scenario).true_parameters("arx", 0.002)
+        bed(scenario).linear_model("arx")
 
 
 # Spectra of a record

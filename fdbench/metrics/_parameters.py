@@ -50,8 +50,7 @@ def physical_parameters(outcome: Outcome, parameters: Mapping[str, float]) -> di
     if any(name not in parameters for name in names):
         return {}
     own = {name: float(parameters[name]) for name in names}
-    plant, model = outcome.scenario.plant, outcome.scenario.estimation.model
-    values = plant.physical_parameters(model, own, outcome.record.sampling_time_s)
+    values = outcome.scenario.linear_model.physical_parameters(own, outcome.record.sampling_time_s)
     return {name: float(value) for name, value in values.items()}
 
 

@@ -1,6 +1,7 @@
 """Nominal systems on which the effects act: one plant, one file."""
 
 from fdbench.plants._plant import (
+    LinearModel,
     NetworkPlant,
     Plant,
     RespondingPlant,
@@ -10,4 +11,13 @@ from fdbench.plants._plant import (
     plants,
 )
 
-__all__ = ["NetworkPlant", "Plant", "RespondingPlant", "SpectralPlant", "StateSpace", "StateSpacePlant", "plants"]
+__all__ = [
+    "LinearModel",
+    "NetworkPlant",
+    "Plant",
+    "RespondingPlant",
+    "SpectralPlant",
+    "StateSpace",
+    "StateSpacePlant",
+    "plants",
+]

@@ -1,7 +1,7 @@
 """The straight line that a rigid model sees in the friction of its effects at speed."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -31,7 +31,8 @@ def steady_force(effect: Effect, velocity: float) -> float:
     return force
 
 
-def friction_line(effects: Sequence[Effect], velocity_limit: float, viscous: float) -> FrictionLine:
+@lru_cache(maxsize=256)
+def friction_line(effects: tuple[Effect, ...], velocity_limit: float, viscous: float) -> FrictionLine:
     """Fit the line through the steady forces at half and full speed in both directions."""
     velocities = np.array([0.5, 1.0, -0.5, -1.0]) * velocity_limit
     forces = np.zeros(4)

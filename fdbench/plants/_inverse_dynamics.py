@@ -6,13 +6,14 @@ regressor and of the force.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import final
+from typing import Protocol, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.errors import RecordError
 from fdbench.plants._friction_curve import FrictionLine
+from fdbench.plants._plant import LinearModel
 from fdbench.record import Record
 from fdbench.regression import Regression
 from fdbench.specification import bounded, check_bounds, positive
@@ -80,9 +81,10 @@ class InverseDynamics:
         return table[:, :-1], table[:, -1], rows + self.transient_samples
 
 
+DIRECTIONAL = "directional_inverse_dynamics"
 NAMES_OF: Mapping[str, tuple[str, ...]] = {
     "inverse_dynamics": ("mass_kg", "viscous_friction_N_s_per_m", "coulomb_friction_N", "offset_N"),
-    "directional_inverse_dynamics": (
+    DIRECTIONAL: (
         "mass_kg",
         "viscous_friction_positive_N_s_per_m",
         "coulomb_friction_positive_N",
@@ -92,26 +94,66 @@ NAMES_OF: Mapping[str, tuple[str, ...]] = {
 }
 
 
-def parameters(mass_kg: float, line: FrictionLine, model: str) -> Mapping[str, float]:
-    """Return the parameters of a model for a mass and a straight friction line."""
-    viscous, coulomb, offset = line.viscous_N_s_per_m, line.coulomb_N, line.offset_N
-    if model == "inverse_dynamics":
-        values = (mass_kg, viscous, coulomb, offset)
-    else:
-        values = (mass_kg, viscous, coulomb + offset, viscous, coulomb - offset)  # type: ignore[assignment]
-    return dict(zip(NAMES_OF[model], values, strict=True))
+class RigidDrive(Protocol):
+    """What inverse dynamics ask of a drive: mass, friction and the force behind a record."""
+
+    @property
+    def mass_kg(self) -> float:
+        """Total moved mass."""
+        ...
+
+    @property
+    def friction_line(self) -> FrictionLine:
+        """Friction on paper, at speed."""
+        ...
+
+    def motor_force(self, record: Record) -> FloatArray:
+        """Return the motor's force in table coordinates (n_samples,)."""
+        ...
+
+    def respond(self, command: Record) -> Record:
+        """Return what the axis on paper would log of a commanded motion, without noise."""
+        ...
 
 
-def regression(record: Record, force: FloatArray, protocol: InverseDynamics, model: str) -> Regression:
-    """Return the motor force on accelerations, velocities and directions."""
-    directional = model == "directional_inverse_dynamics"
-    Z, y, rows = protocol.columns(record["motor_position_m"], force, record.sampling_time_s, directional)
-    return Regression(
-        regressors=Z,
-        target=y,
-        names=NAMES_OF[model],
-        target_name="motor_force_N",
-        time_s=record["time_s"][rows],
-        rows=rows,
-        disturbance_gain=1.0,
-    )
+@final
+@dataclass(frozen=True, kw_only=True)
+class InverseDynamicsModel(LinearModel):
+    """The motor force on accelerations, velocities and directions; ``name`` is one of `NAMES_OF`."""
+
+    drive: RigidDrive
+    protocol: InverseDynamics
+    name: str
+
+    @property
+    def directional(self) -> bool:
+        """Whether the friction differs from direction to direction."""
+        return self.name == DIRECTIONAL
+
+    def regression(self, record: Record) -> Regression:
+        """Return the filtered force on the filtered regressors."""
+        position, force = record["motor_position_m"], self.drive.motor_force(record)
+        Z, y, rows = self.protocol.columns(position, force, record.sampling_time_s, self.directional)
+        return Regression(
+            regressors=Z,
+            target=y,
+            names=NAMES_OF[self.name],
+            target_name="motor_force_N",
+            time_s=record["time_s"][rows],
+            rows=rows,
+            disturbance_gain=1.0,
+        )
+
+    def nominal_parameters(self, sampling_time_s: float) -> Mapping[str, float]:
+        """Return mass and friction on paper; effects enter by the straight line of their curve at speed."""
+        line = self.drive.friction_line
+        viscous, coulomb, offset = line.viscous_N_s_per_m, line.coulomb_N, line.offset_N
+        each = (
+            (viscous, coulomb + offset, viscous, coulomb - offset) if self.directional else (viscous, coulomb, offset)
+        )
+        return dict(zip(NAMES_OF[self.name], (self.drive.mass_kg, *each), strict=True))
+
+    def free_run(self, command: Record, parameters: Mapping[str, float]) -> FloatArray:
+        """Return the force for the motion that the axis on paper makes of a command."""
+        moved = self.regression(self.drive.respond(command))
+        return np.asarray(moved.regressors @ np.array([parameters[name] for name in moved.names]))

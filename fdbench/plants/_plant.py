@@ -8,12 +8,44 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.errors import SpecError, did_you_mean
 from fdbench.plants._spectra import Spectra
 from fdbench.record import FloatArray, Record
 from fdbench.registry import Registry
 from fdbench.regression import Regression
 from fdbench.simulate.system import Setup, System
 from fdbench.specification import check_bounds, reads_plugins_of
+
+
+class LinearModel(ABC):
+    """A model of a plant that is linear in its parameters, for estimators.
+
+    Attributes
+    ----------
+    name : str
+        As a scenario's ``estimation.model`` names it.
+    """
+
+    name: str
+
+    @abstractmethod
+    def regression(self, record: Record) -> Regression:
+        """Return the model filled with the samples of a record."""
+
+    def nominal_parameters(self, sampling_time_s: float) -> Mapping[str, float]:
+        """Return the parameters that follow from the values on paper; none by default."""
+        return {}
+
+    def physical_parameters(self, parameters: Mapping[str, float], sampling_time_s: float) -> Mapping[str, float]:
+        """Return masses, frictions and so on that follow from the parameters; none by default."""
+        return {}
+
+    def free_run(self, command: Record, parameters: Mapping[str, float]) -> FloatArray | None:
+        """Return the model's target (n_rows,) that parameters predict from a command alone, or None.
+
+        None where the target cannot be told from the command, as that of an observer.
+        """
+        return None
 
 
 class Plant(ABC):
@@ -25,29 +57,35 @@ class Plant(ABC):
         check_bounds(self)
 
     @abstractmethod
+    def linear_models(self) -> tuple[LinearModel, ...]:
+        """Return the linear models that this plant offers to estimators."""
+
     def models(self) -> tuple[str, ...]:
-        """Return the names of the linear models that this plant offers to estimators."""
+        """Return the names of the linear models."""
+        return tuple(model.name for model in self.linear_models())
 
-    @abstractmethod
-    def regression(self, record: Record, model: str) -> Regression:
-        """Return the linear model ``model`` filled with the samples of ``record``."""
+    def linear_model(self, name: str) -> LinearModel:
+        """Return the linear model of a name.
 
-    @abstractmethod
+        Raises
+        ------
+        SpecError
+            If the plant offers none of this name; the message gives the nearest one.
+        """
+        for model in self.linear_models():
+            if model.name == name:
+                return model
+        raise SpecError(f"model '{name}' is not offered by this {type(self).name}.{did_you_mean(name, self.models())}")
+
     def true_parameters(self, model: str, sampling_time_s: float) -> Mapping[str, float]:
-        """Return the parameters of ``model`` that follow from the values on paper."""
+        """Return `LinearModel.nominal_parameters` of the model of a name."""
+        return self.linear_model(model).nominal_parameters(sampling_time_s)
 
-    @abstractmethod
     def physical_parameters(
         self, model: str, parameters: Mapping[str, float], sampling_time_s: float
     ) -> Mapping[str, float]:
-        """Return masses, frictions and so on that follow from the parameters of ``model``."""
-
-    def free_run(self, command: Record, model: str, parameters: Mapping[str, float]) -> FloatArray | None:
-        """Return the target of ``model`` (n_rows,) that parameters predict from a command alone, or None.
-
-        None where the model's target cannot be told from the command, as that of an observer.
-        """
-        return None
+        """Return `LinearModel.physical_parameters` of the model of a name."""
+        return self.linear_model(model).physical_parameters(parameters, sampling_time_s)
 
     @abstractmethod
     def system(self, setup: Setup, n_lanes: int = 1) -> System:

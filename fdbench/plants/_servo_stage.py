@@ -4,14 +4,14 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.effects import Effect, Port
-from fdbench.errors import SpecError, did_you_mean
-from fdbench.plants._plant import Plant
+from fdbench.errors import SpecError
+from fdbench.plants._plant import LinearModel, Plant
 from fdbench.plants._servo_stage_stepper import compose
 from fdbench.record import Record
 from fdbench.regression import Regression
@@ -21,7 +21,6 @@ from fdbench.simulate.random import stream
 from fdbench.simulate.system import FloatArray, Setup, System
 from fdbench.specification import positive
 
-MODEL = "servo_response"
 CHUNK = 256  # samples of random numbers drawn at once
 
 
@@ -240,9 +239,9 @@ class Stage(Plant):
     def axes(self) -> Mapping[str, Response]:
         """Return the response of each axis by the prefix of its columns."""
 
-    def models(self) -> tuple[str, ...]:
+    def linear_models(self) -> tuple["ServoResponse"]:
         """Return the one model, ``servo_response``."""
-        return (MODEL,)
+        return (ServoResponse(stage=self),)
 
     def nominal_response(self, record: Record) -> FloatArray:
         """Return the positions predicted from the commanded ones (n_rows,), axis after axis."""
@@ -256,38 +255,6 @@ class Stage(Plant):
         system.start([0])
         predicted: FloatArray = system.advance(system.n_samples)[:, 2 : 3 * len(self.axes()) : 3, 0].T.ravel()
         return predicted
-
-    def regression(self, record: Record, model: str) -> Regression:
-        """Return the measured positions on the predicted ones, axis after axis."""
-        names = tuple(self.true_parameters(model, record.sampling_time_s))
-        axes = self.axes()
-        return Regression(
-            regressors=np.kron(np.eye(len(axes)), np.ones((record.n_samples, 1)))
-            * self.nominal_response(record)[:, None],
-            target=np.concatenate([record[f"{prefix}position_m"] for prefix in axes]),
-            names=names,
-            target_name="position_m",
-            time_s=np.tile(record["time_s"], len(axes)),
-            rows=np.tile(np.arange(record.n_samples), len(axes)),
-            disturbance_gain=float(np.mean([response.compliance_m_per_N for response in axes.values()])),
-        )
-
-    def free_run(self, command: Record, model: str, parameters: Mapping[str, float]) -> FloatArray:
-        """Return the positions that the response on paper makes of a command, times the gain of each axis."""
-        gains = [parameters[f"{prefix}response_gain"] for prefix in self.axes()]
-        return np.repeat(gains, command.n_samples) * self.nominal_response(command)
-
-    def true_parameters(self, model: str, sampling_time_s: float) -> Mapping[str, float]:
-        """Return the gain of each axis, 1 on paper."""
-        if model != MODEL:
-            raise SpecError(f"model '{model}' is not offered by this stage.{did_you_mean(model, self.models())}")
-        return {f"{prefix}response_gain": 1.0 for prefix in self.axes()}
-
-    def physical_parameters(
-        self, model: str, parameters: Mapping[str, float], sampling_time_s: float
-    ) -> Mapping[str, float]:
-        """Return nothing: the gain stands for no one property of the stage."""
-        return {}
 
     def system(self, setup: Setup, n_lanes: int = 1) -> StageSystem:
         """Return the stage with the setup's effects as forces on its table."""
@@ -306,3 +273,35 @@ class Stage(Plant):
         deviations = np.array([getattr(setup.noise, reading) for reading in readings])
         period_s, substeps = setup.timing.sampling_time_s, setup.timing.substeps
         return StageSystem(self, reference, period_s, substeps, deviations, setup.unmodelled, n_lanes)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class ServoResponse(LinearModel):
+    """The model ``servo_response`` of a stage; see `Stage`."""
+
+    stage: Stage
+    name: str = "servo_response"
+
+    def regression(self, record: Record) -> Regression:
+        """Return the measured positions on the predicted ones, axis after axis."""
+        axes = self.stage.axes()
+        return Regression(
+            regressors=np.kron(np.eye(len(axes)), np.ones((record.n_samples, 1)))
+            * self.stage.nominal_response(record)[:, None],
+            target=np.concatenate([record[f"{prefix}position_m"] for prefix in axes]),
+            names=tuple(self.nominal_parameters(record.sampling_time_s)),
+            target_name="position_m",
+            time_s=np.tile(record["time_s"], len(axes)),
+            rows=np.tile(np.arange(record.n_samples), len(axes)),
+            disturbance_gain=float(np.mean([response.compliance_m_per_N for response in axes.values()])),
+        )
+
+    def nominal_parameters(self, sampling_time_s: float) -> Mapping[str, float]:
+        """Return the gain of each axis, 1 on paper."""
+        return {f"{prefix}response_gain": 1.0 for prefix in self.stage.axes()}
+
+    def free_run(self, command: Record, parameters: Mapping[str, float]) -> FloatArray:
+        """Return the positions that the response on paper makes of a command, times the gain of each axis."""
+        gains = [parameters[name] for name in self.nominal_parameters(command.sampling_time_s)]
+        return np.repeat(gains, command.n_samples) * self.stage.nominal_response(command)

@@ -9,17 +9,15 @@ from typing import ClassVar, final
 import numpy as np
 
 from fdbench.effects import Effect, Port
-from fdbench.errors import RecordError, SimulationDiverged, SpecError, did_you_mean
-from fdbench.plants import _inverse_dynamics as inverse
-from fdbench.plants import _state_space
-from fdbench.plants import _velocity_loop as loop
+from fdbench.errors import RecordError, SimulationDiverged, SpecError
 from fdbench.plants._controllers import Cascade, OpenLoop, VelocityLoop, check_feedback
 from fdbench.plants._drive_observer import Sensors, change_per_newton, state_space
-from fdbench.plants._friction_curve import friction_line
-from fdbench.plants._inverse_dynamics import InverseDynamics
-from fdbench.plants._plant import Plant, StateSpace
+from fdbench.plants._friction_curve import FrictionLine, friction_line
+from fdbench.plants._inverse_dynamics import NAMES_OF, InverseDynamics, InverseDynamicsModel
+from fdbench.plants._plant import LinearModel, Plant, StateSpace
+from fdbench.plants._state_space import StateSpaceModel
+from fdbench.plants._velocity_loop import VelocityLoopModel
 from fdbench.record import Record
-from fdbench.regression import Regression
 from fdbench.simulate import layout
 from fdbench.simulate.axis import Axis, Mechanics
 from fdbench.simulate.stability import check_substep, needed_substeps
@@ -283,11 +281,22 @@ class FeedDrive(Plant):
             n_lanes,
         )
 
-    def models(self) -> tuple[str, ...]:
+    def linear_models(self) -> tuple[LinearModel, ...]:
         """Return the models that apply to the controller and specification at hand."""
-        names: tuple[str, ...] = ("velocity_loop",) if isinstance(self.controller, VelocityLoop) else ()
-        names += ("inverse_dynamics", "directional_inverse_dynamics") if self.inverse_dynamics else ()
-        return names + ((_state_space.MODEL,) if self.sensors else ())
+        models: list[LinearModel] = []
+        if isinstance(self.controller, VelocityLoop):
+            gain = self.controller.gain_N_s_per_m
+            models.append(VelocityLoopModel(mass_kg=self.mass_kg, line=self.friction_line, gain_N_s_per_m=gain))
+        if self.inverse_dynamics is not None:
+            models += [InverseDynamicsModel(drive=self, protocol=self.inverse_dynamics, name=name) for name in NAMES_OF]
+        if self.sensors is not None:
+            models.append(StateSpaceModel(plant=self, disturbance_gain=change_per_newton))
+        return tuple(models)
+
+    @property
+    def friction_line(self) -> FrictionLine:
+        """The straight line that a rigid model sees in all friction on paper, at speed."""
+        return friction_line(self.effects, self.velocity_limit_m_per_s, self.viscous_friction_N_s_per_m)
 
     def motor_force(self, record: Record) -> FloatArray:
         """Return the motor's force in table coordinates (n_samples,), from whichever command the record has.
@@ -316,27 +325,6 @@ class FeedDrive(Plant):
             "such as `gain = 35.15` for N per volt."
         )
 
-    def regression(self, record: Record, model: str) -> Regression:
-        """Return the linear model filled with a record; see `FeedDrive.models`."""
-        period = record.sampling_time_s
-        if model == "velocity_loop" and isinstance(self.controller, VelocityLoop):
-            return loop.regression(record, self._loop(period))
-        if model in inverse.NAMES_OF and self.inverse_dynamics is not None:
-            return inverse.regression(record, self.motor_force(record), self.inverse_dynamics, model)
-        if model == _state_space.MODEL and self.sensors is not None:
-            space = self.state_space(period)
-            return _state_space.regression(record, space, change_per_newton(space, period))
-        raise SpecError(f"model '{model}' is not offered by this feed drive.{did_you_mean(model, self.models())}")
-
-    def free_run(self, command: Record, model: str, parameters: Mapping[str, float]) -> FloatArray | None:
-        """Return the velocity that the loop makes of a command, or the force for the motion that it makes of it."""
-        if model == "velocity_loop":
-            return loop.free_run(command["reference_velocity_m_per_s"], parameters)
-        if model in inverse.NAMES_OF:
-            moved = self.regression(self.respond(command), model)
-            return np.asarray(moved.regressors @ np.array([parameters[name] for name in moved.names]))
-        return None
-
     def respond(self, command: Record) -> Record:
         """Return what the axis on paper would log of a commanded motion, without noise."""
         position, period_s = command["reference_position_m"], command.sampling_time_s
@@ -351,32 +339,6 @@ class FeedDrive(Plant):
             raise SpecError("sensors: missing table; an observer needs the noise of the readings.")
         motor, reads_table = self.motor, self.controller.uses_table
         return state_space(self.mechanics(), self.sensors, motor.logged, motor.force_per_unit, reads_table)
-
-    def _loop(self, sampling_time_s: float) -> loop.VelocityLoopModel:
-        if not isinstance(self.controller, VelocityLoop):
-            raise SpecError("model 'velocity_loop' needs the controller kind velocity_loop.")
-        gain = self.controller.gain_N_s_per_m
-        return loop.VelocityLoopModel(
-            mass_kg=self.mass_kg,
-            line=friction_line(self.effects, self.velocity_limit_m_per_s, self.viscous_friction_N_s_per_m),
-            gain_N_s_per_m=gain,
-            sampling_time_s=sampling_time_s,
-        )
-
-    def true_parameters(self, model: str, sampling_time_s: float) -> Mapping[str, float]:
-        """Return the parameters on paper; friction effects enter by the straight line of their curve at speed."""
-        if model == "velocity_loop":
-            return self._loop(sampling_time_s).parameters()
-        if model == _state_space.MODEL:
-            return {}
-        line = friction_line(self.effects, self.velocity_limit_m_per_s, self.viscous_friction_N_s_per_m)
-        return inverse.parameters(self.mass_kg, line, model)
-
-    def physical_parameters(
-        self, model: str, parameters: Mapping[str, float], sampling_time_s: float
-    ) -> Mapping[str, float]:
-        """Return mass and frictions that follow from the discrete parameters of the velocity loop."""
-        return self._loop(sampling_time_s).physical(parameters) if model == "velocity_loop" else {}
 
 
 @lru_cache(maxsize=4)

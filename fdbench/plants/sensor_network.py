@@ -1,6 +1,5 @@
 """Spindle and feed drive under one cutting force, with three sensors as nodes of a network."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
 
@@ -8,13 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.errors import SpecError, did_you_mean
-from fdbench.plants import _state_space
 from fdbench.plants._plant import Plant, StateSpace
 from fdbench.plants._spindle_modal import ModalSystem, joined
+from fdbench.plants._state_space import StateSpaceModel
 from fdbench.plants.feed_drive import RotaryMotor
 from fdbench.plants.spindle import Spindle
-from fdbench.record import FloatArray, Record
-from fdbench.regression import Regression
+from fdbench.record import FloatArray
 from fdbench.simulate.system import Setup
 from fdbench.specification import check_bounds, positive
 
@@ -132,28 +130,10 @@ class SensorNetwork(Plant):
             process_variances=self.process.variances(n_modal),
         )
 
-    def models(self) -> tuple[str, ...]:
-        """Return the one model, ``state_space``."""
-        return (_state_space.MODEL,)
-
-    def _check(self, model: str) -> None:
-        if model not in self.models():
-            raise SpecError(f"model '{model}' is not offered by a sensor network.{did_you_mean(model, self.models())}")
-
-    def regression(self, record: Record, model: str) -> Regression:
-        """Return the spindle's displacement as target, without regressors."""
-        self._check(model)
-        space = self.state_space(record.sampling_time_s)
-        return _state_space.regression(record, space, self.spindle.static_compliance_m_per_N)
-
-    def true_parameters(self, model: str, sampling_time_s: float) -> Mapping[str, float]:
-        """Return nothing: the model has no linear parameters."""
-        self._check(model)
-        return {}
-
-    def physical_parameters(
-        self, model: str, parameters: Mapping[str, float], sampling_time_s: float
-    ) -> Mapping[str, float]:
-        """Return nothing; see `SensorNetwork.true_parameters`."""
-        self._check(model)
-        return {}
+    def linear_models(self) -> tuple[StateSpaceModel]:
+        """Return the one model, ``state_space``; its target is the spindle's displacement."""
+        return (
+            StateSpaceModel(
+                plant=self, disturbance_gain=lambda _space, _period: self.spindle.static_compliance_m_per_N
+            ),
+        )

@@ -7,9 +7,9 @@ from typing import final
 
 import numpy as np
 
-from fdbench.errors import RecordError, SpecError, did_you_mean
+from fdbench.errors import RecordError, SpecError
 from fdbench.plants import _slot_milling as milling
-from fdbench.plants._plant import Plant, TransferFunction
+from fdbench.plants._plant import LinearModel, Plant, TransferFunction
 from fdbench.record import FloatArray, Record
 from fdbench.regression import Regression
 from fdbench.simulate.system import Setup
@@ -123,15 +123,11 @@ class SlotMilling(Plant):
         )
         return milling.SlotMillingSystem(process, setup, self.hold_input, n_lanes)
 
-    def models(self) -> tuple[str, ...]:
+    def linear_models(self) -> tuple["Arx"]:
         """Return the one model, ``arx``."""
-        return (MODEL,)
+        return (Arx(process=self),)
 
-    def _check(self, model: str) -> None:
-        if model != MODEL:
-            raise SpecError(f"model '{model}' is not offered by slot milling.{did_you_mean(model, self.models())}")
-
-    def _settled(self, record: Record) -> tuple[int, FloatArray, FloatArray]:
+    def settled(self, record: Record) -> tuple[int, FloatArray, FloatArray]:
         """Return the first settled sample, and u and y from there on."""
         first = math.ceil(self.settling_time_s / record.sampling_time_s - 1e-6)
         if record.n_samples - first < FEWEST_SAMPLES:
@@ -142,10 +138,31 @@ class SlotMilling(Plant):
         u = record["feedrate_m_per_s"][first:] - self.operating_feedrate_m_per_s
         return first, u, record["force_N"][first:] - self.steady_force_N
 
-    def regression(self, record: Record, model: str) -> Regression:
+    def transfer_function(self, record: Record) -> TransferFunction:
+        """Return u, y and the orders of c_3 + c_4 s over s^2 + c_1 s + c_2."""
+        _, u, y = self.settled(record)
+        return TransferFunction(input=u, output=y, sampling_time_s=record.sampling_time_s, n_zeros=1, n_poles=2)
+
+    def discretised(
+        self, model: str, numerator: FloatArray, denominator: FloatArray, sampling_time_s: float
+    ) -> Mapping[str, float]:
+        """Return the parameters of ``arx`` for (c_3, c_4) and (c_2, c_1) under a held input."""
+        self.linear_model(model)
+        (c_3, c_4), (c_2, c_1) = numerator.tolist(), denominator.tolist()
+        return dict(zip(NAMES, milling.discrete(c_1, c_2, c_3, c_4, sampling_time_s), strict=True))
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Arx(LinearModel):
+    """The model ``arx`` of slot milling; see `SlotMilling`."""
+
+    process: SlotMilling
+    name: str = MODEL
+
+    def regression(self, record: Record) -> Regression:
         """Return y_k on the regressors -y_{k-1}, -y_{k-2}, u_{k-1}, u_{k-2} of the settled samples."""
-        self._check(model)
-        first, u, y = self._settled(record)
+        first, u, y = self.process.settled(record)
         return Regression(
             regressors=np.column_stack((-y[1:-1], -y[:-2], u[1:-1], u[:-2])),
             target=y[2:],
@@ -156,29 +173,12 @@ class SlotMilling(Plant):
             disturbance_gain=1.0,
         )
 
-    def transfer_function(self, record: Record) -> TransferFunction:
-        """Return u, y and the orders of c_3 + c_4 s over s^2 + c_1 s + c_2."""
-        _, u, y = self._settled(record)
-        return TransferFunction(input=u, output=y, sampling_time_s=record.sampling_time_s, n_zeros=1, n_poles=2)
-
-    def discretised(
-        self, model: str, numerator: FloatArray, denominator: FloatArray, sampling_time_s: float
-    ) -> Mapping[str, float]:
-        """Return the parameters of ``arx`` for (c_3, c_4) and (c_2, c_1) under a held input."""
-        self._check(model)
-        (c_3, c_4), (c_2, c_1) = numerator.tolist(), denominator.tolist()
-        return dict(zip(NAMES, milling.discrete(c_1, c_2, c_3, c_4, sampling_time_s), strict=True))
-
-    def true_parameters(self, model: str, sampling_time_s: float) -> Mapping[str, float]:
+    def nominal_parameters(self, sampling_time_s: float) -> Mapping[str, float]:
         """Return a_1, a_2, b_0, b_1 of the linearised process under a held input."""
-        self._check(model)
-        return dict(zip(NAMES, milling.discrete(*self.coefficients, sampling_time_s), strict=True))
+        return dict(zip(NAMES, milling.discrete(*self.process.coefficients, sampling_time_s), strict=True))
 
-    def physical_parameters(
-        self, model: str, parameters: Mapping[str, float], sampling_time_s: float
-    ) -> Mapping[str, float]:
+    def physical_parameters(self, parameters: Mapping[str, float], sampling_time_s: float) -> Mapping[str, float]:
         """Return c_1 ... c_4 for discrete parameters, NaN where no second-order system has them."""
-        self._check(model)
         a_1, a_2, b_0, b_1 = (parameters[name] for name in NAMES)
         values = milling.continuous(a_1, a_2, b_0, b_1, sampling_time_s)
         return dict(zip(COEFFICIENTS, values, strict=True))

@@ -1,17 +1,15 @@
 """Spindle whose shaft carries a displacement sensor, from which the force at the tool is to be told."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
-from fdbench.errors import SpecError, did_you_mean
-from fdbench.plants import _state_space
+from fdbench.errors import SpecError
 from fdbench.plants._plant import Plant, StateSpace
 from fdbench.plants._spindle_modal import Commanded, ModalSystem, Mode, joined
-from fdbench.record import FloatArray, Record
-from fdbench.regression import Regression
+from fdbench.plants._state_space import StateSpaceModel
+from fdbench.record import FloatArray
 from fdbench.simulate.system import Setup
 from fdbench.specification import nonnegative, positive
 
@@ -113,28 +111,6 @@ class Spindle(Plant):
             process_variances=np.zeros(n),
         )
 
-    def models(self) -> tuple[str, ...]:
-        """Return the one model, ``state_space``."""
-        return (_state_space.MODEL,)
-
-    def _check(self, model: str) -> None:
-        if model not in self.models():
-            raise SpecError(f"model '{model}' is not offered by a spindle.{did_you_mean(model, self.models())}")
-
-    def regression(self, record: Record, model: str) -> Regression:
-        """Return the displacement as target, without regressors."""
-        self._check(model)
-        space = self.state_space(record.sampling_time_s)
-        return _state_space.regression(record, space, self.static_compliance_m_per_N)
-
-    def true_parameters(self, model: str, sampling_time_s: float) -> Mapping[str, float]:
-        """Return nothing: the model has no linear parameters."""
-        self._check(model)
-        return {}
-
-    def physical_parameters(
-        self, model: str, parameters: Mapping[str, float], sampling_time_s: float
-    ) -> Mapping[str, float]:
-        """Return nothing; see `Spindle.true_parameters`."""
-        self._check(model)
-        return {}
+    def linear_models(self) -> tuple[StateSpaceModel]:
+        """Return the one model, ``state_space``; its target is the displacement."""
+        return (StateSpaceModel(plant=self, disturbance_gain=lambda _space, _period: self.static_compliance_m_per_N),)

@@ -1,13 +1,12 @@
 """Spindle testbed: the force on a rotating tool holder is to be estimated from vibration of the housing."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
-from fdbench.errors import RecordError, SpecError, did_you_mean
-from fdbench.plants._plant import Plant
+from fdbench.errors import RecordError, SpecError
+from fdbench.plants._plant import LinearModel, Plant
 from fdbench.plants._spectra import Spectra, lines
 from fdbench.plants._spindle_testbed import SpindleTestbedSystem
 from fdbench.plants._spindle_testbed_machine import Machine
@@ -17,7 +16,24 @@ from fdbench.regression import Regression
 from fdbench.simulate.system import Setup
 from fdbench.specification import bounded, positive
 
-MODEL = "inverse_frequency_response"
+
+class InverseFrequencyResponse(LinearModel):
+    """The samples whose force is withheld, without regressors; see `SpindleTestbed`."""
+
+    name = "inverse_frequency_response"
+
+    def regression(self, record: Record) -> Regression:
+        """Return the withheld samples, whose target reads 0."""
+        rows = np.flatnonzero(record["training_sample"] == 0.0)
+        return Regression(
+            regressors=np.empty((len(rows), 0)),
+            target=record["force_N"][rows],
+            names=(),
+            target_name="force_N",
+            time_s=record["time_s"][rows],
+            rows=rows,
+            disturbance_gain=1.0,
+        )
 
 
 @final
@@ -114,9 +130,9 @@ class SpindleTestbed(Plant):
         limits = self.force_limit_N, self.acceleration_limit_m_per_s2
         return SpindleTestbedSystem(self.machine, plan, self.withheld, limits, setup, n_lanes)
 
-    def models(self) -> tuple[str, ...]:
+    def linear_models(self) -> tuple[InverseFrequencyResponse]:
         """Return the one model, ``inverse_frequency_response``."""
-        return (MODEL,)
+        return (InverseFrequencyResponse(),)
 
     def spectra(self, record: Record) -> Spectra:
         """Return the spectra of all segments of a record, which may be another than the plan's.
@@ -146,33 +162,3 @@ class SpindleTestbed(Plant):
             training=training,
             samples_per_segment=length,
         )
-
-    def regression(self, record: Record, model: str) -> Regression:
-        """Return the samples whose force is withheld, without regressors; see `SpindleTestbed`."""
-        self._check(model)
-        rows = np.flatnonzero(record["training_sample"] == 0.0)
-        return Regression(
-            regressors=np.empty((len(rows), 0)),
-            target=record["force_N"][rows],
-            names=(),
-            target_name="force_N",
-            time_s=record["time_s"][rows],
-            rows=rows,
-            disturbance_gain=1.0,
-        )
-
-    def true_parameters(self, model: str, sampling_time_s: float) -> Mapping[str, float]:
-        """Return no parameters."""
-        self._check(model)
-        return {}
-
-    def physical_parameters(
-        self, model: str, parameters: Mapping[str, float], sampling_time_s: float
-    ) -> Mapping[str, float]:
-        """Return no parameters."""
-        self._check(model)
-        return {}
-
-    def _check(self, model: str) -> None:
-        if model != MODEL:
-            raise SpecError(f"model '{model}' is not offered by the testbed.{did_you_mean(model, self.models())}")

@@ -104,7 +104,7 @@ class _Case:
         if self.scenario is None:
             return {}
         record = self.store.read_record(self.name, self.seed)
-        regression = self.scenario.plant.regression(record, self.scenario.estimation.model)
+        regression = self.scenario.linear_model.regression(record)
         # A sealed run starts from another seed than the one of its row; the record has it.
         machine = self.scenario.drawn(int(record.provenance.get("seed", self.seed)))
         nothing = Truth(parameters={}, disturbance_N=None)

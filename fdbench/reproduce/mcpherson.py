@@ -85,8 +85,8 @@ def conversions() -> Iterator[Row]:
         ("milling", (0.3699, 0.6292), -0.299835, 123.23),
     ):
         line = FrictionLine(viscous_N_s_per_m=0.0, coulomb_N=0.0, offset_N=0.0)
-        model = VelocityLoopModel(mass_kg=1.0, line=line, gain_N_s_per_m=1.0, sampling_time_s=1.0 / 333.0)
-        physical = model.physical({"beta_1": beta[0], "beta_2": beta[1]})
+        model = VelocityLoopModel(mass_kg=1.0, line=line, gain_N_s_per_m=1.0)
+        physical = model.physical_parameters({"beta_1": beta[0], "beta_2": beta[1]}, 1.0 / 333.0)
         found_gain = 1.0 / physical["mass_kg"]
         found_pole = -physical["viscous_friction_N_s_per_m"] / physical["mass_kg"]
         yield _must(f"{label}: pole p, 1/s", None, found_pole, pole, 1e-4 * abs(pole))

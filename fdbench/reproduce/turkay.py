@@ -143,7 +143,7 @@ def discrete(result: Estimate) -> FloatArray:
 def continuous(scenario: Scenario, parameters: Mapping[str, float]) -> FloatArray:
     """Return c_1 ... c_4 in the paper's units."""
     period = scenario.setup.timing.sampling_time_s
-    values = scenario.plant.physical_parameters(scenario.estimation.model, parameters, period)
+    values = scenario.linear_model.physical_parameters(parameters, period)
     return np.asarray(np.array([values[name] for name in COEFFICIENTS]) * PER_MM)
 
 
@@ -176,7 +176,7 @@ def constants(scenario: Scenario) -> Iterator[Row]:
     plant, period = _plant(scenario), scenario.setup.timing.sampling_time_s
     yield _must("gain g, N s/mm", 1e-3 * plant.gain_N_s_per_m, 533.1573, 533.1573e-6)
     yield _must("steady force F_0, N", plant.steady_force_N, 618.6085, 618.6085e-6)
-    truth = plant.true_parameters(scenario.estimation.model, period)
+    truth = scenario.linear_model.nominal_parameters(period)
     exact = continuous(scenario, truth)
     for name, value, target in zip(COEFFICIENTS, exact.tolist(), (3.3, 9.0, 4798.416, 1759.419), strict=True):
         yield _must(f"table 3, exact {name}", value, target, 1e-6 * target, target)
@@ -329,7 +329,7 @@ def parts() -> Parts:
     @cache
     def exact() -> FloatArray:
         quiet = scenario_of(COLUMNS[0].scenario)
-        truth = quiet.plant.true_parameters(quiet.estimation.model, quiet.setup.timing.sampling_time_s)
+        truth = quiet.linear_model.nominal_parameters(quiet.setup.timing.sampling_time_s)
         return np.asarray(np.array([truth[name] for name in NAMES]) * PER_MM)
 
     return {

@@ -6,7 +6,7 @@ from fdbench.estimator import BatchEstimator, Estimate
 
 
 def truth(context, record):
-    nominal = dict(context.plant.true_parameters(context.model, context.sampling_time_s))
+    nominal = dict(context.nominal)
     return nominal, np.zeros(record.n_samples)
 
 
