@@ -148,6 +148,26 @@ _TYPE_OF_PORT = {
 }
 
 
+@dataclass(frozen=True, kw_only=True)
+class LinearPart:
+    r"""What a linear model keeps of an effect, :math:`e^{-s t_d} N(s) / D(s)`.
+
+    From what passes the port to what the kernel returns; for the two force ports from the velocity v (m/s) to the
+    force against it (N).
+
+    Attributes
+    ----------
+    numerator, denominator : tuple of float
+        Coefficients of N and D, the highest power of s first; N has no higher power than D.
+    delay_s : float
+        t_d, of the port COMMAND alone.
+    """
+
+    numerator: tuple[float, ...] = (1.0,)
+    denominator: tuple[float, ...] = (1.0,)
+    delay_s: float = 0.0
+
+
 class Effect(ABC):
     """Base of all effects: a frozen keyword-only dataclass of parameters with a compiled ``kernel``.
 
@@ -241,6 +261,10 @@ class Effect(ABC):
     @classmethod
     def in_place_of(cls, known: "Effect") -> Self | None:
         """Return the effect of the same size that would replace a known, simpler one, or None if it replaces none."""
+        return None
+
+    def linear_part(self) -> LinearPart | None:
+        """Return what a linear model keeps of the effect; None: nothing, or the slope of its friction at speed."""
         return None
 
     def scaled(self, factor: float) -> Self:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import final
 
-from fdbench.effects._effect import Effect, Port, kernel, parameter
+from fdbench.effects._effect import Effect, LinearPart, Port, kernel, parameter
 
 
 @final
@@ -37,3 +37,6 @@ class AxialCompliance(Effect):
     @kernel
     def kernel(t, h, x, v, u, s):
         return (0.01 * s * u,)
+
+    def linear_part(self) -> LinearPart:
+        return LinearPart(numerator=(0.01 * self.stiffness_loss_percent,))

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import final
 
-from fdbench.effects._effect import Effect, Port, kernel, parameter
+from fdbench.effects._effect import Effect, LinearPart, Port, kernel, parameter
 from fdbench.effects._functions import exp
 
 
@@ -48,3 +48,6 @@ class CableStiffness(Effect):
         distance = z_steady - z
         force = k * x + F_d * (z_steady - distance * mean)
         return force, 0.5 * F_d * h / x_d * decay, z + distance * y * mean
+
+    def linear_part(self) -> LinearPart:
+        return LinearPart(numerator=(self.spring_stiffness_N_per_m,), denominator=(1.0, 0.0))

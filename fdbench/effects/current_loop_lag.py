@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import final
 
-from fdbench.effects._effect import Effect, Port, kernel, parameter
+from fdbench.effects._effect import Effect, LinearPart, Port, kernel, parameter
 from fdbench.effects._functions import exp
 
 
@@ -45,3 +45,6 @@ class CurrentLoopLag(Effect):
         mean = (1.0 - decay) / y if y > 1e-2 else 1.0 - y * (0.5 - y * (1.0 / 6.0 - y * (1.0 / 24.0 - y / 120.0)))
         behind = F - u
         return (u + behind * mean if tau > 0.0 else u), (u + behind * decay if tau > 0.0 else u)
+
+    def linear_part(self) -> LinearPart:
+        return LinearPart(denominator=(self.time_constant_s, 1.0) if self.time_constant_s > 0.0 else (1.0,))

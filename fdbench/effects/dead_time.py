@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import final
 
-from fdbench.effects._effect import Effect, Port, kernel, parameter
+from fdbench.effects._effect import Effect, LinearPart, Port, kernel, parameter
 
 LATE = float("nan")
 
@@ -71,3 +71,6 @@ class DeadTime(Effect):
         force = followed(force, c_6, passed(seen, s_6, h))
         force = LATE if lost else force
         return (force if t_d > 0.0 else u), c_0, c_1, c_2, c_3, c_4, c_5, c_6, s_1, s_2, s_3, s_4, s_5, s_6
+
+    def linear_part(self) -> LinearPart:
+        return LinearPart(delay_s=self.dead_time_s)

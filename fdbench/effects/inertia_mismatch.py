@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import final
 
-from fdbench.effects._effect import Effect, Port, kernel, parameter
+from fdbench.effects._effect import Effect, LinearPart, Port, kernel, parameter
 
 
 @final
@@ -36,3 +36,6 @@ class InertiaMismatch(Effect):
     @kernel
     def kernel(t, h, x, v, u, dm):
         return dm * u, dm
+
+    def linear_part(self) -> LinearPart:
+        return LinearPart(numerator=(self.extra_mass_kg,))

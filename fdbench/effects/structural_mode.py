@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import final
 
-from fdbench.effects._effect import Effect, Port, kernel, parameter
+from fdbench.effects._effect import Effect, LinearPart, Port, kernel, parameter
 from fdbench.effects._functions import cos, exp, sin
 
 TURN = 2.0 * math.pi
@@ -60,3 +60,9 @@ class StructuralMode(Effect):
         r_end = r * (c - sigma * s) - q * omega * omega * s
         force = m * ((r_end - r) / h)
         return force, m * ((1.0 - (c - sigma * s)) / h), q_end, v + r_end
+
+    def linear_part(self) -> LinearPart:
+        omega = TURN * self.natural_frequency_Hz
+        damping = 2.0 * self.damping_ratio * omega
+        numerator = damping * self.moving_mass_kg, omega**2 * self.moving_mass_kg, 0.0
+        return LinearPart(numerator=numerator, denominator=(1.0, damping, omega**2))

@@ -1,5 +1,6 @@
 """Nominal systems on which the effects act: one plant, one file."""
 
+from fdbench.plants._linear_system import LinearisedPlant, LinearSystem
 from fdbench.plants._plant import (
     LinearModel,
     NetworkPlant,
@@ -13,6 +14,8 @@ from fdbench.plants._plant import (
 
 __all__ = [
     "LinearModel",
+    "LinearSystem",
+    "LinearisedPlant",
     "NetworkPlant",
     "Plant",
     "RespondingPlant",

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fdbench.effects import Effect, Port
 from fdbench.errors import SpecError
+from fdbench.plants._linear_system import LinearSystem, continuous
 from fdbench.plants._plant import LinearModel, Plant
 from fdbench.plants._servo_stage_stepper import compose
 from fdbench.record import Record
@@ -238,6 +239,19 @@ class Stage(Plant):
     @abstractmethod
     def axes(self) -> Mapping[str, Response]:
         """Return the response of each axis by the prefix of its columns."""
+
+    def linear_system(self, sampling_time_s: float) -> LinearSystem:
+        """Return the response of each axis to its commanded position; see `LinearisedPlant`."""
+        axes = self.axes()
+        n = 0
+        size = sum(len(axis.B) for axis in axes.values())
+        A, B, C = np.zeros((size, size)), np.zeros((size, len(axes))), np.zeros((len(axes), size))
+        for number, axis in enumerate(axes.values()):
+            own = slice(n, n + len(axis.B))
+            A[own, own], B[own, number], C[number, own] = axis.A, axis.B, axis.C
+            n = own.stop
+        commands, readings = ([f"{prefix}{name}" for prefix in axes] for name in ("reference_position_m", "position_m"))
+        return continuous(A, B, C, commands, readings, sampling_time_s)
 
     def linear_models(self) -> tuple["ServoResponse"]:
         """Return the one model, ``servo_response``."""

@@ -11,16 +11,18 @@ import numpy as np
 from fdbench.effects import Effect, Port
 from fdbench.errors import RecordError, SimulationDiverged, SpecError
 from fdbench.plants._controllers import Cascade, OpenLoop, VelocityLoop, check_feedback
+from fdbench.plants._drive_loop import DriveLoop, drive_plant
 from fdbench.plants._drive_observer import Sensors, change_per_newton, state_space
 from fdbench.plants._friction_curve import FrictionLine, friction_line
 from fdbench.plants._inverse_dynamics import NAMES_OF, InverseDynamics, InverseDynamicsModel
+from fdbench.plants._linear_system import LinearSystem
 from fdbench.plants._plant import LinearModel, Plant, StateSpace
 from fdbench.plants._state_space import StateSpaceModel
 from fdbench.plants._velocity_loop import VelocityLoopModel
 from fdbench.record import Record
 from fdbench.simulate import layout
 from fdbench.simulate.axis import Axis, Mechanics
-from fdbench.simulate.stability import check_substep, needed_substeps
+from fdbench.simulate.stability import check_loop, check_substep, needed_substeps
 from fdbench.simulate.system import FloatArray, Sampled, Setup, Timing
 from fdbench.specification import bounded, check_bounds, nonnegative, positive
 
@@ -257,12 +259,19 @@ class FeedDrive(Plant):
         )
 
     def system(self, setup: Setup, n_lanes: int = 1) -> Axis:
-        """Return the axis with modelled and unmodelled effects; a substep that is too long for them is refused."""
+        """Return the axis with modelled and unmodelled effects.
+
+        Raises
+        ------
+        SpecError
+            If a substep is too long for the effects, or the control loop on paper is unstable.
+        """
         noises = ["motor_position_m", "table_position_m", "velocity_m_per_s", "equation_velocity_m_per_s"]
         noises += ["motor_current_A"] if self.motor.logged == "motor_current_A" else []
         setup.noise.check_only(noises, "this feed drive")
         effects = (*self.effects, *setup.unmodelled)
         check_substep(effects, self._masses, setup.timing.sampling_time_s, setup.timing.substeps)
+        check_loop(*self.control_loop(setup.timing.sampling_time_s).broken_at_force(), setup.timing.sampling_time_s)
         columns = {"motor_position_m": layout.OUT_MOTOR}
         if self.screw is not None:
             columns["table_position_m"] = layout.OUT_TABLE
@@ -332,6 +341,17 @@ class FeedDrive(Plant):
         velocity = command["reference_velocity_m_per_s"] if is_known else np.gradient(position, period_s)
         columns = _responded(self, period_s, position.tobytes(), velocity.tobytes())
         return Record({"time_s": command["time_s"], **columns}, {}, command.source)
+
+    def control_loop(self, sampling_time_s: float) -> DriveLoop:
+        """Return the linear part with the effects on paper and the controller; without one that is known, alone."""
+        table_mass_kg = self._masses[Port.TABLE_FORCE]
+        plant = drive_plant(self.mechanics(), table_mass_kg, self.effects, self.velocity_limit_m_per_s)
+        is_unknown = isinstance(self.controller, Following) and self.controller.mass_kg is None
+        return DriveLoop(plant, {} if is_unknown else self.controller.rows(), sampling_time_s)
+
+    def linear_system(self, sampling_time_s: float) -> LinearSystem:
+        """Return the axis on paper and its loops; see `LinearisedPlant`."""
+        return self.control_loop(sampling_time_s).linear_system()
 
     def state_space(self, sampling_time_s: float) -> StateSpace:
         """Return the linear part for observers; the friction effects on paper are not in it."""

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.errors import SpecError, did_you_mean
+from fdbench.plants._linear_system import LinearSystem, continuous
 from fdbench.plants._plant import Plant, StateSpace
 from fdbench.plants._spindle_modal import ModalSystem, joined
 from fdbench.plants._state_space import StateSpaceModel
@@ -129,6 +130,11 @@ class SensorNetwork(Plant):
             initial_variances=self.initial.variances(n_modal),
             process_variances=self.process.variances(n_modal),
         )
+
+    def linear_system(self, sampling_time_s: float) -> LinearSystem:
+        """Return the three readings for a force; see `LinearisedPlant`."""
+        space = self.state_space(sampling_time_s)
+        return continuous(space.A, space.E[:, None], space.C, ["force_N"], space.outputs, sampling_time_s)
 
     def linear_models(self) -> tuple[StateSpaceModel]:
         """Return the one model, ``state_space``; its target is the spindle's displacement."""

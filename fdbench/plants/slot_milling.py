@@ -9,6 +9,7 @@ import numpy as np
 
 from fdbench.errors import RecordError, SpecError
 from fdbench.plants import _slot_milling as milling
+from fdbench.plants._linear_system import LinearSystem, continuous
 from fdbench.plants._plant import LinearModel, Plant, TransferFunction
 from fdbench.record import FloatArray, Record
 from fdbench.regression import Regression
@@ -122,6 +123,12 @@ class SlotMilling(Plant):
             force_limit=self.force_limit_N,
         )
         return milling.SlotMillingSystem(process, setup, self.hold_input, n_lanes)
+
+    def linear_system(self, sampling_time_s: float) -> LinearSystem:
+        """Return the force for a feedrate, linear about the operating point; see `LinearisedPlant`."""
+        c_1, c_2, c_3, c_4 = self.coefficients
+        A, B, C = np.array([[-c_1, 1.0], [-c_2, 0.0]]), np.array([[c_4], [c_3]]), np.array([[1.0, 0.0]])
+        return continuous(A, B, C, ["feedrate_m_per_s"], ["force_N"], sampling_time_s)
 
     def linear_models(self) -> tuple["Arx"]:
         """Return the one model, ``arx``."""

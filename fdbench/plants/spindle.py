@@ -6,6 +6,7 @@ from typing import final
 import numpy as np
 
 from fdbench.errors import SpecError
+from fdbench.plants._linear_system import LinearSystem, continuous
 from fdbench.plants._plant import Plant, StateSpace
 from fdbench.plants._spindle_modal import Commanded, ModalSystem, Mode, joined
 from fdbench.plants._state_space import StateSpaceModel
@@ -110,6 +111,11 @@ class Spindle(Plant):
             initial_variances=np.zeros(n),
             process_variances=np.zeros(n),
         )
+
+    def linear_system(self, sampling_time_s: float) -> LinearSystem:
+        """Return the displacement for a force; see `LinearisedPlant`."""
+        space = self.state_space(sampling_time_s)
+        return continuous(space.A, space.E[:, None], space.C, ["force_N"], space.outputs, sampling_time_s)
 
     def linear_models(self) -> tuple[StateSpaceModel]:
         """Return the one model, ``state_space``; its target is the displacement."""
