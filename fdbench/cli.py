@@ -18,6 +18,7 @@ from fdbench.commands.record import record
 from fdbench.commands.report import report
 from fdbench.commands.reproduce import reproduce
 from fdbench.commands.run import run
+from fdbench.commands.show import show
 from fdbench.commands.trial import trial
 from fdbench.commands.verify import verify
 from fdbench.errors import FdbenchError
@@ -89,7 +90,7 @@ def common(
 
 
 app.command("list")(list_)
-for command in (run, leaderboard, verify, compare, report, record, check, reproduce, diagnose):
+for command in (run, leaderboard, verify, compare, report, record, show, check, reproduce, diagnose):
     app.command()(command)
 app.add_typer(trial, name="trial")
 

@@ -223,18 +223,17 @@ class DriveLoop:
         def wide(row: FloatArray, A: FloatArray) -> FloatArray:
             return np.append(row, np.zeros(len(A) - len(row)))
 
-        loops = {"velocity": system(*self.controlled(self.velocity))}
-        closed = None
+        A, B, c = self.controlled(self.velocity)
+        loops = {"velocity": system(A, B, c)}
+        wanted = self.velocity_gain * B
+        if self.integral_gain != 0.0:
+            wanted[-1] = -clock
         if self.position_gain > 0.0:
-            A, B, c = self.controlled(self.velocity)
-            wanted = self.velocity_gain * B
-            if self.integral_gain != 0.0:
-                wanted[-1] = -clock
             loops["position"] = system(A - np.outer(B, c), wanted, self.position_gain * wide(self.position, A))
             A, B, c = self.broken_at_force()
             loops["both, at the motor's force"] = system(A, B, c)
-            commands = (self.position_gain * wanted, self.feedforward * wanted, self.acceleration_feedforward * B)
-            closed = system(A - np.outer(B, c), np.column_stack(commands), wide(self.position, A))
+        commands = (self.position_gain * wanted, self.feedforward * wanted, self.acceleration_feedforward * B)
+        closed = system(A - np.outer(B, c), np.column_stack(commands), wide(self.position, A))
         return LinearSystem(
             plant=continuous, sampling_time_s=clock, delay_s=self.plant.delay_s, loops=loops, closed=closed
         )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.record import FloatArray
-from fdbench.simulate.stability import gain_margin, is_stable
+from fdbench.simulate.stability import check_loop, gain_margin, is_stable
 
 if TYPE_CHECKING:
     import control
@@ -17,12 +17,13 @@ if TYPE_CHECKING:
 ComplexArray = NDArray[np.complex128]
 POINTS, LOWEST = 4000, 1e-6  # of a frequency response, and its lowest frequency in halves of the sampling rate
 HALF_POWER = math.sqrt(0.5)
+FREE_PER_S = 1e-6  # magnitude of a pole, below which it is an integrator's with rounding errors
 SETTLED, STEP_SAMPLES = 5.0, (100, 100_000)  # time constants of the slowest mode that a step is drawn for
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mode:
-    """One pole with Im >= 0: angular frequency |s| / 2 pi, damping ratio -Re s / |s|; NaN for an integrator."""
+    """One pole with Im >= 0: frequency |s| / 2 pi, damping ratio -Re s / |s|; 0 Hz and NaN for an integrator."""
 
     frequency_Hz: float
     damping_ratio: float
@@ -107,7 +108,7 @@ class LinearSystem:
         return np.asarray(response(self.loops[name], self._z(frequencies_Hz))[0, 0], dtype=np.complex128)
 
     def tracking(self, frequencies_Hz: FloatArray) -> ComplexArray | None:
-        r"""Return position over commanded position (n_frequencies,), or None where no position is controlled.
+        r"""Return position over commanded position (n_frequencies,), or None where no motion is controlled.
 
         The commanded velocity and acceleration are its derivatives, :math:`j \omega` and :math:`-\omega^2` times it.
         """
@@ -138,6 +139,11 @@ class LinearSystem:
             bandwidth_Hz=float(at_Hz[below[0]]) if len(below) else math.nan,
             sensitivity_peak=float(np.max(np.abs(1.0 / (1.0 + L)))),
         )
+
+    def check(self) -> None:
+        """Raise a SpecError where all loops together, the last one, are unstable; see `check_loop`."""
+        for loop in list(self.loops.values())[-1:]:
+            check_loop(np.asarray(loop.A), np.asarray(loop.B)[:, 0], np.asarray(loop.C)[0], self.sampling_time_s)
 
     def step(self, name: str) -> tuple[FloatArray, FloatArray]:
         """Return time (s) and answer of a closed loop to a unit step, (n,) both, until its slowest mode has settled."""
@@ -188,6 +194,7 @@ def modes(poles: Sequence[complex] | ComplexArray) -> list[Mode]:
     for pole in sorted((complex(pole) for pole in poles), key=abs):
         if pole.imag >= 0.0:
             size = abs(pole)
-            ratio = -pole.real / size if size > 1e-6 else math.nan
-            found.append(Mode(frequency_Hz=size / (2.0 * math.pi), damping_ratio=ratio))
+            is_free = size < FREE_PER_S
+            ratio = math.nan if is_free else -pole.real / size
+            found.append(Mode(frequency_Hz=0.0 if is_free else size / (2.0 * math.pi), damping_ratio=ratio))
     return found

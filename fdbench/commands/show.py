@@ -1,0 +1,163 @@
+"""``fdbench show``."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, make_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fdbench.commands._json import echo_json
+from fdbench.commands._options import Effects, Json, file_to_write
+from fdbench.commands._plugins import add_effects
+from fdbench.errors import SpecError
+
+if TYPE_CHECKING:
+    from fdbench.plants import LinearSystem, Plant
+
+Rows = list[list[str]]
+
+
+def show(
+    source: Annotated[str, typer.Argument(help="Id or TOML file of a scenario, or a model TOML.")],
+    measured: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            help="CSV of frequency_Hz, magnitude (or magnitude_dB) and phase_rad (or phase_deg), or a record with a "
+            "broadband motion: drawn beside the model."
+        ),
+    ] = None,
+    sampling_time_s: Annotated[
+        float | None, typer.Option("--sampling-time", min=1e-9, help="In s; for a model file, which has none.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", callback=file_to_write, help="HTML file for the diagrams.")
+    ] = None,
+    json_: Json = False,
+    effect: Effects = None,
+) -> None:
+    """Show the linear model of a machine on paper: modes, bandwidths, margins, Bode, Nyquist and step."""
+    from fdbench.plants import LinearisedPlant
+
+    add_effects(effect)
+    name, plant, period_s = _read(source, sampling_time_s)
+    if not isinstance(plant, LinearisedPlant):
+        raise SpecError(f"{source}: no linear model is known of a {type(plant).name}.")
+    if measured and output is None:
+        raise SpecError(f"{measured[0]}: measured responses are drawn; name the page with --output.")
+    system = plant.linear_system(period_s)
+    if json_:
+        echo_json(_answer(name, system))
+    else:
+        _print(name, system)
+    if output is not None:
+        from fdbench.report._measured_response import read_response
+        from fdbench.report.linear import write_linear
+
+        write_linear(name, system, _tables(system), [read_response(path) for path in measured or ()], output)
+    system.check()
+
+
+def _read(source: str, sampling_time_s: float | None) -> "tuple[str, Plant, float]":
+    """Return name, plant and sampling time of a scenario or of a model file."""
+    from fdbench.plants.feed_drive import FeedDrive, Following
+    from fdbench.scenario import extended, load_scenario
+    from fdbench.specification import read, snake_case
+
+    table = extended(Path(source))[0] if source.endswith(".toml") else {"estimation": {}}
+    if "estimation" in table:
+        scenario = load_scenario(source)
+        if sampling_time_s is not None:
+            raise SpecError(f"--sampling-time: {source} is a scenario, which has its own.")
+        return scenario.id, scenario.plant, scenario.context().sampling_time_s
+    if "plant" not in table:
+        raise SpecError(f"{source}: no table [plant]; a scenario or a model file is expected.")
+    if sampling_time_s is None:
+        raise SpecError(f"{source}: a model file has no sampling time; add --sampling-time, in s.")
+    own = dict(table["plant"])
+    if own.get("kind") == snake_case(FeedDrive.__name__):
+        own.setdefault("controller", {"kind": snake_case(Following.__name__)})
+    return Path(source).stem, read(_model_file(), {"plant": own}, f"{Path(source).name}: model").plant, sampling_time_s
+
+
+def _model_file() -> "type[Any]":
+    """Return what is read of a model file; its other tables are of the diagnosis."""
+    from fdbench.plants import Plant
+
+    return make_dataclass("Model", [("plant", Plant)], frozen=True)
+
+
+def _answer(name: str, system: "LinearSystem") -> dict[str, object]:
+    return {
+        "name": name,
+        "sampling_time_s": system.sampling_time_s,
+        "delay_s": system.delay_s,
+        "modes": [asdict(mode) for mode in system.modes()],
+        "closed_loop_modes": [asdict(mode) for mode in system.closed_modes()],
+        "loops": {loop: asdict(system.margins(loop)) for loop in system.loops},
+    }
+
+
+def _tables(system: "LinearSystem") -> list[tuple[str, Sequence[str], Rows]]:
+    """Return title, header and rows of each table."""
+    head = ["frequency", "damping ratio"]
+    found: list[tuple[str, Sequence[str], Rows]] = []
+    for title, modes in (("Modes of the plant", system.modes()), ("Modes of the closed loop", system.closed_modes())):
+        rows = [
+            ["0 Hz", "free"]
+            if math.isnan(mode.damping_ratio)
+            else [f"{mode.frequency_Hz:.4g} Hz", f"{mode.damping_ratio:.3g}"]
+            for mode in modes
+        ]
+        found += [(title, head, rows)] if rows else []
+    rows = []
+    for name in system.loops:
+        own = system.margins(name)
+        rows.append(
+            [
+                name,
+                "stable" if own.stable else "UNSTABLE",
+                _number(own.bandwidth_Hz, "Hz"),
+                _number(own.crossover_Hz, "Hz"),
+                f"{own.gain_margin:.3g} ({20.0 * math.log10(own.gain_margin):.3g} dB)"
+                if math.isfinite(own.gain_margin)
+                else "infinite",
+                _number(math.degrees(own.phase_margin_rad), "°"),
+                _number(1e3 * own.delay_margin_s, "ms"),
+                f"{own.sensitivity_peak:.3g}",
+            ]
+        )
+    head = [
+        "loop",
+        "closed",
+        "bandwidth",
+        "crossover",
+        "gain margin",
+        "phase margin",
+        "delay margin",
+        "sensitivity peak",
+    ]
+    return found + ([("Loops", head, rows)] if rows else [])
+
+
+def _number(value: float, unit: str) -> str:
+    return f"{value:.4g} {unit}" if math.isfinite(value) else "–"
+
+
+def _print(name: str, system: "LinearSystem") -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    console.print(
+        f"{name}: one sample each {1e3 * system.sampling_time_s:.4g} ms, dead time {1e3 * system.delay_s:.4g} ms"
+    )
+    for title, head, rows in _tables(system):
+        table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+        for number, column in enumerate(head):
+            table.add_column(column, justify="right" if number else "left", overflow="fold")
+        for row in rows:
+            table.add_row(*row)
+        console.print(table)

@@ -1,0 +1,103 @@
+"""A measured frequency response: of a table of frequencies, or estimated from a record with a broadband motion."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fdbench.errors import RecordError, did_you_mean
+from fdbench.reading import read_record
+from fdbench.record import FloatArray, Record
+
+FREQUENCY = "frequency_Hz"
+COLUMNS = (FREQUENCY, "magnitude", "magnitude_dB", "phase_rad", "phase_deg")
+SEGMENTS = 8  # of a record, whose spectra are averaged
+COHERENT = 0.9  # squared coherence from which on an estimate is drawn
+EXCITED = 1e-8  # share of the largest power of the command
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MeasuredResponse:
+    """Frequencies (n,), magnitudes (n,), and phases in rad (n,) where they are known."""
+
+    name: str
+    frequency_Hz: FloatArray
+    magnitude: FloatArray
+    phase_rad: FloatArray | None
+
+
+def read_response(path: Path) -> MeasuredResponse:
+    """Return the response in a CSV table of `COLUMNS`, or that of a record: position over commanded position.
+
+    Raises
+    ------
+    RecordError
+        If the file is neither, or its record moves at too few frequencies.
+    """
+    if path.suffix.lower() == ".csv" and path.is_file():
+        with path.open(encoding="utf-8", errors="replace") as file:
+            head = file.readline()
+        if "frequency" in head.lower() and "time_s" not in head:
+            return _of_table(path)
+    return of_record(read_record(path))
+
+
+def _of_table(path: Path) -> MeasuredResponse:
+    import pandas as pd
+
+    try:
+        table = pd.read_csv(path, dtype=np.float64, skipinitialspace=True)
+    except ValueError as error:
+        raise RecordError(f"{path}: a table of numbers, separated by commas, is expected: {error}.") from error
+    for name in table.columns:
+        if name not in COLUMNS:
+            raise RecordError(f"{path}: unknown column '{name}'.{did_you_mean(str(name), COLUMNS)}")
+    for names in ((FREQUENCY,), COLUMNS[1:3]):
+        if sum(name in table for name in names) != 1:
+            raise RecordError(f"{path}: one column {' or '.join(names)} is needed.")
+    if "phase_rad" in table and "phase_deg" in table:
+        raise RecordError(f"{path}: phase_rad and phase_deg are one column too many.")
+    frequency = table[FREQUENCY].to_numpy()
+    if not np.isfinite(table.to_numpy()).all() or not (frequency > 0.0).all() or len(frequency) < 2:
+        raise RecordError(f"{path}: two or more rows of finite numbers with a positive {FREQUENCY} are needed.")
+    decibels = "magnitude_dB" in table
+    magnitude = 10.0 ** (table["magnitude_dB"].to_numpy() / 20.0) if decibels else table["magnitude"].to_numpy()
+    phase = np.radians(table["phase_deg"].to_numpy()) if "phase_deg" in table else None
+    phase = table["phase_rad"].to_numpy() if "phase_rad" in table else phase
+    return MeasuredResponse(name=path.name, frequency_Hz=frequency, magnitude=magnitude, phase_rad=phase)
+
+
+def of_record(record: Record) -> MeasuredResponse:
+    r"""Return the estimate :math:`\hat G = S_{ur} / S_{rr}` of position u over commanded position r, by Welch's method.
+
+    Both are differenced, which cancels, as positions have most of their power at the lowest frequencies. Frequencies
+    without power, or with a squared coherence below `COHERENT`, are left out. Source: Bendat, Piersol (2010), Random
+    Data, eq. (6.37).
+
+    Raises
+    ------
+    RecordError
+        If fewer than 2 frequencies are left.
+    """
+    from scipy.signal import csd, welch
+
+    rate_Hz = 1.0 / record.sampling_time_s
+    command, moved = np.diff(record["reference_position_m"]), np.diff(record["position_m"])
+    length = max(16, len(command) // SEGMENTS)
+    frequency, cross = csd(command, moved, rate_Hz, nperseg=length)
+    of_command, of_moved = (welch(values, rate_Hz, nperseg=length)[1] for values in (command, moved))
+    kept = (frequency > 0.0) & (of_command > EXCITED * of_command.max()) & (of_moved > 0.0)
+    coherence = np.abs(cross[kept]) ** 2 / (of_command[kept] * of_moved[kept])
+    kept[kept] = coherence > COHERENT
+    if kept.sum() < 2:
+        raise RecordError(
+            f"{record.source}: the command moves the axis at fewer than 2 frequencies, with the position following it "
+            "(squared coherence above 0.9); a broadband motion such as a schroeder_multisine is needed."
+        )
+    response = cross[kept] / of_command[kept]
+    return MeasuredResponse(
+        name=record.source,
+        frequency_Hz=frequency[kept],
+        magnitude=np.abs(response),
+        phase_rad=np.unwrap(np.angle(response)),
+    )
