@@ -17,7 +17,7 @@ from _measure import Burst, Case, describe_machine, race
 
 from fdbench.envs import register_all
 from fdbench.scenario import Reality, Scenario, load_scenario
-from fdbench.simulate.axis import CHUNK
+from fdbench.simulate.random import CHUNK
 
 ROUNDS = 25
 LANES = 1024

@@ -22,7 +22,8 @@ from fdbench.envs.drive_env import DriveEnv
 from fdbench.envs.drive_vector_env import DriveVectorEnv
 from fdbench.errors import PluginError, SpecError, UnknownName
 from fdbench.scenario import Scenario, load_scenario, scenario_ids
-from fdbench.simulate.axis import CHUNK, ROW, Axis
+from fdbench.simulate.axis import ROW, Axis
+from fdbench.simulate.random import CHUNK
 
 IDS = environment_ids()
 QUICK = "fdbench/ShakerConstant-v0"

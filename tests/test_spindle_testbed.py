@@ -15,14 +15,15 @@ from fdbench.errors import RecordError, SpecError
 from fdbench.estimator import Estimate, estimators
 from fdbench.metrics import Outcome, metrics
 from fdbench.plants import SpectralPlant
-from fdbench.plants._spectra import Spectra, lines, signals
-from fdbench.plants._spindle_testbed import SpindleTestbedSystem
+from fdbench.plants._spectra import Spectra
 from fdbench.plants._spindle_testbed_machine import Machine, Mode, harmonic_sums
-from fdbench.plants._spindle_testbed_plan import ForceLevels, Plan, RandomSegments, SpindleSpeeds
+from fdbench.plants._spindle_testbed_plan import ForceLevels, RandomSegments, SpindleSpeeds
 from fdbench.plants.spindle_testbed import SpindleTestbed
 from fdbench.record import Record
 from fdbench.scenario import Scenario, Truth, load_scenario
+from fdbench.simulate.spectra import lines, signals
 from fdbench.simulate.system import Noise
+from fdbench.simulate.testbed import Plan, SpindleTestbedSystem
 
 CASES = {"case 1": "Random", "case 2": "Force", "case 3": "Speed"}
 WITHHELD = {"case 1": 780, "case 2": 800, "case 3": 156}

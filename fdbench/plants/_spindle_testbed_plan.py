@@ -2,43 +2,17 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import NamedTuple, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.errors import SpecError
+from fdbench.simulate.testbed import Plan
 from fdbench.specification import bounded, check_bounds
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-
-
-class Plan(NamedTuple):
-    """All force levels at each speed, slowest speed and lowest level first; each condition lasts for some segments.
-
-    Attributes
-    ----------
-    speeds_rad_per_s, levels_N : (n_speeds,), (n_levels,) arrays
-    segments_per_condition, samples_per_segment, n_lines : int
-        Lines are the bins of a segment's spectrum that are logged, without the mean.
-    """
-
-    speeds_rad_per_s: FloatArray
-    levels_N: FloatArray
-    segments_per_condition: int
-    samples_per_segment: int
-    n_lines: int
-
-    @property
-    def samples_per_condition(self) -> int:
-        """Number of logged samples at one speed and force level."""
-        return self.segments_per_condition * self.samples_per_segment
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Number of speeds, levels and segments in a condition."""
-        return len(self.speeds_rad_per_s), len(self.levels_N), self.segments_per_condition
 
 
 class Withheld(ABC):

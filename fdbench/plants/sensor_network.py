@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from fdbench.errors import SpecError, did_you_mean
 from fdbench.plants._linear_system import LinearSystem, continuous
 from fdbench.plants._plant import Plant, StateSpace
-from fdbench.plants._spindle_modal import ModalSystem, joined
+from fdbench.plants._spindle_modal import joined
 from fdbench.plants._state_space import StateSpaceModel
 from fdbench.plants.feed_drive import RotaryMotor
 from fdbench.plants.spindle import Spindle
 from fdbench.record import FloatArray
+from fdbench.simulate.modal import ModalSystem
 from fdbench.simulate.system import Setup
 from fdbench.specification import check_bounds, positive
 

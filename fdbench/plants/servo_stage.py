@@ -7,8 +7,9 @@ from typing import final
 import numpy as np
 
 from fdbench.effects import Port
-from fdbench.plants._servo_stage import Response, Stage, StageSystem
+from fdbench.plants._servo_stage import Stage
 from fdbench.simulate.stability import check_substep
+from fdbench.simulate.stage import Response, StageSystem
 from fdbench.simulate.system import Setup
 from fdbench.specification import nonnegative, positive
 

@@ -13,6 +13,7 @@ from fdbench.plants._linear_system import LinearSystem, continuous
 from fdbench.plants._plant import LinearModel, Plant, TransferFunction
 from fdbench.record import FloatArray, Record
 from fdbench.regression import Regression
+from fdbench.simulate.process import Process, SlotMillingSystem
 from fdbench.simulate.system import Setup
 from fdbench.specification import bounded, nonnegative, positive
 
@@ -103,7 +104,7 @@ class SlotMilling(Plant):
         c_2 = self.natural_frequency_rad_per_s**2
         return c_1, c_2, self.gain_N_s_per_m * c_2, self.gain_N_s_per_m * c_1
 
-    def system(self, setup: Setup, n_lanes: int = 1) -> milling.SlotMillingSystem:
+    def system(self, setup: Setup, n_lanes: int = 1) -> SlotMillingSystem:
         """Return the process with the setup's effects added to the force that is read."""
         if setup.timing.duration_s <= self.settling_time_s:
             raise SpecError(
@@ -111,7 +112,7 @@ class SlotMilling(Plant):
                 f"{self.settling_time_s:g} s; nothing is left to estimate from."
             )
         c_1, c_2, _, _ = self.coefficients
-        process = milling.Process(
+        process = Process(
             c_1=c_1,
             c_2=c_2,
             force=self.force_at_1_mm_per_s_N,
@@ -122,7 +123,7 @@ class SlotMilling(Plant):
             feedrate_limit=MM_PER_M * self.feedrate_limit_m_per_s,
             force_limit=self.force_limit_N,
         )
-        return milling.SlotMillingSystem(process, setup, self.hold_input, n_lanes)
+        return SlotMillingSystem(process, setup, self.hold_input, n_lanes)
 
     def linear_system(self, sampling_time_s: float) -> LinearSystem:
         """Return the force for a feedrate, linear about the operating point; see `LinearisedPlant`."""

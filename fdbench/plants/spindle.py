@@ -8,9 +8,10 @@ import numpy as np
 from fdbench.errors import SpecError
 from fdbench.plants._linear_system import LinearSystem, continuous
 from fdbench.plants._plant import Plant, StateSpace
-from fdbench.plants._spindle_modal import Commanded, ModalSystem, Mode, joined
+from fdbench.plants._spindle_modal import Mode, joined
 from fdbench.plants._state_space import StateSpaceModel
 from fdbench.record import FloatArray
+from fdbench.simulate.modal import Commanded, ModalSystem
 from fdbench.simulate.system import Setup
 from fdbench.specification import nonnegative, positive
 

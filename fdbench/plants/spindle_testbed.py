@@ -7,13 +7,14 @@ import numpy as np
 
 from fdbench.errors import RecordError, SpecError
 from fdbench.plants._plant import LinearModel, Plant
-from fdbench.plants._spectra import Spectra, lines
-from fdbench.plants._spindle_testbed import SpindleTestbedSystem
+from fdbench.plants._spectra import Spectra
 from fdbench.plants._spindle_testbed_machine import Machine
-from fdbench.plants._spindle_testbed_plan import ForceLevels, Plan, RandomSegments, SpindleSpeeds
+from fdbench.plants._spindle_testbed_plan import ForceLevels, RandomSegments, SpindleSpeeds
 from fdbench.record import Record
 from fdbench.regression import Regression
+from fdbench.simulate.spectra import lines
 from fdbench.simulate.system import Setup
+from fdbench.simulate.testbed import Plan, SpindleTestbedSystem
 from fdbench.specification import bounded, positive
 
 
@@ -128,7 +129,7 @@ class SpindleTestbed(Plant):
         if setup.unmodelled:
             raise SpecError(f"reality.effects: {setup.unmodelled[0].name} acts on a feed drive; a testbed takes none.")
         limits = self.force_limit_N, self.acceleration_limit_m_per_s2
-        return SpindleTestbedSystem(self.machine, plan, self.withheld, limits, setup, n_lanes)
+        return SpindleTestbedSystem(self.machine, plan, self.withheld.mask, limits, setup, n_lanes)
 
     def linear_models(self) -> tuple[InverseFrequencyResponse]:
         """Return the one model, ``inverse_frequency_response``."""

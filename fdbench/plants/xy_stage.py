@@ -8,7 +8,8 @@ from typing import final
 import numpy as np
 
 from fdbench.errors import SpecError
-from fdbench.plants._servo_stage import Response, Stage
+from fdbench.plants._servo_stage import Stage
+from fdbench.simulate.stage import Response
 from fdbench.specification import bounded, check_bounds, positive
 
 

@@ -11,9 +11,10 @@ from fdbench.effects import Effect
 from fdbench.estimator import estimators
 from fdbench.motions.circular_spiral import CircularSpiral
 from fdbench.motions.jerk_limited_moves import JerkLimitedMoves, move_time
-from fdbench.plants._servo_stage import Response, Stage
+from fdbench.plants._servo_stage import Stage
 from fdbench.reproduce._row import Parts, Row
 from fdbench.scenario import Scenario, load_scenario
+from fdbench.simulate.stage import Response
 from fdbench.simulate.system import Noise
 
 PAPER = "Chou, Duan, Okwudire"

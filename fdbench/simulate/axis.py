@@ -13,10 +13,9 @@ from fdbench.errors import SpecError
 from fdbench.simulate import layout
 from fdbench.simulate.compose import Slot, block_rows, compose, slots
 from fdbench.simulate.exponential import exponential
-from fdbench.simulate.random import stream
-from fdbench.simulate.system import FloatArray, Setup, System
+from fdbench.simulate.random import CHUNK, RandomNumbers, Source
+from fdbench.simulate.system import FloatArray, Noise, Setup, System
 
-CHUNK = 256  # samples of random numbers drawn at once
 SIDE_BY_SIDE = 64  # lanes in a block of many
 ROW = {name: index for index, name in enumerate(layout.ROWS)}
 MECHANICS_ROWS = np.arange(ROW["HALF_0"], ROW["VELOCITY_LIMIT"] + 1)
@@ -103,8 +102,6 @@ class Axis(System):
         action_name: str,
         n_lanes: int = 1,
     ) -> None:
-        self.n_lanes = n_lanes
-        self.n_samples = setup.timing.n_samples
         columns = {**REFERENCES, **columns}
         self.columns = tuple(columns)
         self.action_names = (action_name,)
@@ -119,25 +116,19 @@ class Axis(System):
         }
         self._kinds = tuple(type(effect) for effect in effects)
         self._side_by_side = SIDE_BY_SIDE if n_lanes >= SIDE_BY_SIDE // 4 else 1
+        n_uniform = max(1, sum(kind.random for kind in self._kinds))
+        sources, width = self._sources(setup.noise), self._side_by_side
+        self._numbers = RandomNumbers(sources, n_lanes, width, layout.NORMAL_COLUMNS, n_uniform)
+        super().__init__(n_lanes, setup.timing.n_samples, self._numbers)
         self._n_blocks = -(-n_lanes // self._side_by_side)
         self._action_row = ROW[action_row]
         self._pick = np.array([*columns.values(), *range(layout.OUT_DISTURBANCE, layout.OUT_COLUMNS)])
         self._active = np.ones(max(len(self.effects), 1), dtype=np.bool_)
-        self._noise = setup.noise
         self._rigid = mechanics.rigid
         initial = self._initial_block(mechanics, {**controller, "LOGGED_PER_N": logged_per_N}, setup)
         self._initial = np.repeat(initial[None, :, :], self._n_blocks, axis=0)
-        self._sources = self._random_sources()
-        self._generators: list[list[np.random.Generator]] = [[] for _ in range(n_lanes)]
         self._blocks = self._initial.copy()
         width = self._side_by_side
-        n_uniform = max(1, sum(kind.random for kind in self._kinds))
-        self._normal = np.zeros((self._n_blocks, CHUNK, layout.NORMAL_COLUMNS, width))
-        self._uniform = np.zeros((self._n_blocks, CHUNK, n_uniform, width))
-        self._position = CHUNK
-        # Samples before the present chunk and at each lane's end; first of these, and next stop, within the chunk.
-        self._before, self._ends = 0, np.zeros(n_lanes, dtype=np.intp)
-        self._end, self._stop = 0, CHUNK
         self._idle = slice((n_lanes - 1) % self._side_by_side + 1, None)
         self._out = np.zeros((self._n_blocks, 1, layout.OUT_COLUMNS, width))
         self.limits, self.at_rest = self._ranges(mechanics, controller["FORCE_LIMIT"] * logged_per_N)
@@ -148,8 +139,8 @@ class Axis(System):
         width, lane = self._side_by_side, np.arange(self.n_lanes)
         self._flat_blocks = self._blocks.reshape(self._n_blocks, -1)
         clock = self.timing.substeps, self.timing.sampling_time_s
-        self._settings = (*clock, self._active, self.reference, self._normal, self._uniform)
-        self._advance = compiled(compose(self._kinds, width), (self._flat_blocks, 0, 1, *self._settings, self._out))
+        self._settings = (*clock, self._active, self.reference, self._numbers.normal, self._numbers.uniform)
+        self._step = compiled(compose(self._kinds, width), (self._flat_blocks, 0, 1, *self._settings, self._out))
         first = lane // width * self._blocks[0].size + lane % width
         self._actions = self._blocks.reshape(-1), first + self._action_row * width
         self._flags = self._blocks.reshape(-1), first + ROW["DIVERGED"] * width
@@ -166,9 +157,8 @@ class Axis(System):
         logged = self._pick[: len(self.columns)]
         return dict(zip(self.columns, limit[logged].tolist(), strict=True)), rest[logged]
 
-    def _random_sources(self) -> list[tuple[str, bool, int]]:
-        """Return name, whether normal, and column of each random stream that the setup uses."""
-        noise = self._noise
+    def _sources(self, noise: Noise) -> list[Source]:
+        """Return the random streams that the noises and the random effects use."""
         deviations = (
             noise.motor_position_m,
             noise.table_position_m,
@@ -177,8 +167,9 @@ class Axis(System):
             noise.motor_current_A,
         )
         random_effects = [effect.name for effect in self.effects if effect.random]
-        noises = [(NOISE_STREAMS[n], True, n) for n in range(layout.NORMAL_COLUMNS) if deviations[n] > 0.0]
-        return noises + [(name, False, n) for n, name in enumerate(random_effects)]
+        named = zip(NOISE_STREAMS, deviations, strict=True)
+        noises = [Source(stream=name, column=n) for n, (name, deviation) in enumerate(named) if deviation > 0.0]
+        return noises + [Source(stream=name, column=n, normal=False) for n, name in enumerate(random_effects)]
 
     def _initial_block(self, mechanics: Mechanics, controller: Mapping[str, float], setup: Setup) -> FloatArray:
         block = np.zeros((block_rows(self._kinds), self._side_by_side))
@@ -268,71 +259,21 @@ class Axis(System):
         h = self.timing.substep_s
         self._write(MECHANICS_ROWS, np.column_stack([item.rows(h) for item in mechanics]), lanes)
 
-    def start(self, seeds: Sequence[int], lanes: NDArray[np.intp] | None = None) -> None:
-        """Put lanes back to their initial state and restart their random streams."""
-        chosen = np.arange(self.n_lanes) if lanes is None else lanes
-        if len(seeds) != len(chosen):
-            raise SpecError(f"seeds: {len(chosen)} are expected, one for each lane, found {len(seeds)}.")
-        if lanes is None:
-            self._position = CHUNK
-        for lane, seed in zip(chosen.tolist(), seeds, strict=True):
-            block, place = divmod(lane, self._side_by_side)
-            self._blocks[block, :, place] = self._initial[block, :, place]
-            self._generators[lane] = [stream(seed, name) for name, _, _ in self._sources]
-            if lanes is not None:
-                self._draw(lane, self._position)
+    def _reset(self, lanes: NDArray[np.intp], seeds: Sequence[int]) -> None:
+        """Put lanes back to their initial state."""
+        blocks, places = np.divmod(lanes, self._side_by_side)
+        self._blocks[blocks, :, places] = self._initial[blocks, :, places]
         # Lanes that only fill the last block read the reference too.
         self._blocks[-1, :, self._idle] = self._initial[-1, :, self._idle]
-        self._ends[chosen] = self._before + self._position + self.n_samples
-        self._end = int(self._ends.min()) - self._before
-        self._stop = min(self._end, CHUNK)
 
-    def _draw(self, lane: int, first: int) -> None:
-        """Draw the rest of a chunk for one lane."""
-        block, place = divmod(lane, self._side_by_side)
-        for generator, (_, normal, column) in zip(self._generators[lane], self._sources, strict=True):
-            target = self._normal if normal else self._uniform
-            n = CHUNK - first
-            target[block, first:, column, place] = generator.standard_normal(n) if normal else generator.random(n)
+    def _act(self, action: FloatArray | None) -> None:
+        blocks, places = self._actions
+        blocks[places] = 0.0 if action is None else action
 
-    def _draw_all(self) -> None:
-        """Draw a chunk for all lanes, one block at a time: a transposed copy is faster than columns far apart."""
-        self._check_end(1)
-        width = self._side_by_side
-        drawn = np.zeros((width, CHUNK))
-        for source, (_, normal, column) in enumerate(self._sources):
-            target = self._normal if normal else self._uniform
-            for block in range(self._n_blocks):
-                for row, generators in zip(drawn, self._generators[block * width :], strict=False):
-                    if normal:
-                        generators[source].standard_normal(out=row)
-                    else:
-                        generators[source].random(out=row)
-                target[block, :, column, :] = drawn.T
-        self._position = 0
-        self._before += CHUNK
-        self._end -= CHUNK
-        self._stop = min(self._end, CHUNK)
-
-    def _check_end(self, n_samples: int) -> None:
-        if self._position + n_samples > self._end:
-            raise SpecError(f"advance: the episode ends after {self.n_samples} samples; start the lanes again.")
-
-    def advance(self, n_samples: int, action: FloatArray | None = None) -> FloatArray:
-        """Advance all lanes; see `System.advance`."""
-        self._check_end(n_samples)
-        self._set_action(action)
-        if n_samples == 1:
-            self._run(1, self._out)
-            return self._rows(self._out)
-        raw = np.empty((self._n_blocks, n_samples, layout.OUT_COLUMNS, self._side_by_side))
-        done = 0
-        while done < n_samples:
-            n = min(n_samples - done, CHUNK if self._position == CHUNK else CHUNK - self._position)
-            part = np.empty((self._n_blocks, n, layout.OUT_COLUMNS, self._side_by_side))
-            self._run(n, part)
-            raw[:, done : done + n] = part
-            done += n
+    def _advance(self, n_samples: int) -> FloatArray:
+        shape = self._n_blocks, n_samples, layout.OUT_COLUMNS, self._side_by_side
+        raw = self._out if n_samples == 1 else np.empty(shape)
+        self._step(self._flat_blocks, self._numbers.position, n_samples, *self._settings, raw)
         return self._rows(raw)
 
     def _rows(self, raw: FloatArray) -> FloatArray:
@@ -342,24 +283,17 @@ class Axis(System):
 
     def advance_one(self, action: float) -> FloatArray:
         """Advance the only lane by one sample; see `System.advance_one`."""
-        if self._position == self._stop:
-            self._draw_all()
+        numbers = self._numbers
+        if self._clock >= self._end or numbers.position == CHUNK:
+            self._check_end(1)
+            numbers.refill()
         place, out = self._only_lane
         place[0] = action
-        self._advance(self._flat_blocks, self._position, 1, *self._settings, self._out)
-        self._position += 1
+        self._step(self._flat_blocks, numbers.position, 1, *self._settings, self._out)
+        self._clock += 1
+        numbers.position += 1
         row: FloatArray = out[self._pick]
         return row
-
-    def _run(self, n_samples: int, out: FloatArray) -> None:
-        if self._position == CHUNK:
-            self._draw_all()
-        self._advance(self._flat_blocks, self._position, n_samples, *self._settings, out)
-        self._position += n_samples
-
-    def _set_action(self, action: FloatArray | None) -> None:
-        blocks, places = self._actions
-        blocks[places] = 0.0 if action is None else action
 
     @property
     def diverged(self) -> NDArray[np.bool_]:
@@ -369,7 +303,7 @@ class Axis(System):
         return flags
 
     def __getstate__(self) -> dict[str, Any]:
-        bound = {"_advance", "_settings", "_flat_blocks", "_actions", "_flags", "_only_lane"}
+        bound = {"_step", "_settings", "_flat_blocks", "_actions", "_flags", "_only_lane"}
         return {key: value for key, value in vars(self).items() if key not in bound}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.effects import Effect
+from fdbench.effects import Effect, Port
 from fdbench.errors import SpecError
 from fdbench.motions import Motion
+from fdbench.simulate.random import CHUNK, RandomNumbers
 from fdbench.specification import bounded, check_bounds, nonnegative, positive
 
 FloatArray = NDArray[np.float64]
@@ -111,6 +112,16 @@ class Sampled(Motion):
 class System(ABC):
     """Instances of a plant, stepped together; the last axis of every array is the lane.
 
+    Seeds, random numbers, the end of an episode and the flag of a lane that has diverged are here; a subclass says how
+    lanes are reset and advanced.
+
+    Parameters
+    ----------
+    n_lanes, n_samples : int
+        Instances, and samples of an episode.
+    random : RandomNumbers, optional
+        What the lanes draw; a call of `_advance` never needs more of it than one chunk holds.
+
     Attributes
     ----------
     columns : tuple of str
@@ -133,26 +144,104 @@ class System(ABC):
     action_names: tuple[str, ...]
     limits: Mapping[str, float]
     at_rest: FloatArray
-    n_lanes: int
-    n_samples: int
 
-    @abstractmethod
+    def __init__(self, n_lanes: int, n_samples: int, random: RandomNumbers | None = None) -> None:
+        self.n_lanes, self.n_samples, self._random = n_lanes, n_samples, random
+        self._diverged = np.zeros(n_lanes, dtype=np.bool_)
+        # Samples that were advanced so far; of each lane those at which its episode ends, and the first of these.
+        self._clock, self._ends, self._end = 0, np.zeros(n_lanes, dtype=np.intp), 0
+
     def start(self, seeds: Sequence[int], lanes: NDArray[np.intp] | None = None) -> None:
-        """Put ``lanes`` (default: all) back to their initial state, each with its own seed."""
+        """Put ``lanes`` (default: all) back to their initial state, each with its own seed.
 
-    @abstractmethod
+        Raises
+        ------
+        SpecError
+            If there is not one seed for each lane.
+        """
+        chosen = np.arange(self.n_lanes) if lanes is None else np.asarray(lanes)
+        if len(seeds) != len(chosen):
+            raise SpecError(f"seeds: {len(chosen)} are expected, one for each lane, found {len(seeds)}.")
+        if self._random is not None:
+            self._random.start(seeds, chosen)
+        self._diverged[chosen] = False
+        self._reset(chosen, seeds)
+        self._ends[chosen] = self._clock + self.n_samples
+        self._end = int(self._ends.min())
+
     def advance(self, n_samples: int, action: FloatArray | None = None) -> FloatArray:
         """Advance all lanes and return an (n_samples, n_columns + n_truth_columns, n_lanes) array.
 
         ``action`` is the deviation from the scenario's own command, held over the call: (n_lanes,), which goes to every
         command of the system, or (n_actions, n_lanes) for a system of several actions.
+
+        Raises
+        ------
+        SpecError
+            If the episode of a lane ends before.
         """
+        self._check_end(n_samples)
+        self._act(action)
+        parts = []
+        while n_samples:
+            n = self._next_numbers(n_samples)
+            parts.append(self._advance(n))
+            self._pass(n)
+            n_samples -= n
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def advance_one(self, action: float) -> FloatArray:
         """Advance a system of one lane by one sample and return its new (n_columns + n_truth_columns,) row."""
         return self.advance(1, np.array([action])).ravel()
 
     @property
-    @abstractmethod
     def diverged(self) -> NDArray[np.bool_]:
         """Which lanes have left the limits of the plant; shape (n_lanes,)."""
+        return self._diverged.copy()
+
+    @abstractmethod
+    def _reset(self, lanes: NDArray[np.intp], seeds: Sequence[int]) -> None:
+        """Put lanes back to their initial state."""
+
+    @abstractmethod
+    def _act(self, action: FloatArray | None) -> None:
+        """Keep the action of what follows; None is none."""
+
+    @abstractmethod
+    def _advance(self, n_samples: int) -> FloatArray:
+        """Advance all lanes, with the random numbers from ``self._random.position`` on; the rows as of `advance`."""
+
+    def _check_end(self, n_samples: int) -> None:
+        if self._clock + n_samples > self._end:
+            known = (
+                "the lanes have not been started"
+                if not self._end
+                else f"the episode ends after {self.n_samples} samples"
+            )
+            raise SpecError(f"advance: {known}; start {'the lanes again' if self._end else 'them'}.")
+
+    def _next_numbers(self, n_samples: int) -> int:
+        """Return for how many of the next samples there are random numbers, a new chunk being drawn where needed."""
+        if self._random is None:
+            return n_samples
+        if self._random.position == CHUNK:
+            self._random.refill()
+        return min(n_samples, CHUNK - self._random.position)
+
+    def _pass(self, n_samples: int) -> None:
+        """Let time pass."""
+        self._clock += n_samples
+        if self._random is not None:
+            self._random.position += n_samples
+
+
+def check_table_forces(effects: Sequence[Effect], plant: str, *, states: bool = False) -> None:
+    """Raise a SpecError for an effect that is no force on the table, is random or, unless ``states``, has some."""
+    for effect in effects:
+        hidden = bool(effect.states) and not states
+        if effect.port is not Port.TABLE_FORCE or effect.random or hidden:
+            kind = f"{' at random' if effect.random else ''}{' with hidden states' if hidden else ''}"
+            raise SpecError(
+                f"reality.effects: {effect.name} acts on a feed drive's {effect.port.value}{kind}; {plant} takes "
+                f"forces on the table{'' if states else ' without hidden states'} only."
+            )

@@ -1,32 +1,81 @@
 """Spindle testbed as it is simulated and logged: lanes that go through a plan of measurements."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.errors import SpecError
-from fdbench.plants._spectra import lines, signals
-from fdbench.plants._spindle_testbed_machine import TWO_PI, Machine
-from fdbench.plants._spindle_testbed_plan import Plan, Withheld
 from fdbench.simulate.random import stream
+from fdbench.simulate.spectra import lines, signals
 from fdbench.simulate.system import FloatArray, Setup, System
+
+TWO_PI = 2.0 * np.pi
+
+
+class Machine(Protocol):
+    """What vibrates under the force; its signals at a constant speed are free of noise."""
+
+    @property
+    def angle_jitter_rad(self) -> float:
+        """Standard deviation over the conditions of where the trigger starts."""
+        ...
+
+    @property
+    def force_deviation(self) -> float:
+        """Standard deviation over the conditions of the force, relative to its level."""
+        ...
+
+    def condition(
+        self, speed: float, share: float, level: float, angle: float, cage_angle: float, step_s: float, n: int
+    ) -> FloatArray:
+        """Return force (N) and acceleration (m/s^2) of one operating condition, (2, n)."""
+        ...
+
+
+class Plan(NamedTuple):
+    """All force levels at each speed, slowest speed and lowest level first; each condition lasts for some segments.
+
+    Attributes
+    ----------
+    speeds_rad_per_s, levels_N : (n_speeds,), (n_levels,) arrays
+    segments_per_condition, samples_per_segment, n_lines : int
+        Lines are the bins of a segment's spectrum that are logged, without the mean.
+    """
+
+    speeds_rad_per_s: FloatArray
+    levels_N: FloatArray
+    segments_per_condition: int
+    samples_per_segment: int
+    n_lines: int
+
+    @property
+    def samples_per_condition(self) -> int:
+        """Number of logged samples at one speed and force level."""
+        return self.segments_per_condition * self.samples_per_segment
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of speeds, levels and segments in a condition."""
+        return len(self.speeds_rad_per_s), len(self.levels_N), self.segments_per_condition
+
+
+Mask = Callable[[Plan, np.random.Generator], NDArray[np.bool_]]
 
 
 class _Lane:
     """One run through the plan: its random numbers, its place, and the condition that it is in."""
 
-    def __init__(self, machine: Machine, plan: Plan, withheld: Withheld, seed: int) -> None:
+    def __init__(self, machine: Machine, plan: Plan, mask: Mask, seed: int) -> None:
         n = plan.shape[0] * plan.shape[1]
-        self.withheld = withheld.mask(plan, stream(seed, "withheld_segments")).reshape(n, -1)
+        self.withheld = mask(plan, stream(seed, "withheld_segments")).reshape(n, -1)
         self.force_factor = 1.0 + machine.force_deviation * stream(seed, "force_level").standard_normal(n)
         self.angle = machine.angle_jitter_rad * stream(seed, "trigger_angle").standard_normal(n)
         self.cage_angle = stream(seed, "cage_angle").uniform(0.0, TWO_PI, n)
         self.noise = stream(seed, "force_noise"), stream(seed, "acceleration_noise")
         self.place = 0
         self.rows = np.empty((0, 0))
-        self.diverged = False
 
 
 class SpindleTestbedSystem(System):
@@ -40,7 +89,8 @@ class SpindleTestbedSystem(System):
     ----------
     machine : Machine
     plan : Plan
-    withheld : Withheld
+    mask : callable
+        Which segments are withheld, from the plan and a random generator.
     limits : pair of float
         Ranges of the force sensor, N, and of the accelerometer, m/s^2.
     setup : Setup
@@ -55,13 +105,13 @@ class SpindleTestbedSystem(System):
         self,
         machine: Machine,
         plan: Plan,
-        withheld: Withheld,
+        mask: Mask,
         limits: tuple[float, float],
         setup: Setup,
         n_lanes: int = 1,
     ) -> None:
         timing = setup.timing
-        self.n_lanes, self.n_samples = n_lanes, timing.n_samples
+        super().__init__(n_lanes, timing.n_samples)
         self.commanded = {
             "spindle_speed_rad_per_s": np.repeat(
                 plan.speeds_rad_per_s, len(plan.levels_N) * plan.samples_per_condition
@@ -76,44 +126,38 @@ class SpindleTestbedSystem(System):
             "training_sample": 1.0,
         }
         self.at_rest = np.zeros(len(self.columns))
-        self._machine, self._plan, self._withheld = machine, plan, withheld
+        self._machine, self._plan, self._mask = machine, plan, mask
         self._step_s = timing.sampling_time_s / timing.substeps
         self._acquired = plan.samples_per_segment * timing.substeps
         self._noise = np.array([setup.noise.force_N, setup.noise.acceleration_m_per_s2])
         self._lanes: dict[int, _Lane] = {}
 
-    def start(self, seeds: Sequence[int], lanes: NDArray[np.intp] | None = None) -> None:
-        """Put lanes back to the first condition and draw their random numbers; see `System.start`."""
-        chosen = np.arange(self.n_lanes) if lanes is None else lanes
-        if len(seeds) != len(chosen):
-            raise SpecError(f"seeds: {len(chosen)} are expected, one for each lane, found {len(seeds)}.")
-        for lane, seed in zip(chosen.tolist(), seeds, strict=True):
-            self._lanes[lane] = _Lane(self._machine, self._plan, self._withheld, seed)
+    def _reset(self, lanes: NDArray[np.intp], seeds: Sequence[int]) -> None:
+        """Put lanes back to the first condition and draw their random numbers."""
+        for lane, seed in zip(lanes.tolist(), seeds, strict=True):
+            self._lanes[lane] = _Lane(self._machine, self._plan, self._mask, seed)
 
-    def advance(self, n_samples: int, action: FloatArray | None = None) -> FloatArray:
-        """Advance all lanes; see `System.advance`."""
+    def _act(self, action: FloatArray | None) -> None:
+        self._deviations_N = np.zeros(self.n_lanes) if action is None else np.asarray(action, dtype=np.float64)
+
+    def _advance(self, n_samples: int) -> FloatArray:
         out = np.empty((n_samples, len(self.columns) + len(self.truth_columns), self.n_lanes))
         length = self._plan.samples_per_condition
         for number in range(self.n_lanes):
-            if number not in self._lanes:
-                raise SpecError("advance: the lanes have not been started.")
             lane = self._lanes[number]
-            if lane.place + n_samples > self.n_samples:
-                raise SpecError(f"advance: the episode ends after {self.n_samples} samples; start the lanes again.")
-            deviation = 0.0 if action is None else float(action[number])
             done = 0
             while done < n_samples:
                 condition, first = divmod(lane.place, length)
                 if first == 0:
-                    lane.rows = self._condition(lane, condition, deviation)
+                    lane.rows = self._condition(lane, condition, float(self._deviations_N[number]), number)
                 taken = min(length - first, n_samples - done)
                 out[done : done + taken, :, number] = lane.rows[first : first + taken]
                 lane.place += taken
                 done += taken
-                lane.diverged = bool(lane.rows[first + taken - 1, -1])
+                self._diverged[number] = bool(lane.rows[first + taken - 1, -1])
         return out
 
-    def _condition(self, lane: _Lane, number: int, deviation: float) -> FloatArray:
+    def _condition(self, lane: _Lane, number: int, deviation: float, place: int) -> FloatArray:
         """Return all rows of one condition, (samples_per_condition, n_columns + n_truth_columns)."""
         plan, machine = self._plan, self._machine
         speed_number, level_number = divmod(number, len(plan.levels_N))
@@ -144,11 +188,5 @@ class SpindleTestbedSystem(System):
         rows[:, 1] = np.where(measured, force.ravel(), 0.0)
         rows[:, 2] = measured
         rows[:, 3] = truth.ravel()
-        rows[:, 4] = np.logical_or.accumulate(outside) | lane.diverged
+        rows[:, 4] = np.logical_or.accumulate(outside) | self._diverged[place]
         return rows
-
-    @property
-    def diverged(self) -> NDArray[np.bool_]:
-        """Which lanes asked for a force level, or had a vibration, outside the ranges of the sensors."""
-        flags = [number in self._lanes and self._lanes[number].diverged for number in range(self.n_lanes)]
-        return np.array(flags, dtype=np.bool_)
