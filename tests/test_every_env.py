@@ -22,7 +22,8 @@ from fdbench.envs.drive_env import DriveEnv
 from fdbench.envs.drive_vector_env import DriveVectorEnv
 from fdbench.errors import PluginError, SpecError, UnknownName
 from fdbench.scenario import Scenario, load_scenario, scenario_ids
-from fdbench.simulate.axis import ROW, Axis
+from fdbench.simulate.axis import Axis
+from fdbench.simulate.block import ROW
 from fdbench.simulate.random import CHUNK
 
 IDS = environment_ids()
@@ -262,7 +263,7 @@ def test_an_axis_ends_with_the_first_of_its_lanes() -> None:
 def test_lanes_that_only_fill_a_block_stay_within_the_reference() -> None:
     system = shaker(duration_s=0.05).system(70)
     assert isinstance(system, Axis)
-    rows = system._blocks[:, ROW["INDEX"]]
+    rows = system._now.values[:, ROW["INDEX"]]
     for _ in range(3):
         system.start(range(70))
         system.advance(system.n_samples)

@@ -10,7 +10,7 @@ from fdbench.effects import Effect, LinearPart, Port
 from fdbench.plants._friction_curve import friction_line
 from fdbench.plants._linear_system import LinearSystem
 from fdbench.record import FloatArray
-from fdbench.simulate.axis import Mechanics
+from fdbench.simulate.block import Mechanics
 from fdbench.simulate.exponential import exponential
 
 OUTPUTS = ("motor_position_m", "motor_velocity_m_per_s", "table_position_m", "table_velocity_m_per_s")

@@ -7,7 +7,7 @@ import numpy as np
 
 from fdbench.plants._plant import StateSpace
 from fdbench.record import FloatArray
-from fdbench.simulate.axis import Mechanics
+from fdbench.simulate.block import Mechanics
 from fdbench.simulate.exponential import exponential
 from fdbench.specification import check_bounds, nonnegative, positive
 

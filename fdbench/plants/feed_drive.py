@@ -21,7 +21,8 @@ from fdbench.plants._state_space import StateSpaceModel
 from fdbench.plants._velocity_loop import VelocityLoopModel
 from fdbench.record import Record
 from fdbench.simulate import layout
-from fdbench.simulate.axis import Axis, Mechanics
+from fdbench.simulate.axis import Axis
+from fdbench.simulate.block import Mechanics
 from fdbench.simulate.stability import check_loop, check_substep, needed_substeps
 from fdbench.simulate.system import FloatArray, Sampled, Setup, Timing
 from fdbench.specification import bounded, check_bounds, nonnegative, positive

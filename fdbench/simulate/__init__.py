@@ -1,1 +1,1 @@
-"""From a specification and effects to something that steps: the only integrator, trajectories, controllers."""
+"""From a specification and effects to something that steps: one lifecycle of all simulators, a stepper for each kind."""

@@ -1,7 +1,7 @@
 """One feed axis, or many side by side: the composed stepper with its blocks, random numbers and limits."""
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 from fdbench.effects import Effect
 from fdbench.errors import SpecError
 from fdbench.simulate import layout
-from fdbench.simulate.compose import Slot, block_rows, compose, slots
-from fdbench.simulate.exponential import exponential
+from fdbench.simulate.block import MECHANICS_ROWS, ROW, Blocks, Mechanics
+from fdbench.simulate.compose import Slot, compose
 from fdbench.simulate.random import CHUNK, RandomNumbers, Source
 from fdbench.simulate.system import FloatArray, Noise, Setup, System
 
 SIDE_BY_SIDE = 64  # lanes in a block of many
-ROW = {name: index for index, name in enumerate(layout.ROWS)}
-MECHANICS_ROWS = np.arange(ROW["HALF_0"], ROW["VELOCITY_LIMIT"] + 1)
 REFERENCES = {
     "reference_position_m": layout.OUT_REFERENCE_POSITION,
     "reference_velocity_m_per_s": layout.OUT_REFERENCE_VELOCITY,
@@ -30,36 +28,6 @@ NOISE_STREAMS = (
     "equation_noise",
     "motor_current_noise",
 )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Mechanics:
-    r"""Linear part of an axis, :math:`\dot s = A s + B f` with s = (x_m, v_m, x_t, v_t) and f = (f_motor, f_table).
-
-    A rigid axis has equal rows for motor side and table. Limits in m and m/s; stiffness in N/m, damping in N s/m.
-    """
-
-    A: FloatArray
-    B: FloatArray
-    stiffness_N_per_m: float
-    damping_N_s_per_m: float
-    rigid: bool
-    position_limit_m: float
-    velocity_limit_m_per_s: float
-
-    def propagators(self, h: float) -> FloatArray:
-        """Return the 24 entries of (A | B), row by row, that advance the state exactly by h under constant forces."""
-        generator = np.zeros((6, 6))
-        generator[:4, :4] = self.A
-        generator[:4, 4:] = self.B
-        flow: FloatArray = exponential(generator * h)[:4]
-        return flow.ravel()
-
-    def rows(self, h: float) -> FloatArray:
-        """Return the part of a block that belongs to the mechanics, for substeps of h."""
-        limits = self.position_limit_m, self.velocity_limit_m_per_s
-        scalars = self.stiffness_N_per_m, self.damping_N_s_per_m, float(self.rigid), *limits
-        return np.concatenate((self.propagators(h / 2), self.propagators(h), scalars))
 
 
 def compiled(stepper: Any, arguments: tuple[Any, ...]) -> Callable[..., None]:
@@ -125,9 +93,13 @@ class Axis(System):
         self._pick = np.array([*columns.values(), *range(layout.OUT_DISTURBANCE, layout.OUT_COLUMNS)])
         self._active = np.ones(max(len(self.effects), 1), dtype=np.bool_)
         self._rigid = mechanics.rigid
-        initial = self._initial_block(mechanics, {**controller, "LOGGED_PER_N": logged_per_N}, setup)
-        self._initial = np.repeat(initial[None, :, :], self._n_blocks, axis=0)
-        self._blocks = self._initial.copy()
+        self._initial = Blocks(self._kinds, n_lanes, width)
+        self._initial.set_mechanics(mechanics, setup.timing.substep_s)
+        self._initial.set_scalars({**controller, **_noises(setup.noise, logged_per_N), "LOGGED_PER_N": logged_per_N})
+        self._initial.place(float(self.reference[0, 0]), 0.0, setup.timing.sampling_time_s)
+        for number, effect in enumerate(self.effects):
+            self._initial.set_effect(number, effect, self._applies(type(effect)))
+        self._now = copy.deepcopy(self._initial)
         width = self._side_by_side
         self._idle = slice((n_lanes - 1) % self._side_by_side + 1, None)
         self._out = np.zeros((self._n_blocks, 1, layout.OUT_COLUMNS, width))
@@ -137,14 +109,15 @@ class Axis(System):
     def _bind(self) -> None:
         """Compose the stepper, and find where each lane has its action and its flag."""
         width, lane = self._side_by_side, np.arange(self.n_lanes)
-        self._flat_blocks = self._blocks.reshape(self._n_blocks, -1)
+        blocks = self._now.values
+        self._flat_blocks = self._now.flat
         clock = self.timing.substeps, self.timing.sampling_time_s
         self._settings = (*clock, self._active, self.reference, self._numbers.normal, self._numbers.uniform)
         self._step = compiled(compose(self._kinds, width), (self._flat_blocks, 0, 1, *self._settings, self._out))
-        first = lane // width * self._blocks[0].size + lane % width
-        self._actions = self._blocks.reshape(-1), first + self._action_row * width
-        self._flags = self._blocks.reshape(-1), first + ROW["DIVERGED"] * width
-        self._only_lane = self._blocks[0, self._action_row], self._out.reshape(-1)
+        first = lane // width * blocks[0].size + lane % width
+        self._actions = blocks.reshape(-1), first + self._action_row * width
+        self._flags = blocks.reshape(-1), first + ROW["DIVERGED"] * width
+        self._only_lane = blocks[0, self._action_row], self._out.reshape(-1)
 
     def _ranges(self, mechanics: Mechanics, command_limit: float) -> tuple[dict[str, float], FloatArray]:
         """Return the largest magnitude of each column, and what is logged at the start of the reference."""
@@ -171,40 +144,18 @@ class Axis(System):
         noises = [Source(stream=name, column=n) for n, (name, deviation) in enumerate(named) if deviation > 0.0]
         return noises + [Source(stream=name, column=n, normal=False) for n, name in enumerate(random_effects)]
 
-    def _initial_block(self, mechanics: Mechanics, controller: Mapping[str, float], setup: Setup) -> FloatArray:
-        block = np.zeros((block_rows(self._kinds), self._side_by_side))
-        block[MECHANICS_ROWS] = mechanics.rows(setup.timing.substep_s)[:, None]
-        scalars = {
-            "NOISE_MOTOR": setup.noise.motor_position_m,
-            "NOISE_TABLE": setup.noise.table_position_m,
-            "NOISE_VELOCITY": setup.noise.velocity_m_per_s,
-            "NOISE_EQUATION": setup.noise.equation_velocity_m_per_s,
-            "NOISE_COMMAND": setup.noise.motor_current_A / controller["LOGGED_PER_N"],
-            **controller,
-        }
-        for name in ("X_M", "X_T", "BACK_1", "BACK_2", "LAST_MOTOR", "LAST_TABLE"):
-            scalars[name] = float(self.reference[0, 0])
-        for name, value in scalars.items():
-            block[ROW[name]] = value
-        for slot, effect in zip(self.slots(), self.effects, strict=True):
-            block[slot.flag] = float(self._applies(slot.effect))
-            for index, value in enumerate(effect.values()):
-                block[slot.parameter(index)] = value
-        return block
-
     def slots(self) -> tuple[Slot, ...]:
         """Return where each effect lies in a block."""
-        return slots(self._kinds)
+        return self._initial.slots
 
     def _applies(self, effect: type[Effect]) -> bool:
         """Return whether the mechanics have what the effect is a property of."""
         return not (self._rigid and effect.needs_screw)
 
-    def _write(self, rows: NDArray[np.intp], values: Any, lanes: NDArray[np.intp] | None) -> None:
+    def _write(self, rows: NDArray[np.intp], values: FloatArray, lanes: NDArray[np.intp] | None) -> None:
         """Write rows of ``lanes`` (default: all), now and for every later `start`."""
-        block, place = np.divmod(np.arange(self.n_lanes) if lanes is None else np.asarray(lanes), self._side_by_side)
-        for blocks in (self._initial, self._blocks):
-            blocks[block, rows[:, None], place] = values
+        for blocks in (self._initial, self._now):
+            blocks.write(rows, values, np.arange(self.n_lanes) if lanes is None else lanes)
 
     def enable(self, effect: int, on: bool | NDArray[np.bool_] = True, lanes: NDArray[np.intp] | None = None) -> None:
         """Switch an effect on or off in ``lanes`` (default: all), now and for every later `start`.
@@ -218,8 +169,9 @@ class Axis(System):
         lanes : (n_chosen,) array of int, optional
         """
         slot = self.slots()[effect]
-        self._write(np.array([slot.flag]), np.asarray(on) & self._applies(slot.effect), lanes)
-        self._active[effect] = (self._initial[:, slot.flag].reshape(-1)[: self.n_lanes] > 0.5).any()
+        flags = np.asarray(on) & self._applies(slot.effect)
+        self._write(np.array([slot.flag]), np.atleast_2d(flags), lanes)
+        self._active[effect] = (self._initial.values[:, slot.flag].reshape(-1)[: self.n_lanes] > 0.5).any()
 
     def set_parameters(self, effect: int, values: FloatArray, lanes: NDArray[np.intp] | None = None) -> None:
         """Set all parameters of an effect in ``lanes`` (default: all), now and for every later `start`.
@@ -261,10 +213,11 @@ class Axis(System):
 
     def _reset(self, lanes: NDArray[np.intp], seeds: Sequence[int]) -> None:
         """Put lanes back to their initial state."""
+        now, initial = self._now.values, self._initial.values
         blocks, places = np.divmod(lanes, self._side_by_side)
-        self._blocks[blocks, :, places] = self._initial[blocks, :, places]
+        now[blocks, :, places] = initial[blocks, :, places]
         # Lanes that only fill the last block read the reference too.
-        self._blocks[-1, :, self._idle] = self._initial[-1, :, self._idle]
+        now[-1, :, self._idle] = initial[-1, :, self._idle]
 
     def _act(self, action: FloatArray | None) -> None:
         blocks, places = self._actions
@@ -309,3 +262,14 @@ class Axis(System):
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         self._bind()
+
+
+def _noises(noise: Noise, logged_per_N: float) -> dict[str, float]:
+    """Return the rows of the noises."""
+    return {
+        "NOISE_MOTOR": noise.motor_position_m,
+        "NOISE_TABLE": noise.table_position_m,
+        "NOISE_VELOCITY": noise.velocity_m_per_s,
+        "NOISE_EQUATION": noise.equation_velocity_m_per_s,
+        "NOISE_COMMAND": noise.motor_current_A / logged_per_N,
+    }

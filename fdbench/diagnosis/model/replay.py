@@ -1,6 +1,7 @@
 """Replay: simulate the command of a run on many variants of the model at once, with one stepper of all effects."""
 
 import copy
+import dataclasses
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -15,8 +16,8 @@ from fdbench.effects import Effect
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 from fdbench.simulate import layout
-from fdbench.simulate.axis import ROW
-from fdbench.simulate.compose import block_rows, compose, slots
+from fdbench.simulate.block import Blocks, Mechanics
+from fdbench.simulate.compose import compose
 
 COARSER = (3, 4, 5, 6, 8)  # substeps that are tried where the model has more
 MISSED = 0.1  # of the noise, root mean square, by which coarser substeps may move a reading
@@ -37,18 +38,8 @@ class Variant:
 
 
 @lru_cache(maxsize=4096)
-def _mechanics_rows(plant: FeedDrive, h: float) -> tuple[FloatArray, FloatArray, Mapping[str, float]]:
-    mechanics = plant.mechanics()
-    scalars = {
-        "STIFFNESS": mechanics.stiffness_N_per_m,
-        "DAMPING": mechanics.damping_N_s_per_m,
-        "RIGID": float(mechanics.rigid),
-        "POSITION_LIMIT": np.inf,
-        "VELOCITY_LIMIT": np.inf,
-        "LOGGED_PER_N": 1.0,
-        **plant.controller.rows(),
-    }
-    return mechanics.propagators(h / 2), mechanics.propagators(h), scalars
+def _mechanics(plant: FeedDrive) -> Mechanics:
+    return dataclasses.replace(plant.mechanics(), position_limit_m=np.inf, velocity_limit_m_per_s=np.inf)
 
 
 @lru_cache(maxsize=1)
@@ -73,8 +64,6 @@ class Replay:
         self.substeps = substeps
         self.drive = drive
         self.kinds = (*(type(effect) for effect in drive.effects), *library)
-        self._slots = slots(self.kinds)
-        self._rows = block_rows(self.kinds)
         self._uniform = max(1, sum(kind.random for kind in self.kinds))
         self._advance = {width: compose(self.kinds, width) for width in (1, WIDTH)}
 
@@ -116,28 +105,20 @@ class Replay:
         return self
 
     def _block(self, run: Run, variants: Sequence[Variant], width: int) -> dict[str, FloatArray]:
-        block = np.zeros((1, self._rows, width))
+        blocks = Blocks(self.kinds, width, width)
         n_known = len(self.drive.effects)
-        where = dict(zip(self.library, self._slots[n_known:], strict=True))
+        where = {kind: n_known + number for number, kind in enumerate(self.library)}
         active = np.zeros(max(len(self.kinds), 1), dtype=np.bool_)
         active[:n_known] = True
-        position, velocity = run.start()
+        blocks.place(*run.start(), run.period_s)
         for lane in range(width):
-            variant = variants[min(lane, len(variants) - 1)]
-            half, full, scalars = _mechanics_rows(variant.plant, run.period_s / self.substeps)
-            block[0, ROW["HALF_0"] : ROW["HALF_0"] + 24, lane] = half
-            block[0, ROW["FULL_0"] : ROW["FULL_0"] + 24, lane] = full
-            for name, value in scalars.items():
-                block[0, ROW[name], lane] = value
-            for name, samples_ago in (("X_M", 0), ("X_T", 0), ("BACK_1", 1), ("BACK_2", 2)):
-                block[0, ROW[name], lane] = position - samples_ago * run.period_s * velocity
-            block[0, ROW["V_M"], lane] = block[0, ROW["V_T"], lane] = velocity
-            for slot, effect in zip(self._slots[:n_known], variant.plant.effects, strict=True):
-                self._set(block[0], slot.flag, effect, lane)
-            for effect in variant.extra:
-                slot = where[type(effect)]
-                active[n_known + self.library.index(type(effect))] = True
-                self._set(block[0], slot.flag, effect, lane)
+            variant, own = variants[min(lane, len(variants) - 1)], np.array([lane])
+            blocks.set_mechanics(_mechanics(variant.plant), run.period_s / self.substeps, own)
+            blocks.set_scalars({"LOGGED_PER_N": 1.0, **variant.plant.controller.rows()}, own)
+            numbered = [*enumerate(variant.plant.effects), *((where[type(item)], item) for item in variant.extra)]
+            for number, effect in numbered:
+                active[number] = True
+                blocks.set_effect(number, effect, True, own)
         out = np.empty((1, run.n_samples, layout.OUT_COLUMNS, width))
         reference = np.ascontiguousarray(run.reference)
         normal = np.zeros((1, PIECE, layout.NORMAL_COLUMNS, width))
@@ -145,8 +126,9 @@ class Replay:
         for start in range(0, run.n_samples, PIECE):
             n = min(PIECE, run.n_samples - start)
             part = np.empty((1, n, layout.OUT_COLUMNS, width))
-            flat = block.reshape(1, -1)
-            self._advance[width](flat, 0, n, self.substeps, run.period_s, active, reference, normal, uniform, part)
+            self._advance[width](
+                blocks.flat, 0, n, self.substeps, run.period_s, active, reference, normal, uniform, part
+            )
             out[:, start : start + n] = part
         feedback = layout.OUT_TABLE if self.drive.controller.uses_table else layout.OUT_MOTOR
         return {
@@ -154,8 +136,3 @@ class Replay:
             "position_m": out[0, :, feedback],
             DEFLECTION: out[0, :, layout.OUT_MOTOR] - out[0, :, layout.OUT_TABLE],
         }
-
-    @staticmethod
-    def _set(block: FloatArray, flag: int, effect: Effect, lane: int) -> None:
-        block[flag, lane] = 1.0
-        block[flag + 1 : flag + 1 + len(effect.values()), lane] = effect.values()
