@@ -1,1 +1,1 @@
-"""From a specification and effects to something that steps: one lifecycle of all simulators, a stepper for each kind."""
+"""From a specification and effects to something that steps: one lifecycle, a stepper for each kind of machine."""

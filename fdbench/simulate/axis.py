@@ -223,16 +223,13 @@ class Axis(System):
         blocks, places = self._actions
         blocks[places] = 0.0 if action is None else action
 
-    def _advance(self, n_samples: int) -> FloatArray:
-        shape = self._n_blocks, n_samples, layout.OUT_COLUMNS, self._side_by_side
-        raw = self._out if n_samples == 1 else np.empty(shape)
-        self._step(self._flat_blocks, self._numbers.position, n_samples, *self._settings, raw)
-        return self._rows(raw)
-
-    def _rows(self, raw: FloatArray) -> FloatArray:
-        """Return a copy of the logged columns in the order (sample, column, lane)."""
-        rows = raw.transpose(1, 2, 0, 3)[:, self._pick]
-        return rows.reshape(len(rows), len(self._pick), -1)[:, :, : self.n_lanes]
+    def _advance(self, rows: FloatArray) -> None:
+        n = len(rows)
+        shape = self._n_blocks, n, layout.OUT_COLUMNS, self._side_by_side
+        raw = self._out if n == 1 else np.empty(shape)
+        self._step(self._flat_blocks, self._numbers.position, n, *self._settings, raw)
+        picked = raw.transpose(1, 2, 0, 3)[:, self._pick]
+        rows[:] = picked.reshape(n, len(self._pick), -1)[:, :, : self.n_lanes]
 
     def advance_one(self, action: float) -> FloatArray:
         """Advance the only lane by one sample; see `System.advance_one`."""

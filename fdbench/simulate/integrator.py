@@ -1,4 +1,4 @@
-"""The integrator of an axis: exact linear propagation, effects at the predicted midpoint, linearly implicit in velocity.
+"""Integrator of an axis: exact linear propagation, effects at the predicted midpoint, linearly implicit in velocity.
 
 This file is a template. `compose` writes its functions into a generated module that defines the rows of `layout` and
 LANES, and in which the eight port functions call the kernels of one plant's effects.

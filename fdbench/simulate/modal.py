@@ -192,8 +192,8 @@ class ModalSystem(System):
     def _act(self, action: FloatArray | None) -> None:
         self._action = np.zeros(self.n_lanes) if action is None else np.asarray(action, dtype=np.float64)
 
-    def _advance(self, n_samples: int) -> FloatArray:
-        still = np.zeros(self.n_lanes)
+    def _advance(self, rows: FloatArray) -> None:
+        n_samples, still = len(rows), np.zeros(self.n_lanes)
         extra, feed = (self._action, still) if self.action_names == ("force_N",) else (still, self._action)
         substeps, period = self._timing.substeps, self._timing.sampling_time_s
         force = np.empty((n_samples * substeps, self.n_lanes))
@@ -207,9 +207,7 @@ class ModalSystem(System):
         advance(self._state, self._flow, self._outputs, *limits, force, self._diverged, raw)
         raw[:, :n] += self._deviations[:, None] * self._numbers.normal[0, first : first + n_samples]
         self._count += n_samples
-        rows = np.empty((n_samples, n + 4, self.n_lanes))
         rows[:, 0], rows[:, 1], rows[:, 2:] = self._displacement, feedrate, raw
-        return rows
 
 
 def _forces(effects: Sequence[Effect]) -> list[tuple[Callable[..., None], tuple[float, ...]]]:

@@ -179,13 +179,13 @@ class SlotMillingSystem(System):
     def _act(self, action: FloatArray | None) -> None:
         self._action = np.zeros(self.n_lanes) if action is None else np.asarray(action, dtype=np.float64)
 
-    def _advance(self, n_samples: int) -> FloatArray:
-        first = self._numbers.position
+    def _advance(self, rows: FloatArray) -> None:
+        n_samples, first = len(rows), self._numbers.position
         noise = self._force_noise_N * self._numbers.normal[:, first : first + n_samples, 0, 0]
         out = np.empty((n_samples, 5, self.n_lanes))
         lanes = self._state, self._count, self._diverged, self._action
         advance(*lanes, self._nodes, self._added, noise, self._flow, self._law, out)
-        return out[:, self._pick]
+        rows[:] = out[:, self._pick]
 
 
 def added_force(effects: Sequence[Effect], period_s: float, h: float, reference: FloatArray) -> FloatArray:

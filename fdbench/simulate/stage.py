@@ -150,10 +150,8 @@ class StageSystem(System):
         """Keep the action of each axis, which is added to its commanded position."""
         self._action[:] = 0.0 if action is None else action
 
-    def _advance(self, n_samples: int) -> FloatArray:
-        out = np.empty((n_samples, *self._out.shape[1:]))
-        self._stepper(*self._fixed, self._numbers.position, out)
-        return out
+    def _advance(self, rows: FloatArray) -> None:
+        self._stepper(*self._fixed, self._numbers.position, rows)
 
     def advance_one(self, action: float) -> FloatArray:
         """Advance the only lane by one sample; see `System.advance_one`."""

@@ -182,13 +182,13 @@ class System(ABC):
         """
         self._check_end(n_samples)
         self._act(action)
-        parts = []
-        while n_samples:
-            n = self._next_numbers(n_samples)
-            parts.append(self._advance(n))
+        rows, done = np.empty((n_samples, len(self.columns) + len(self.truth_columns), self.n_lanes)), 0
+        while done < n_samples:
+            n = self._next_numbers(n_samples - done)
+            self._advance(rows[done : done + n])
             self._pass(n)
-            n_samples -= n
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+            done += n
+        return rows
 
     def advance_one(self, action: float) -> FloatArray:
         """Advance a system of one lane by one sample and return its new (n_columns + n_truth_columns,) row."""
@@ -208,8 +208,8 @@ class System(ABC):
         """Keep the action of what follows; None is none."""
 
     @abstractmethod
-    def _advance(self, n_samples: int) -> FloatArray:
-        """Advance all lanes, with the random numbers from ``self._random.position`` on; the rows as of `advance`."""
+    def _advance(self, rows: FloatArray) -> None:
+        """Advance all lanes and write their rows, with the random numbers from ``self._random.position`` on."""
 
     def _check_end(self, n_samples: int) -> None:
         if self._clock + n_samples > self._end:

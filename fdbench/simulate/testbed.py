@@ -140,8 +140,8 @@ class SpindleTestbedSystem(System):
     def _act(self, action: FloatArray | None) -> None:
         self._deviations_N = np.zeros(self.n_lanes) if action is None else np.asarray(action, dtype=np.float64)
 
-    def _advance(self, n_samples: int) -> FloatArray:
-        out = np.empty((n_samples, len(self.columns) + len(self.truth_columns), self.n_lanes))
+    def _advance(self, rows: FloatArray) -> None:
+        n_samples = len(rows)
         length = self._plan.samples_per_condition
         for number in range(self.n_lanes):
             lane = self._lanes[number]
@@ -151,11 +151,10 @@ class SpindleTestbedSystem(System):
                 if first == 0:
                     lane.rows = self._condition(lane, condition, float(self._deviations_N[number]), number)
                 taken = min(length - first, n_samples - done)
-                out[done : done + taken, :, number] = lane.rows[first : first + taken]
+                rows[done : done + taken, :, number] = lane.rows[first : first + taken]
                 lane.place += taken
                 done += taken
                 self._diverged[number] = bool(lane.rows[first + taken - 1, -1])
-        return out
 
     def _condition(self, lane: _Lane, number: int, deviation: float, place: int) -> FloatArray:
         """Return all rows of one condition, (samples_per_condition, n_columns + n_truth_columns)."""
