@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from fdbench.plants import LinearSystem
 from fdbench.record import FloatArray
-from fdbench.report._figures import Panel, Style, axis, encoded, labelled, layout, line, plain, quantity, stack
+from fdbench.report._figures import Panel, Style, axis, encoded, labelled, layout, line, plain, stack
 from fdbench.report._measured_response import MeasuredResponse
 from fdbench.report._page import Block, Figure, Grid, Section, Trace, note, paragraph, table, write_page
 from fdbench.units import UNITS, split_unit
+from fdbench.wording import quantity
 
 POINTS, LOWEST = 600, 1e-3  # drawn of a response, and its lowest frequency in halves of the sampling rate
 DRAWN_STEP = 1500

@@ -33,6 +33,7 @@ from fdbench.diagnosis.records.runs import (
 from fdbench.errors import RecordError, SpecError
 from fdbench.plants.feed_drive import FeedDrive, Following
 from fdbench.record import FloatArray, Record, held_samples
+from fdbench.simulate.stability import is_stable
 
 SLOWER = 0.8
 LOWEST_HZ, QUIETEST_HZ = 1.0, 5.0  # that has to hold the axis, and that is slow enough for any noise
@@ -147,7 +148,7 @@ def holds(drive: FeedDrive, controller: Following, period_s: float) -> bool:
     gain[own], gain[n + controller.difference_span - 1] = controller.position_gain_per_s + rate, -rate
     gain *= controller.velocity_gain_N_s_per_m
     closed -= np.outer(b, gain)
-    if np.abs(np.linalg.eigvals(closed)).max() >= 1.0:
+    if not is_stable(closed):
         return False
     z = np.exp(1j * np.pi * np.geomspace(1e-3, 1.0, FREQUENCIES))
     states = np.linalg.solve(z[:, None, None] * np.eye(n + 2) - closed, np.tile(b[:, None], (FREQUENCIES, 1, 1)))
