@@ -10,7 +10,9 @@ from typer.testing import CliRunner, Result
 
 from fdbench import cli
 from fdbench.catalogue import scenario_folder
-from fdbench.errors import RecordError
+from fdbench.diagnosis.model.nominal import load_nominal
+from fdbench.diagnosis.model.virtual_controller import prepared
+from fdbench.errors import RecordError, SpecError
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import Record
 from fdbench.report._measured_response import of_record, read_response
@@ -120,6 +122,13 @@ def test_unstable_loop_is_shown_and_refused() -> None:
     assert "plant.controller: the loop is unstable at a sampling time of 1 ms: spectral radius" in result.stderr
     assert "gain margin -" in result.stderr
     assert "UNSTABLE" in Path("wild.html").read_text("utf-8")
+
+
+def test_unstable_model_is_not_diagnosed() -> None:
+    table = MODEL.replace("velocity_gain_N_s_per_m = 2.0e4", "velocity_gain_N_s_per_m = 2.0e5")
+    Path("wild.toml").write_text(table + "\n[simulation]\nsubsteps = 10\n", "utf-8")
+    with pytest.raises(SpecError, match="the loop is unstable at a sampling time of 1 ms"):
+        prepared(load_nominal("wild.toml"), [load_scenario("BallScrewAxis-v0").record(0)])
 
 
 def test_bad_input_is_refused_in_one_line() -> None:

@@ -1,5 +1,6 @@
 """Controllers of a feed drive; each acts once a sampling time and holds its force."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal, final
@@ -108,4 +109,63 @@ class OpenLoop:
         return {
             "ACCELERATION_FEEDFORWARD": self.acceleration_feedforward_kg,
             "FORCE_LIMIT": self.force_limit_N,
+        }
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Following:
+    r"""No controller is known: `fdbench diagnose` makes the simulated axis follow the measured motion with this one.
+
+    .. math:: F = m \omega \, [v_r - v + \tfrac{\omega}{4} (x_r - x)], \quad \omega = 2 \pi f
+
+    The velocity v is the difference of two readings. What is not given is found from model and
+    records: the mass is that on paper, the greatest force the measured one; the bandwidth f is lowered where the loop
+    would ring or be loud.
+    """
+
+    bandwidth_Hz: float = bounded(0.1, 1000.0, default=60.0)
+    feedback: str = "motor"
+    mass_kg: float | None = positive(default=None)
+    greatest_force_N: float | None = positive(default=None)
+
+    action_row: ClassVar[str] = "ACTION_POSITION"
+    action_name: ClassVar[str] = "position_m"
+    difference_span: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        check_feedback(self.feedback)
+
+    @property
+    def uses_table(self) -> bool:
+        """Whether the table's position is followed."""
+        return self.feedback == "table"
+
+    @property
+    def force_limit_N(self) -> float:
+        """Force that the drive can probably give: twice the greatest that was measured."""
+        return math.inf if self.greatest_force_N is None else 2.0 * self.greatest_force_N
+
+    @property
+    def velocity_gain_N_s_per_m(self) -> float:
+        """Force for a velocity error."""
+        if self.mass_kg is None:
+            raise SpecError("controller: the drive has none that is known; only fdbench diagnose does without.")
+        return 2.0 * math.pi * self.bandwidth_Hz * self.mass_kg
+
+    @property
+    def position_gain_per_s(self) -> float:
+        """Velocity for a position error; both poles lie at half the bandwidth."""
+        return 2.0 * math.pi * self.bandwidth_Hz / 4.0
+
+    def rows(self) -> Mapping[str, float]:
+        """Return the controller's rows of a block."""
+        return {
+            "USE_TABLE": float(self.uses_table),
+            "DIFFERENCE_SPAN": float(self.difference_span),
+            "POSITION_GAIN": self.position_gain_per_s,
+            "VELOCITY_FEEDFORWARD": 1.0,
+            "VELOCITY_GAIN": self.velocity_gain_N_s_per_m,
+            "FORCE_LIMIT": math.inf,
         }

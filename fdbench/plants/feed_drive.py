@@ -1,18 +1,18 @@
 """Feed drive: linear motor or ball screw, rigid or with an elastic screw, in a velocity loop or position cascade."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar, final
+from typing import final
 
 import numpy as np
 
 from fdbench.effects import Effect, Port
 from fdbench.errors import RecordError, SimulationDiverged, SpecError
-from fdbench.plants._controllers import Cascade, OpenLoop, VelocityLoop, check_feedback
+from fdbench.plants._controllers import Cascade, Following, OpenLoop, VelocityLoop
 from fdbench.plants._drive_loop import DriveLoop, drive_plant
 from fdbench.plants._drive_observer import Sensors, change_per_newton, state_space
+from fdbench.plants._drive_parts import LinearMotor, RotaryMotor, Screw, Table
 from fdbench.plants._friction_curve import FrictionLine, friction_line
 from fdbench.plants._inverse_dynamics import NAMES_OF, InverseDynamics, InverseDynamicsModel
 from fdbench.plants._linear_system import LinearSystem
@@ -25,164 +25,11 @@ from fdbench.simulate.axis import Axis
 from fdbench.simulate.block import Mechanics
 from fdbench.simulate.stability import check_loop, check_substep, needed_substeps
 from fdbench.simulate.system import FloatArray, Sampled, Setup, Timing
-from fdbench.specification import bounded, check_bounds, nonnegative, positive
+from fdbench.specification import positive
 
-TWO_PI = 2.0 * np.pi
+__all__ = ["FeedDrive", "Following", "LinearMotor", "RotaryMotor", "Screw", "Table"]
+
 FEWEST_SUBSTEPS = 10
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class LinearMotor:
-    """Linear motor: the primary part moves with the table or, on an elastic axis, before it.
-
-    With a force constant, :math:`F = k_f i`, the drive logs its current in place of its force.
-    """
-
-    mass_kg: float = positive()
-    viscous_friction_N_s_per_m: float = nonnegative()
-    force_constant_N_per_A: float | None = positive(default=None)
-
-    constant: ClassVar[str] = "force_constant_N_per_A"
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
-    @property
-    def force_per_unit(self) -> float:
-        """Newton of motor force in the table's coordinates for one newton or, if logged, one ampere."""
-        return self.force_constant_N_per_A or 1.0
-
-    @property
-    def logged(self) -> str:
-        """Column in which the drive logs the motor's command."""
-        return "motor_force_N" if self.force_constant_N_per_A is None else "motor_current_A"
-
-    def per_unit(self) -> dict[str, float | None]:
-        """Return the newtons of one unit of each column that may hold the motor's command; None where unknown."""
-        return {"motor_force_N": 1.0, "motor_current_A": self.force_constant_N_per_A}
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class RotaryMotor:
-    r"""Rotary motor with ball screw: :math:`m = J (2\pi/l)^2`, :math:`F = T\, 2\pi/l`, :math:`x = \varphi\, l/2\pi`.
-
-    With a torque constant, :math:`T = k_t i`, the drive logs its current in place of its torque.
-    """
-
-    inertia_kg_m2: float = positive()
-    lead_m: float = positive()
-    viscous_friction_N_s_per_m: float = nonnegative()
-    torque_constant_Nm_per_A: float | None = positive(default=None)
-
-    constant: ClassVar[str] = "torque_constant_Nm_per_A"
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
-    @property
-    def mass_kg(self) -> float:
-        """Inertia of motor and screw as a mass at the table."""
-        return self.inertia_kg_m2 * (TWO_PI / self.lead_m) ** 2
-
-    @property
-    def force_per_unit(self) -> float:
-        """Newton of motor force in the table's coordinates for one newton metre or, if logged, one ampere."""
-        return TWO_PI / self.lead_m * (self.torque_constant_Nm_per_A or 1.0)
-
-    @property
-    def logged(self) -> str:
-        """Column in which the drive logs the motor's command."""
-        return "motor_torque_Nm" if self.torque_constant_Nm_per_A is None else "motor_current_A"
-
-    def per_unit(self) -> dict[str, float | None]:
-        """Return the newtons of one unit of each column that may hold the motor's command; None where unknown."""
-        ampere = None if self.torque_constant_Nm_per_A is None else self.force_per_unit
-        return {"motor_force_N": 1.0, "motor_torque_Nm": TWO_PI / self.lead_m, "motor_current_A": ampere}
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class Table:
-    """Table with workpiece."""
-
-    mass_kg: float = positive()
-    viscous_friction_N_s_per_m: float = nonnegative()
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class Screw:
-    """Axial spring and damper between motor side and table; an axis without this table is rigid."""
-
-    stiffness_N_per_m: float = positive()
-    damping_N_s_per_m: float = nonnegative()
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class Following:
-    r"""No controller is known: `fdbench diagnose` makes the simulated axis follow the measured motion with this one.
-
-    .. math:: F = m \omega \, [v_r - v + \tfrac{\omega}{4} (x_r - x)], \quad \omega = 2 \pi f
-
-    The velocity v is the difference of two readings. What is not given is found from model and
-    records: the mass is that on paper, the greatest force the measured one; the bandwidth f is lowered where the loop
-    would ring or be loud.
-    """
-
-    bandwidth_Hz: float = bounded(0.1, 1000.0, default=60.0)
-    feedback: str = "motor"
-    mass_kg: float | None = positive(default=None)
-    greatest_force_N: float | None = positive(default=None)
-
-    action_row: ClassVar[str] = "ACTION_POSITION"
-    action_name: ClassVar[str] = "position_m"
-    difference_span: ClassVar[int] = 1
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-        check_feedback(self.feedback)
-
-    @property
-    def uses_table(self) -> bool:
-        """Whether the table's position is followed."""
-        return self.feedback == "table"
-
-    @property
-    def force_limit_N(self) -> float:
-        """Force that the drive can probably give: twice the greatest that was measured."""
-        return math.inf if self.greatest_force_N is None else 2.0 * self.greatest_force_N
-
-    @property
-    def velocity_gain_N_s_per_m(self) -> float:
-        """Force for a velocity error."""
-        if self.mass_kg is None:
-            raise SpecError("controller: the drive has none that is known; only fdbench diagnose does without.")
-        return TWO_PI * self.bandwidth_Hz * self.mass_kg
-
-    @property
-    def position_gain_per_s(self) -> float:
-        """Velocity for a position error; both poles lie at half the bandwidth."""
-        return TWO_PI * self.bandwidth_Hz / 4.0
-
-    def rows(self) -> Mapping[str, float]:
-        """Return the controller's rows of a block."""
-        return {
-            "USE_TABLE": float(self.uses_table),
-            "DIFFERENCE_SPAN": float(self.difference_span),
-            "POSITION_GAIN": self.position_gain_per_s,
-            "VELOCITY_FEEDFORWARD": 1.0,
-            "VELOCITY_GAIN": self.velocity_gain_N_s_per_m,
-            "FORCE_LIMIT": math.inf,
-        }
 
 
 @final
@@ -272,7 +119,7 @@ class FeedDrive(Plant):
         setup.noise.check_only(noises, "this feed drive")
         effects = (*self.effects, *setup.unmodelled)
         check_substep(effects, self._masses, setup.timing.sampling_time_s, setup.timing.substeps)
-        check_loop(*self.control_loop(setup.timing.sampling_time_s).broken_at_force(), setup.timing.sampling_time_s)
+        self.check_loop(setup.timing.sampling_time_s)
         columns = {"motor_position_m": layout.OUT_MOTOR}
         if self.screw is not None:
             columns["table_position_m"] = layout.OUT_TABLE
@@ -349,6 +196,10 @@ class FeedDrive(Plant):
         plant = drive_plant(self.mechanics(), table_mass_kg, self.effects, self.velocity_limit_m_per_s)
         is_unknown = isinstance(self.controller, Following) and self.controller.mass_kg is None
         return DriveLoop(plant, {} if is_unknown else self.controller.rows(), sampling_time_s)
+
+    def check_loop(self, sampling_time_s: float) -> None:
+        """Raise a SpecError where the control loop on paper is unstable, with words that say by how much."""
+        check_loop(*self.control_loop(sampling_time_s).broken_at_force(), sampling_time_s)
 
     def linear_system(self, sampling_time_s: float) -> LinearSystem:
         """Return the axis on paper and its loops; see `LinearisedPlant`."""

@@ -53,6 +53,8 @@ def prepared(nominal: Nominal, records: Sequence[Record]) -> tuple[Nominal, list
     ------
     RecordError
         If a record lacks the force or the position, has impossible values, or none of them shows a motion.
+    SpecError
+        If the loop of the model is unstable, or no virtual controller holds it.
     """
     for item in records:
         check_sizes(item)
@@ -60,6 +62,7 @@ def prepared(nominal: Nominal, records: Sequence[Record]) -> tuple[Nominal, list
     known = not isinstance(drive.controller, Following)
     silent = [item.source for item in records if COMMAND not in item]
     if known and not silent:
+        drive.check_loop(records[0].sampling_time_s)
         runs = [prepare(item, drive) for item in records]
         check_content(runs)
         return nominal, runs, []
