@@ -165,8 +165,7 @@ def _plant(system: LinearSystem, at_Hz: FloatArray, measured: Sequence[MeasuredR
             if not np.abs(found[i, j]).any():
                 continue
             top, bottom = (UNITS[split_unit(label)[1]] for label in (name, source))
-            unit = (
-                "" if top == bottom else f"{top} / ({bottom})" if " " in bottom or "/" in bottom else f"{top}/{bottom}"
-            )
+            top, bottom = (f"({part})" if set(part) & set(" /") else part for part in (top, bottom))
+            unit = "" if top == bottom else f"{top}/{bottom}"
             title = f"{quantity(name)[0]} over {quantity(source)[0]}"
             yield _bode(title.capitalize(), unit, {"model": found[i, j]}, at_Hz, measured if i == j == 0 else (), "")
