@@ -197,7 +197,7 @@ def test_the_command_line_passes_models_on(given: Records, tmp_path: Path, monke
     seen: list[object] = []
 
     def found(*arguments: object) -> SimpleNamespace:
-        seen.append(arguments[-1])
+        seen.append(arguments[4])
         return SimpleNamespace(answer=SimpleNamespace(as_json=dict))
 
     monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", found)

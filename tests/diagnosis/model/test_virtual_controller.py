@@ -12,11 +12,12 @@ import pytest
 from conftest import REPOSITORY, shared_file
 
 from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.model.as_nominal import as_nominal
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, load_nominal
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.model.virtual_controller import holds, prepared
-from fdbench.diagnosis.repaired import model_text, repaired
+from fdbench.diagnosis.repaired import model_text
 from fdbench.effects import Effect, effects
 from fdbench.errors import RecordError, SpecError
 from fdbench.plants._controllers import Cascade
@@ -143,7 +144,7 @@ def test_the_effect_is_named_first_without_the_controller(name: str, tmp_path: P
     assert "No controller was given" in summary(found.answer)
     path = tmp_path / "repaired.toml"
     path.write_text(model_text(found), encoding="utf-8")
-    assert load_nominal(path) == repaired(found.final)
+    assert load_nominal(path) == as_nominal(found.final)
     assert isinstance(load_nominal(path).drive.controller, Following)
 
 
