@@ -208,7 +208,7 @@ def test_deadband_of_counts_asks_for_no_force() -> None:
     n, none = 50, np.zeros(2)
     command = np.zeros((n, 4))
     axis = bench.axis({})
-    for counts, still in ((1.0, True), (3.0, False)):
+    for counts, still in ((10.0, True), (12.0, False)):
         command[:, 0] = counts * loop.count_m
         quiet = np.zeros((n, 3))
         # The reading starts at the command and is moved off it by what stands for noise.

@@ -26,6 +26,7 @@ FORMS = {
 MOTOR_SHARE, FRICTION_ON_MOTOR, SCREW_DAMPING = 0.35, 0.3, 0.04
 ON_PAPER_WIDTH_M_PER_S, MOST_ON_PAPER_WIDTH_M_PER_S = 1e-3, 0.05
 BRISTLE_DAMPING = 0.3
+DEADBAND_COUNTS = 10.0
 
 # Standard deviations by which data sheets are off, as shares; that of the force offset in units of the friction.
 ERRORS: Mapping[str, float] = MappingProxyType(
@@ -223,7 +224,7 @@ def loop_of(kind: Kind, value: Mapping[str, float], errors: Mapping[str, float])
         reads_table=float(kind.feedback == "table"),
         filter_s=value.get("filter_s", 0.0),
         count_m=value.get("count_m", 0.0),
-        deadband_counts=1.0,
+        deadband_counts=DEADBAND_COUNTS,
         latency_s=value["latency"] * kind.period_s,
         force_constant_ratio=1.0 + errors.get("constant", 0.0),
         **gains,
