@@ -23,6 +23,7 @@ TIERS = {
     "B": "a second implementation of axis and effects: other formulae, coloured noise, friction that changes",
     "C": "second implementation, effects that the library lacks, alone or with a listed one",
     "D": "second implementation, one production cycle in three repeats, one position signal",
+    "F": "twelve foreign kinds of axis, a third of the cases with nothing injected, data sheets far off",
 }
 
 

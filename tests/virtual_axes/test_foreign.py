@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from fdbench.diagnosis.evidence.prepare import aligned
+from fdbench.diagnosis.judge.reduction import channel_gaps
+from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.effects import effects
 from fdbench.record import FloatArray
@@ -19,7 +22,7 @@ from fdbench.virtual_axes.bench import Detectability
 from fdbench.virtual_axes.cases import Case, Tier
 from fdbench.virtual_axes.foreign import bench as benches
 from fdbench.virtual_axes.foreign import loops, mechanics
-from fdbench.virtual_axes.foreign.bench import ForeignBench, draw_foreign_case
+from fdbench.virtual_axes.foreign.bench import ForeignBench, draw_foreign_case, record_of
 from fdbench.virtual_axes.foreign.kinds import FORMS, Kind, imperfections, kinds, model_of, space_of
 from fdbench.virtual_axes.foreign.motions import RECIPES
 
@@ -167,6 +170,22 @@ def test_step_of_force_on_two_masses_is_that_of_scipy(name: str) -> None:
     assert np.abs(found[:, 0] - found[:, 1] - stretch).max() < 1e-3 * np.abs(stretch).max()
 
 
+@EVERY_KIND
+def test_with_a_right_data_sheet_the_model_on_paper_is_near(kind: Kind) -> None:
+    bench = exact_bench(kind, seed=5)
+    tables = model_of(kind, bench.value)
+    tables["plant"].setdefault("controller", {"kind": "following"})
+    sides = ("motor_position_m", "table_position_m")
+    seen = sides if kind.columns == "both_positions" else sides[:1]
+    rng, axis, space = np.random.default_rng(6), bench.axis({}), space_of(kind, bench.value)
+    command = loops.as_used(FORMS[kind.form], RECIPES["hard"](space, rng), kind.period_s)
+    records = [record_of(axis, "hard", command, seen, rng) for _ in range(2)]
+    ready = aligned(read(Nominal, tables, "model"), records, [])
+    force, *positions = np.sqrt(channel_gaps(ready.replay, ready.split, start(ready.nominal)))
+    assert force < 6.0
+    assert max(positions) < 15.0
+
+
 def test_bristles_are_springs_before_they_slide() -> None:
     bench = exact_bench(of_name("presliding_stage"))
     value, n = bench.value, 2000
@@ -189,7 +208,7 @@ def test_deadband_of_counts_asks_for_no_force() -> None:
     n, none = 50, np.zeros(2)
     command = np.zeros((n, 4))
     axis = bench.axis({})
-    for counts, still in ((1.0, True), (3.0, False)):
+    for counts, still in ((10.0, True), (12.0, False)):
         command[:, 0] = counts * loop.count_m
         quiet = np.zeros((n, 3))
         # The reading starts at the command and is moved off it by what stands for noise.

@@ -155,9 +155,8 @@ class ForeignBench(Bench):
         """Return what this kind can have."""
         if not listed:
             return list(self.kind.unlisted)
-        elastic = ("backlash", "axial_compliance", "lead_error", "thermal_expansion")
-        absent = (*self.kind.without, *(() if self.kind.is_elastic else elastic))
-        return [item.name for item in imperfections().listed if item.name not in absent]
+        found = [item for item in imperfections().listed if self.kind.is_elastic or not item.needs_two_masses]
+        return [item.name for item in found if item.name not in self.kind.without]
 
     def draw(self, name: str, rng: np.random.Generator) -> dict[str, float]:
         """Return drawn fields of `mechanics.Wrong`."""
@@ -176,9 +175,9 @@ class ForeignBench(Bench):
 
     def add_background(self, detectability: Detectability, rng: np.random.Generator) -> None:
         """Add a little cogging, ripple of the friction and error of screw or encoder, each below the noise."""
-        names = ["cogging", "position_dependent_friction"]
-        names += ["lead_error"] if self.kind.is_elastic else ["encoder_interpolation_error"]
-        for name in names:
+        own = [item for item in imperfections().listed if self.kind.is_elastic in item.background]
+        # What every axis has is drawn first.
+        for name in [item.name for item in sorted(own, key=lambda item: -len(item.background))]:
             drawn = self.draw(name, rng)
             size = detectability.mean_square(self.axis({name: drawn}), beside_paper=True)
             amplitude = next(iter(self.items[name].draw))

@@ -24,8 +24,9 @@ FORMS = {
     for name in ("cascade", "filtered", "tachometer", "counts", "two_sensors", "torque")
 }
 MOTOR_SHARE, FRICTION_ON_MOTOR, SCREW_DAMPING = 0.35, 0.3, 0.04
-ON_PAPER_WIDTH_M_PER_S = 1e-3
+ON_PAPER_WIDTH_M_PER_S, MOST_ON_PAPER_WIDTH_M_PER_S = 1e-3, 0.05
 BRISTLE_DAMPING = 0.3
+DEADBAND_COUNTS = 10.0
 
 # Standard deviations by which data sheets are off, as shares; that of the force offset in units of the friction.
 ERRORS: Mapping[str, float] = MappingProxyType(
@@ -49,7 +50,7 @@ class Kind:
     ranges : mapping of str to (low, high)
     motions, unlisted, without : tuple of str
         Recipes that are recorded, effects that the library lacks, and listed effects that this kind has not.
-    motor, logs, columns, command, file_format, feedback, known : str
+    motor, logs, columns, command, file_format, feedback : str
         How its owner models and logs it.
     controller_given : bool
     period_s : float
@@ -71,7 +72,6 @@ class Kind:
     command: str = "full"
     file_format: str = "parquet"
     feedback: str = "motor"
-    known: str = "coulomb_friction"
     controller_given: bool = True
     period_s: float = 1e-3
     log_every: int = 1
@@ -99,10 +99,13 @@ class Imperfection:
     signed: tuple[str, ...] = ()
     excludes: tuple[str, ...] = ()
     value_on_paper: bool = False
+    needs_two_masses: bool = False
+    background: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Kinds:
+    on_paper: Mapping[str, str]
     kinds: tuple[Kind, ...]
 
 
@@ -115,9 +118,13 @@ class Imperfections:
 
 
 @lru_cache(maxsize=1)
+def _file() -> _Kinds:
+    return read(_Kinds, load_toml(KINDS), KINDS.name)
+
+
 def kinds() -> tuple[Kind, ...]:
     """Return every kind."""
-    return read(_Kinds, load_toml(KINDS), KINDS.name).kinds
+    return _file().kinds
 
 
 @lru_cache(maxsize=1)
@@ -217,7 +224,7 @@ def loop_of(kind: Kind, value: Mapping[str, float], errors: Mapping[str, float])
         reads_table=float(kind.feedback == "table"),
         filter_s=value.get("filter_s", 0.0),
         count_m=value.get("count_m", 0.0),
-        deadband_counts=1.0,
+        deadband_counts=DEADBAND_COUNTS,
         latency_s=value["latency"] * kind.period_s,
         force_constant_ratio=1.0 + errors.get("constant", 0.0),
         **gains,
@@ -248,7 +255,7 @@ def model_of(kind: Kind, value: Mapping[str, float]) -> dict[str, Any]:
         stiffness = value["stiffness_N_per_m"]
         plant["table"] = {"mass_kg": (1.0 - share) * mass, "viscous_friction_N_s_per_m": (1.0 - share) * viscous}
         plant["screw"] = {"stiffness_N_per_m": stiffness, "damping_N_s_per_m": _damping(stiffness, mass)}
-    plant["effects"] = _known(kind, value)
+    plant["effects"] = _known(value)
     return {
         "plant": plant,
         "simulation": {"substeps": 10},
@@ -261,29 +268,24 @@ def model_of(kind: Kind, value: Mapping[str, float]) -> dict[str, Any]:
     }
 
 
-def _known(kind: Kind, value: Mapping[str, float]) -> list[dict[str, Any]]:
+def _known(value: Mapping[str, float]) -> list[dict[str, Any]]:
     """Return the effects on paper: the friction, and a weight where there is one."""
-    friction = value["friction_N"]
-    if kind.known == "lugre_friction":
-        stiffness = friction / value["presliding_m"]
-        known: list[dict[str, Any]] = [
+    friction, names = value["friction_N"], _file().on_paper
+    known: list[dict[str, Any]] = []
+    if "presliding_m" in value:
+        known.append(
             {
-                "kind": "lugre_friction",
+                "kind": names["bristles"],
                 "coulomb_force_N": friction,
                 "static_force_N": friction,
                 "stribeck_velocity_m_per_s": ON_PAPER_WIDTH_M_PER_S,
-                "bristle_stiffness_N_per_m": stiffness,
+                "bristle_stiffness_N_per_m": friction / value["presliding_m"],
                 "bristle_damping_N_s_per_m": _bristle_damping(value),
             }
-        ]
+        )
     else:
-        known = [
-            {
-                "kind": "coulomb_friction",
-                "coulomb_force_N": friction,
-                "transition_velocity_m_per_s": min(0.05, max(ON_PAPER_WIDTH_M_PER_S, 2e-3 * value["speed_m_per_s"])),
-            }
-        ]
+        width = min(MOST_ON_PAPER_WIDTH_M_PER_S, max(ON_PAPER_WIDTH_M_PER_S, 2e-3 * value["speed_m_per_s"]))
+        known.append({"kind": names["friction"], "coulomb_force_N": friction, "transition_velocity_m_per_s": width})
     if value["weight_N"] != 0.0:
-        known.append({"kind": "constant_force", "constant_force_N": value["weight_N"]})
+        known.append({"kind": names["weight"], "constant_force_N": value["weight_N"]})
     return known
