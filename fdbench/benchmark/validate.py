@@ -15,9 +15,9 @@ from fdbench.sandbox.claims import SERIES
 
 def plant_parameters(context: Context) -> frozenset[str]:
     """Return the names of the parameters of the model on paper, and of the physical ones that follow from them."""
-    plant, period_s = context.plant, context.sampling_time_s
-    own = plant.true_parameters(context.model, period_s)
-    return frozenset({*own, *plant.physical_parameters(context.model, own, period_s)})
+    model, period_s = context.plant.linear_model(context.model), context.sampling_time_s
+    own = model.nominal_parameters(period_s)
+    return frozenset({*own, *model.physical_parameters(own, period_s)})
 
 
 def check_estimate(estimate: Any, regression: Regression, others: Iterable[str] = ()) -> None:

@@ -73,11 +73,12 @@ def knows_its_parameters(case: Case) -> None:
     """Require finite parameters from the nominal values."""
     scenario = case.known()
     period_s = scenario.setup.timing.sampling_time_s
-    found: Mapping[str, float] = scenario.plant.true_parameters(scenario.estimation.model, period_s)
+    model = scenario.plant.linear_model(scenario.estimation.model)
+    found: Mapping[str, float] = model.nominal_parameters(period_s)
     if not all(np.isfinite(value) for value in found.values()):
-        raise PluginError(f"true_parameters are not finite: {dict(found)}.")
+        raise PluginError(f"nominal parameters are not finite: {dict(found)}.")
     if found:
-        scenario.plant.physical_parameters(scenario.estimation.model, found, period_s)
+        model.physical_parameters(found, period_s)
 
 
 def is_the_same_again(case: Case) -> None:

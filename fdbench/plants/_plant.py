@@ -77,16 +77,6 @@ class Plant(ABC):
                 return model
         raise SpecError(f"model '{name}' is not offered by this {type(self).name}.{did_you_mean(name, self.models())}")
 
-    def true_parameters(self, model: str, sampling_time_s: float) -> Mapping[str, float]:
-        """Return `LinearModel.nominal_parameters` of the model of a name."""
-        return self.linear_model(model).nominal_parameters(sampling_time_s)
-
-    def physical_parameters(
-        self, model: str, parameters: Mapping[str, float], sampling_time_s: float
-    ) -> Mapping[str, float]:
-        """Return `LinearModel.physical_parameters` of the model of a name."""
-        return self.linear_model(model).physical_parameters(parameters, sampling_time_s)
-
     @abstractmethod
     def system(self, setup: Setup, n_lanes: int = 1) -> System:
         """Return ``n_lanes`` instances of the plant as they are simulated."""
