@@ -71,6 +71,12 @@ def diagnose(
 
             models = calibrated_models(nominal, fitted, judged, calibrate or rehearse, status.update)
         found = find(nominal, fitted, judged, status.update, models)
+    if write_model is not None:
+        from fdbench.diagnosis.repaired import write_repaired
+
+        write_repaired(found, write_model)
+        if not found.final.effects:
+            typer.echo(f"fdbench: no cause was named: {write_model} is the re-calibrated model.", err=True)
     if next_experiment is not None:
         from fdbench.diagnosis.diagnose import write_experiment
 
@@ -83,10 +89,6 @@ def diagnose(
         from fdbench.report.diagnosis import write_diagnosis
 
         write_diagnosis(found, html)
-    if write_model is not None:
-        from fdbench.diagnosis.repaired import write_repaired
-
-        write_repaired(found, write_model)
     if str(json_) == "-":
         echo_json(found.answer.as_json())
     else:

@@ -4,6 +4,8 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from fdbench.diagnosis.answer import Answer, Recorded
 from fdbench.diagnosis.evidence.evidence import gather, with_explained
 from fdbench.diagnosis.evidence.prepare import SMALLEST_ARTEFACT, aligned, with_run_to_run_covariance
@@ -57,6 +59,8 @@ class Diagnosis:
     features: Mapping[str, Mapping[str, Features]]
 
 
+# What diverges overflows, and is left out where evidence is gathered.
+@np.errstate(over="ignore", invalid="ignore")
 def diagnose(
     nominal: Nominal,
     records: Sequence[Record],
