@@ -428,7 +428,6 @@ def answer() -> dict[str, Any]:
         "suspects": [{"effect": "backlash", "probability": 0.25}],
         "unknown_probability": 0.25,
         "no_gap_probability": 0.0,
-        "summary": "",
         "shrinkage": {
             **{"judged_on": "held-out", "unit": "", "on_paper": 400.0, "total": 0.9, "ci95": [0.8, 0.95]},
             "steps": [{"added": "cogging", "before": 100.0, "after": 10.0, "reduction": 0.9, "ci95": [0.8, 0.95]}],
