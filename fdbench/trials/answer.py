@@ -11,7 +11,7 @@ from fdbench.errors import FdbenchError, SpecError
 from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.trials import seal
-from fdbench.trials.diagnoser import Answer, Diagnoser, diagnosers
+from fdbench.trials.diagnoser import CaseAnswer, Diagnoser, diagnosers
 from fdbench.trials.make import MANIFEST, MODEL, read_manifest
 
 OK, FAILED = "ok", "failed"
@@ -93,7 +93,7 @@ def _answer(diagnoser: Diagnoser, place: Path, files: list[str], effects: list[s
             raise SpecError(f"{unlisted[0]}: not an effect of this trial.")
     except Exception as error:  # noqa: BLE001 - a case that fails must not lose the others
         words = str(error) if isinstance(error, FdbenchError) else repr(error)
-        given, status, message = Answer(), FAILED, words
+        given, status, message = CaseAnswer(), FAILED, words
     return {
         "status": status,
         "message": message,

@@ -12,7 +12,7 @@ from fdbench.registry import Registry
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answer:
+class CaseAnswer:
     """What a diagnoser says of one case.
 
     Attributes
@@ -54,7 +54,7 @@ class Diagnoser(ABC):
     constant: ClassVar[bool] = False
 
     @abstractmethod
-    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Answer:
+    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> CaseAnswer:
         """Return the answer to one case.
 
         Parameters

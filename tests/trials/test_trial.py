@@ -25,7 +25,7 @@ from fdbench.specification import load_toml, read
 from fdbench.trials import seal
 from fdbench.trials.answer import answer
 from fdbench.trials.board import board
-from fdbench.trials.diagnoser import Answer, diagnosers
+from fdbench.trials.diagnoser import CaseAnswer, diagnosers
 from fdbench.trials.make import MANIFEST, listed_effects, make, read_manifest
 from fdbench.trials.score import Table, score, sheet
 from fdbench.virtual_axes import cases as tiers
@@ -457,7 +457,7 @@ def test_changed_records_are_refused(trial: Path, tmp_path: Path) -> None:
 FAULTY = '''"""Fails on one case, and says what it was given."""
 from fdbench.errors import RecordError
 from fdbench.diagnosis.model.nominal import Nominal
-from fdbench.trials.diagnoser import Answer, Diagnoser
+from fdbench.trials.diagnoser import CaseAnswer, Diagnoser
 from fdbench.record import Record
 
 class Faulty(Diagnoser):
@@ -468,7 +468,7 @@ class Faulty(Diagnoser):
         assert not {"seed", "scenario"}.intersection(*(item.provenance for item in records))
         if Faulty.calls == 2:
             raise RecordError("the second is too much for me")
-        return Answer(none=0.1 * Faulty.calls)
+        return CaseAnswer(none=0.1 * Faulty.calls)
 '''
 
 
@@ -495,7 +495,7 @@ def test_registered_diagnosers() -> None:
 
 def test_answers_are_probabilities() -> None:
     with pytest.raises(SpecError, match="outside"):
-        Answer(effects={"a": 1.2})
+        CaseAnswer(effects={"a": 1.2})
 
 
 def test_unknown_tier_is_refused(tmp_path: Path) -> None:

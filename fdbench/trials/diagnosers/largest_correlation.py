@@ -11,7 +11,7 @@ from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.search.periods import located
 from fdbench.record import Record
-from fdbench.trials.diagnoser import Answer, Diagnoser
+from fdbench.trials.diagnoser import CaseAnswer, Diagnoser
 from fdbench.trials.diagnosers._common import gap_probability
 
 CHANNEL = "motor_force_N"
@@ -21,7 +21,7 @@ CHANNEL = "motor_force_N"
 class LargestCorrelation(Diagnoser):
     """Squared correlation of each effect alone, nothing re-calibrated, as its probability."""
 
-    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Answer:
+    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> CaseAnswer:
         replay, split = merged_runs(nominal, records, holdouts)
         base = start(nominal)
         every = candidates(base, located(replay, split, base))
@@ -47,7 +47,7 @@ class LargestCorrelation(Diagnoser):
             explained = _explained(products, own) / max(products[0, 0], 1e-12)
             chances[item.name] = max(chances.get(item.name, 0.0), min(max(explained, 0.0), 1.0))
         gap = gap_probability(products[0, 0] / max(count, 1))
-        return Answer(
+        return CaseAnswer(
             effects={name: gap * chance for name, chance in chances.items()},
             unknown=gap * (1.0 - max(chances.values(), default=0.0)),
             none=1.0 - gap,

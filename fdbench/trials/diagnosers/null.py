@@ -5,7 +5,7 @@ from typing import final
 
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.record import Record
-from fdbench.trials.diagnoser import Answer, Diagnoser
+from fdbench.trials.diagnoser import CaseAnswer, Diagnoser
 
 
 @final
@@ -20,5 +20,5 @@ class Null(Diagnoser):
 
     constant = True
 
-    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Answer:
-        return Answer(none=1.0)
+    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> CaseAnswer:
+        return CaseAnswer(none=1.0)

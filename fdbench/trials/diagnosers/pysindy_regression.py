@@ -12,7 +12,7 @@ from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.search.periods import located
 from fdbench.errors import PluginError
 from fdbench.record import FloatArray, Record
-from fdbench.trials.diagnoser import Answer, Diagnoser
+from fdbench.trials.diagnoser import CaseAnswer, Diagnoser
 from fdbench.trials.diagnosers._common import gap_probability
 from fdbench.trials.diagnosers._force_residual import Motion, visible
 
@@ -38,7 +38,7 @@ class PysindyRegression(Diagnoser):
         self.ridge = ridge
         self.models = models
 
-    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Answer:
+    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> CaseAnswer:
         replay, split = merged_runs(nominal, records, holdouts)
         base = start(nominal)
         every = visible(candidates(base, located(replay, split, base)))
@@ -59,7 +59,7 @@ class PysindyRegression(Diagnoser):
             chances[item.name] = max(chances.get(item.name, 0.0), own)
             first += len(item.members)
         gap = gap_probability(float(np.mean(residual**2)) / noise)
-        return Answer(
+        return CaseAnswer(
             effects={name: gap * chance for name, chance in chances.items()}, unknown=gap * left, none=1.0 - gap
         )
 

@@ -8,16 +8,16 @@ import numpy as np
 
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.record import Record
-from fdbench.trials.diagnoser import Answer, Diagnoser
+from fdbench.trials.diagnoser import CaseAnswer, Diagnoser
 
 
 @final
 class Random(Diagnoser):
     """Draws probabilities of all effects from a flat Dirichlet distribution; the seed is the digest of the records."""
 
-    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Answer:
+    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> CaseAnswer:
         digest = hashlib.sha256(b"".join(record["motor_force_N"].tobytes() for record in records)).digest()
         rng = np.random.default_rng(int.from_bytes(digest, "big"))
         names = [kind.name for kind in nominal.library]
         *chances, unknown, none = rng.dirichlet(np.full(len(names) + 2, 0.2)).tolist()
-        return Answer(effects=dict(zip(names, chances, strict=True)), unknown=unknown, none=none)
+        return CaseAnswer(effects=dict(zip(names, chances, strict=True)), unknown=unknown, none=none)

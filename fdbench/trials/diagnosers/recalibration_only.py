@@ -11,7 +11,7 @@ from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.search.search import Search
 from fdbench.record import Record
-from fdbench.trials.diagnoser import Answer, Diagnoser
+from fdbench.trials.diagnoser import CaseAnswer, Diagnoser
 
 
 @final
@@ -21,7 +21,7 @@ class RecalibrationOnly(Diagnoser):
     The probability of an unknown cause is the share of the held-out gap that is then left and is not noise.
     """
 
-    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Answer:
+    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> CaseAnswer:
         replay, split = merged_runs(nominal, records, holdouts)
         paper = start(nominal)
         before = channel_gaps(replay, split, paper)
@@ -33,4 +33,6 @@ class RecalibrationOnly(Diagnoser):
         causes = {cause.effect: cause.probability for cause in values}
         left = 1.0 - 1.0 / max(after, 1.0)
         none = (1.0 - left) * (1.0 - max(causes.values(), default=0.0))
-        return Answer(effects=causes, unknown=left, none=none, closure=explained_fraction(float(before.mean()), after))
+        return CaseAnswer(
+            effects=causes, unknown=left, none=none, closure=explained_fraction(float(before.mean()), after)
+        )

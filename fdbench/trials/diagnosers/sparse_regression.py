@@ -13,7 +13,7 @@ from fdbench.diagnosis.records.runs import Run
 from fdbench.diagnosis.search.periods import located
 from fdbench.record import FloatArray, Record
 from fdbench.statistics import drawn_counts
-from fdbench.trials.diagnoser import Answer, Diagnoser
+from fdbench.trials.diagnoser import CaseAnswer, Diagnoser
 from fdbench.trials.diagnosers._common import gap_probability
 from fdbench.trials.diagnosers._force_residual import STRIDE, Motion, visible
 
@@ -49,7 +49,7 @@ class SparseRegression(Diagnoser):
         self.ridge = ridge
         self.resamples = resamples
 
-    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Answer:
+    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> CaseAnswer:
         replay, split = merged_runs(nominal, records, holdouts)
         base = start(nominal)
         every = visible(candidates(base, located(replay, split, base)))
@@ -73,7 +73,7 @@ class SparseRegression(Diagnoser):
         gap = gap_probability(float(sums.sum(axis=0)[0, 0]) / noise)
         chances = {name: gap * float(np.mean(values)) for name, values in kept.items()}
         unknown = gap * float(np.clip(np.mean(left), 0.0, 1.0))
-        return Answer(effects=chances, unknown=unknown, none=1.0 - gap)
+        return CaseAnswer(effects=chances, unknown=unknown, none=1.0 - gap)
 
     def _stlsq(
         self, total: FloatArray, groups: Sequence[tuple[Candidate, list[int]]]

@@ -7,7 +7,7 @@ from typing import final
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.record import Record
-from fdbench.trials.diagnoser import Answer, Diagnoser
+from fdbench.trials.diagnoser import CaseAnswer, Diagnoser
 from fdbench.trials.diagnosers._search import accepted, weights
 
 
@@ -18,7 +18,7 @@ class UntemperedEvidence(Diagnoser):
     It knows no unknown cause, and takes what the search names for the truth.
     """
 
-    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Answer:
+    def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> CaseAnswer:
         found = diagnose(nominal, records, holdouts)
         chances: dict[str, float] = {}
         for stage in accepted(found):
@@ -27,7 +27,7 @@ class UntemperedEvidence(Diagnoser):
             for rival, chance in zip(stage.rivals, evidence, strict=False):
                 chances[rival.kind.name] = max(chances.get(rival.kind.name, 0.0), chance)
         none = 0.0 if chances else 1.0
-        return Answer(
+        return CaseAnswer(
             effects=chances,
             none=none,
             closure=found.answer.shrinkage.explained_fraction,
