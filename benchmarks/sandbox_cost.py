@@ -1,7 +1,8 @@
 """Processor time and memory of the quick suite, with estimators in workers and in the process that scores.
 
 Prints the table of `docs/how-to/trust_of_a_rank.md`. In the first run of each the cache of compiled code is empty, in
-the second it is full. Memory is that of all processes, pages that some share counted once; needs Linux.
+the second it is full; linear algebra has one thread in both. Memory is that of all processes, pages that some share
+counted once; needs Linux. ``python benchmarks/sandbox_cost.py with`` measures one of the two alone.
 """
 
 import ctypes
@@ -12,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from fdbench.commands.run import SEEDS, Suite, in_suite
 from fdbench.estimator import estimators
 from fdbench.record import FloatArray, Record
 from fdbench.sandbox import FitResult
+from fdbench.sandbox.launch import _THREADS
 from fdbench.sandbox.worker import construct
 
 MODES = ("without", "with")
@@ -96,7 +98,7 @@ def processor_s() -> float:
 def measured(mode: str, cache: str) -> tuple[float, float]:
     """Return processor time in s and largest memory in MB of a run and of all that it starts."""
     out, before, peak_MB = tempfile.mkdtemp(), processor_s(), 0.0
-    environment = {**os.environ, "FDBENCH_CACHE": cache}
+    environment = {**os.environ, **dict.fromkeys(_THREADS, "1"), "FDBENCH_CACHE": cache, "NUMBA_CACHE_DIR": cache}
     main = subprocess.Popen([sys.executable, __file__, mode, out], env=environment)
     while main.poll() is None:
         peak_MB = max(peak_MB, memory_MB(main.pid))
@@ -109,17 +111,16 @@ def measured(mode: str, cache: str) -> tuple[float, float]:
         return processor_s() - before, peak_MB
 
 
-def main() -> None:
+def main(modes: Sequence[str]) -> None:
     ctypes.CDLL(None).prctl(CHILD_SUBREAPER, 1, 0, 0, 0)
-    rows = []
-    for mode in MODES:
+    print("| workers | cache | processor time | memory |\n| --- | --- | --- | --- |", flush=True)
+    for mode in modes:
         cache = tempfile.mkdtemp()
-        rows += [(mode, *measured(mode, cache), content) for content in ("empty", "full")]
+        for content in ("empty", "full"):
+            time_s, peak_MB = measured(mode, cache)
+            print(f"| {mode} | {content} | {time_s:.0f} s | {peak_MB:.0f} MB |", flush=True)
         shutil.rmtree(cache)
-    print("| workers | cache | processor time | memory |\n| --- | --- | --- | --- |")
-    for mode, time_s, peak_MB, content in rows:
-        print(f"| {mode} | {content} | {time_s:.0f} s | {peak_MB:.0f} MB |")
 
 
 if __name__ == "__main__":
-    quick_suite(*sys.argv[1:]) if len(sys.argv) > 1 else main()
+    quick_suite(*sys.argv[1:]) if len(sys.argv) == 3 else main(sys.argv[1:] or MODES)

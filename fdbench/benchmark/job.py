@@ -196,7 +196,10 @@ def _estimate(choice: Choice, trial: _Trial, job: Job) -> tuple[FitResult, Float
         estimate = oracle.oracle(trial.regression, trial.truth)
         seconds = time.perf_counter() - start
         return FitResult(estimate=estimate, seconds=seconds, peak_memory_MB=None), trial.truth.response
-    worker = sandbox(job.limits, job.plugins).worker(choice.source)
+    own = sandbox(job.limits, job.plugins)
+    if trial.command is not None:
+        own.prepare(trial.pickled_context, trial.command)
+    worker = own.worker(choice.source)
     worker.load()
     reason = worker.begin(choice.arguments, trial.pickled_context)
     if reason is not None:

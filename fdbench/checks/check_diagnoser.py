@@ -13,7 +13,7 @@ from fdbench.effects import effects
 from fdbench.errors import PluginError
 from fdbench.record import Record
 from fdbench.specification import load_toml, read
-from fdbench.trials.diagnoser import Answer, Diagnoser
+from fdbench.trials.diagnoser import CaseAnswer, Diagnoser
 from fdbench.virtual_axes.cases import AXIS
 
 Records = tuple[Nominal, list[Record], list[Record]]
@@ -35,7 +35,7 @@ class Case:
     cls: type[Diagnoser]
 
     @cached_property
-    def answer(self) -> Answer:
+    def answer(self) -> CaseAnswer:
         """What it says of the axis."""
         return self.cls().diagnose(*given())
 
@@ -52,9 +52,9 @@ def is_documented(case: Case) -> None:
 
 
 def answers_with_probabilities(case: Case) -> None:
-    """Require an `Answer` that names effects of the library alone."""
-    if not isinstance(case.answer, Answer):
-        raise PluginError(f"diagnose returns {type(case.answer).__name__}, expected Answer.")
+    """Require an `CaseAnswer` that names effects of the library alone."""
+    if not isinstance(case.answer, CaseAnswer):
+        raise PluginError(f"diagnose returns {type(case.answer).__name__}, expected CaseAnswer.")
     strange = sorted(set(case.answer.effects) - set(effects.names()))
     if strange:
         raise PluginError(f"diagnose names {', '.join(strange)}, which is no effect.")

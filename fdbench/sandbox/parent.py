@@ -50,6 +50,25 @@ class Sandbox:
         self._plugins = tuple((kind, str(file)) for kind, file in plugins)
         self._server: ForkServer | None = None
         self._workers: dict[str, Worker] = {}
+        self._prepared: set[bytes] = set()
+
+    def prepare(self, context: bytes, command: Record) -> None:
+        """Have compiled once what a prediction needs from a pickled context, for all workers to load."""
+        if context in self._prepared:
+            return
+        self._prepared.add(context)
+        ours, theirs = socket.socketpair()
+        with ours, theirs, tempfile.TemporaryFile() as needed:
+            needed.write(context)
+            pickle.dump(command, needed)
+            needed.seek(0)
+            server = self._running_server()
+            pid = server.prepare(theirs, needed)
+            theirs.close()
+            ours.settimeout(self.limits.time_s)
+            with suppress(TimeoutError):
+                ours.recv(1)  # nothing comes but its end
+            server.end(pid, LAST_MOMENT_S)
 
     def worker(self, source: Source) -> "Worker":
         """Return the worker in which an estimator, and no other, is or is to be imported."""
@@ -58,10 +77,14 @@ class Sandbox:
             found.end()
             found = None
         if found is None:
-            if self._server is None or not self._server.is_alive:
-                self._server = ForkServer()
-            found = self._workers[source.name] = Worker(self._server, source, self.limits, self._plugins)
+            server = self._running_server()
+            found = self._workers[source.name] = Worker(server, source, self.limits, self._plugins)
         return found
+
+    def _running_server(self) -> ForkServer:
+        if self._server is None or not self._server.is_alive:
+            self._server = ForkServer()
+        return self._server
 
     def close(self) -> None:
         """End the server and all workers."""
@@ -92,6 +115,7 @@ class Worker:
         cache = _cache(source)
         readable = [*self._own, *(str(path) for path in _beside(source.file))]
         files = {"own": list(self._own), "read": readable, "cache": str(cache), "plugins": plugins}
+        files |= {"shared": server.shared}
         self._ask({"do": "confine", "memory_MB": limits.memory_MB, "has_landlock": landlock.version() > 0, **files})
 
     def has_other(self, source: Source) -> bool:

@@ -8,6 +8,8 @@ request      comes with                        answer
 ``fork``     the worker's end of a channel,    ``pid``
              and a file for its last words
 ``end``      ``pid``, ``wait_s``               ``status`` as of wait(2), or null if it had to be killed
+``prepare``  a channel, and a file with a      ``pid`` of what compiles for all workers
+             pickled context and a command
 ===========  ================================  ==================================================
 """
 
@@ -15,19 +17,22 @@ import ctypes
 import faulthandler
 import json
 import os
+import pickle
 import shutil
 import signal
 import socket
 import sys
 import tempfile
 import time
+import traceback
 from contextlib import suppress
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, NoReturn
 
+from fdbench.errors import FdbenchError
 from fdbench.sandbox.confine import Reach, common_reach
-from fdbench.sandbox.worker import Worker, leave
+from fdbench.sandbox.worker import ContextUnpickler, Worker, leave
 
 LONGEST_REQUEST = 4096
 
@@ -82,15 +87,40 @@ def _answer(
         status = _end(request["pid"], workers, request["wait_s"])
         shutil.rmtree(folder / str(request["pid"]), ignore_errors=True)
         return {"status": status}
-    channel, last_words = descriptors
+    channel, file = descriptors
     pid = os.fork()
     if pid == 0:
         control.close()
-        _become_worker(socket.socket(fileno=channel), last_words, reach, folder)
+        if request["do"] == "prepare":
+            _prepare(file)
+        _become_worker(socket.socket(fileno=channel), file, reach, folder)
     os.close(channel)
-    os.close(last_words)
+    os.close(file)
     workers.add(pid)
     return {"pid": pid}
+
+
+def _prepare(needed: int) -> NoReturn:
+    """Compile what a prediction needs, and end; where that fails, workers compile it for themselves."""
+    try:
+        os.setsid()
+        _prctl(PARENT_DEATH_SIGNAL, signal.SIGKILL)
+        with open(needed, "rb") as file, suppress(FdbenchError, pickle.UnpicklingError):
+            context, command = _OwnUnpickler(file).load(), _OwnUnpickler(file).load()
+            context.linear_model.free_run(command, context.nominal)
+    except Exception:  # noqa: BLE001 - workers go on without
+        traceback.print_exc()
+    finally:
+        leave(0)
+
+
+class _OwnUnpickler(ContextUnpickler):
+    """Refuses plug-ins, which must not run where others load machine code from."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        if module.split(".")[0] not in ("fdbench", "numpy"):
+            raise pickle.UnpicklingError(f"{module}.{name} is neither of this package nor of NumPy.")
+        return super().find_class(module, name)
 
 
 def _become_worker(channel: socket.socket, last_words: int, reach: Reach, folder: Path) -> NoReturn:

@@ -3,7 +3,7 @@
 =============  ================================================  ===========================
 request        holds                                             answer
 =============  ================================================  ===========================
-``confine``    ``own``, ``read``, ``cache``, ``memory_MB`` ..    nothing
+``confine``    ``own``, ``read``, ``cache``, ``shared`` ..    nothing
 ``load``       ``name``, ``file``, ``kinds``                     ``kind``, ``made_for`` ..
 ``begin``      ``name``, ``arguments``, ``context``              ``skip``, a reason or null
 ``record``     ``columns``                                       nothing
@@ -31,7 +31,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from fdbench.compilation import kept
+from fdbench.compilation import kept, trust
 from fdbench.effects import effects
 from fdbench.errors import FdbenchError, PluginError, did_you_mean
 from fdbench.estimator import Context, Estimate, Estimator, OnlineEstimator, estimators, samples
@@ -121,6 +121,7 @@ class Worker:
         own: list[str],
         read: list[str],
         cache: str,
+        shared: str,
         memory_MB: float,
         has_landlock: bool,
         plugins: list[tuple[str, str]],
@@ -136,12 +137,13 @@ class Worker:
         # Kernels compiled in here must never be loaded elsewhere.
         os.environ["FDBENCH_CACHE"] = os.environ["NUMBA_CACHE_DIR"] = cache
         vars(numba.config)["CACHE_DIR"] = cache
+        trust(Path(shared))
         for name, module in list(sys.modules.items()):
             if name.startswith("fdbench."):
                 for value in vars(module).values():
                     if isinstance(value, Dispatcher) and value.stats.cache_path is not None:
                         kept(value)
-        files = (*read, *(file for _, file in plugins))
+        files = (shared, *read, *(file for _, file in plugins))
         reach = Reach((*self._reach.read, *files), self._reach.listed)
         confine(reach, (self._folder, folder), memory_MB, has_landlock=has_landlock)
         os._exit = _exit_refused
@@ -162,7 +164,7 @@ class Worker:
     def begin(self, name: str, arguments: Mapping[str, Any], context: bytes) -> Reply:
         """Construct an estimator anew, and ask it whether a context is for it."""
         self._record = self._estimate = None
-        self._context = _Unpickler(io.BytesIO(context)).load()
+        self._context = ContextUnpickler(io.BytesIO(context)).load()
         self._estimator = construct(name, arguments)
         kinds = type(self._estimator).made_for
         if kinds is not None and not {self._context.model, self._context.plant.name}.intersection(kinds):
@@ -256,7 +258,7 @@ class Worker:
         return Reply(header={"digest": hashlib.sha256(state).hexdigest()})
 
 
-class _Unpickler(pickle.Unpickler):
+class ContextUnpickler(pickle.Unpickler):
     """Finds plug-ins through their registries, which give them their names."""
 
     def find_class(self, module: str, name: str) -> Any:

@@ -18,7 +18,7 @@ from types import ModuleType
 
 import numpy as np
 
-from fdbench.compilation import closure_digest
+from fdbench.compilation import closure_digest, trusted_file
 from fdbench.effects import Effect, Port
 from fdbench.simulate import integrator, layout
 
@@ -26,7 +26,13 @@ _HEADER = '''"""Generated stepper for {names}, {lanes} lane(s) side by side."""
 
 from numba import njit
 
-compiled = njit(cache=True, error_model="numpy", nogil=True)
+from fdbench.compilation import kept
+
+
+def compiled(function):
+    return kept(njit(error_model="numpy", nogil=True)(function))
+
+
 inlined = njit(error_model="numpy", forceinline=True)
 LANES = {lanes}
 {constants}
@@ -146,7 +152,7 @@ def load(text: str, effects: Sequence[type[Effect]]) -> ModuleType:
     for effect in effects:
         digest.update(closure_digest(effect.kernel).encode())
     name = f"stepper_{digest.hexdigest()[:24]}"
-    path = cache_folder() / f"{name}.py"
+    path = trusted_file(f"{name}.py") or cache_folder() / f"{name}.py"
     if not path.exists():
         with tempfile.NamedTemporaryFile("w", dir=path.parent, suffix=".tmp", delete=False) as file:
             file.write(text)

@@ -21,7 +21,13 @@ _HEADER = '''"""Generated stepper of a servo stage with {names}."""
 import numpy as np
 from numba import njit
 
-compiled = njit(cache=True, error_model="numpy")
+from fdbench.compilation import kept
+
+
+def compiled(function):
+    return kept(njit(error_model="numpy")(function))
+
+
 inlined = njit(error_model="numpy", forceinline=True)
 {kernels}
 

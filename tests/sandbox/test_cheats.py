@@ -17,6 +17,7 @@ from fdbench.estimator import estimators
 from fdbench.metrics import metrics
 from fdbench.sandbox import Sandbox, Source, WorkerLimits, landlock
 from fdbench.scenario import load_scenario
+from fdbench.simulate.compose import cache_folder
 
 CHEATS = sorted((Path(__file__).parent / "cheats").glob("*.py"))
 SCENARIO = "ShakerConstant-v1"
@@ -73,6 +74,7 @@ def test_nothing_is_left_where_code_is_loaded_from(stores: tuple[Store, Store]) 
     package = Path(fdbench.__file__).parent
     assert not list(package.rglob("poisoned_by_a_cheat"))
     assert not (Path.home() / ".cache" / "fdbench" / "poisoned_by_a_cheat").exists()
+    assert not list((cache_folder() / "sandbox" / "shared").rglob("poisoned_by_a_cheat"))
     assert not (stores[1].folder.parent / "poisoned_by_a_cheat").exists()
 
 
