@@ -52,7 +52,7 @@ def is_documented(case: Case) -> None:
 
 
 def answers_with_probabilities(case: Case) -> None:
-    """Require an `CaseAnswer` that names effects of the library alone."""
+    """Require a `CaseAnswer` that names effects of the library alone."""
     if not isinstance(case.answer, CaseAnswer):
         raise PluginError(f"diagnose returns {type(case.answer).__name__}, expected CaseAnswer.")
     strange = sorted(set(case.answer.effects) - set(effects.names()))

@@ -107,7 +107,7 @@ def _prepare(needed: int) -> NoReturn:
         _prctl(PARENT_DEATH_SIGNAL, signal.SIGKILL)
         with open(needed, "rb") as file, suppress(FdbenchError, pickle.UnpicklingError):
             context, command = _OwnUnpickler(file).load(), _OwnUnpickler(file).load()
-            context.plant.free_run(command, context.model, context.nominal)
+            context.linear_model.free_run(command, context.nominal)
     except Exception:  # noqa: BLE001 - workers go on without
         traceback.print_exc()
     finally:

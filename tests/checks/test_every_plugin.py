@@ -13,7 +13,7 @@ from fdbench.errors import PluginError, UnknownName
 from fdbench.metrics import Metric, metrics
 from fdbench.motions import Motion, motions
 from fdbench.plants import plants
-from fdbench.trials.diagnoser import Answer, Diagnoser, diagnosers
+from fdbench.trials.diagnoser import CaseAnswer, Diagnoser, diagnosers
 
 QUICK = ("null", "random", "recalibration_only", "largest_correlation", "sparse_regression")
 
@@ -82,8 +82,8 @@ class Careless(Diagnoser):
 
     name = "careless"
 
-    def diagnose(self, nominal: object, records: object, holdouts: object) -> Answer:
-        return Answer(effects={"gremlins": 0.9})
+    def diagnose(self, nominal: object, records: object, holdouts: object) -> CaseAnswer:
+        return CaseAnswer(effects={"gremlins": 0.9})
 
 
 def test_a_faulty_diagnoser_is_told_what_is_wrong() -> None:
