@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 from fdbench.commands.check import check
 from fdbench.commands.compare import compare
 from fdbench.commands.diagnose import diagnose
+from fdbench.commands.evaluate import evaluate
 from fdbench.commands.leaderboard import leaderboard
 from fdbench.commands.list import list_
 from fdbench.commands.record import record
@@ -90,7 +91,7 @@ def common(
 
 
 app.command("list")(list_)
-for command in (run, leaderboard, verify, compare, report, record, show, check, reproduce, diagnose):
+for command in (run, leaderboard, verify, compare, report, record, show, check, reproduce, diagnose, evaluate):
     app.command()(command)
 app.add_typer(trial, name="trial")
 

@@ -53,11 +53,11 @@ def summary(answer: Answer) -> str:
     )
     for heading, content in sections:
         body = list(content)
-        lines += [heading, *(line for text in body for line in _wrapped(text))] if body else []
+        lines += [heading, *(line for text in body for line in wrapped(text))] if body else []
     return "\n".join(lines)
 
 
-def _wrapped(text: str) -> list[str]:
+def wrapped(text: str) -> list[str]:
     """Return the lines of a text; a number stays with its unit."""
     depth = len(text) - len(text.lstrip())
     joined = re.sub(r"(?<=\d) (?=(?:%|[nµmkM]?(?:m|s|N|Hz)\b))", "\N{NO-BREAK SPACE}", text.strip())

@@ -4,9 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
+from fdbench.catalogue import scenario_folder, scenario_ids
 from fdbench.effects import Effect, effects
-from fdbench.errors import SpecError
+from fdbench.errors import SpecError, UnknownName, did_you_mean
 from fdbench.plants import Plant
 from fdbench.plants.feed_drive import FeedDrive, Following
 from fdbench.scenario import Scenario, extended
@@ -112,19 +114,33 @@ def nominal_of(scenario: Scenario) -> Nominal:
 
 
 def load_nominal(path: str | Path) -> Nominal:
-    """Read a model file, or take the nominal model out of a scenario file.
+    """Read a model file, or take the nominal model out of a scenario, given by its file or its id.
 
-    From a scenario only [plant] and the substeps of [timing] are read; what the machine really is stays unread.
+    From a scenario only [plant], the substeps of [timing], and what a model file may have beside them, are read; what
+    the machine really is stays unread.
     """
-    file = Path(path)
+    file = _file(path)
     table, _ = extended(file)
     where = f"{file.name}: model"
     if "estimation" in table:
         timing = table.get("timing", {})
         if not isinstance(timing, Mapping):
             raise SpecError(f"{where}.timing: a table is expected, found {timing!r}.")
-        table = {"plant": table.get("plant", {}), "simulation": {"substeps": timing.get("substeps", SUBSTEPS)}}
+        beside: dict[str, Any] = {key: table[key] for key in ("uncertainty", "exclude") if key in table}
+        table = {"plant": table.get("plant", {}), "simulation": {"substeps": timing.get("substeps", SUBSTEPS)}, **beside}
     plant = table.get("plant")
     if isinstance(plant, Mapping) and plant.get("kind") == snake_case(FeedDrive.__name__) and "controller" not in plant:
         table["plant"] = {**plant, "controller": {"kind": snake_case(Following.__name__)}}
     return read(Nominal, table, where)
+
+
+def _file(name_or_path: str | Path) -> Path:
+    """Return the file of a scenario id, where that is what was given and no file has its name."""
+    file, name = Path(name_or_path), str(name_or_path).removeprefix("fdbench/")
+    if file.suffix.lower() == ".toml" or file.exists():
+        return file
+    if name not in scenario_ids():
+        raise UnknownName(
+            f"{name_or_path}: neither a model file (.toml) nor a scenario.{did_you_mean(name, scenario_ids())}"
+        )
+    return scenario_folder() / f"{name}.toml"

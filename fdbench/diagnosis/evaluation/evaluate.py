@@ -1,0 +1,218 @@
+"""Evaluate: predict records with models in three ways, score every channel, and compare the models."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fdbench.diagnosis.evaluation import predictions
+from fdbench.diagnosis.evaluation.effect_forces import is_followed
+from fdbench.diagnosis.evaluation.predictions import Prediction
+from fdbench.diagnosis.evaluation.result import ALL_RECORDS, WAYS, Comparison, Evaluation, Ratio, Score
+from fdbench.diagnosis.evidence.prepare import check_alike, without_copies
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.virtual_controller import prepared
+from fdbench.diagnosis.records.noise_model import NoiseModel, noise_floor
+from fdbench.diagnosis.records.plausibility import check_alignment, check_record
+from fdbench.diagnosis.records.runs import SAME_COMMAND, Run
+from fdbench.errors import RecordError, SpecError
+from fdbench.record import FloatArray, Record
+from fdbench.units import unit_of
+
+BLOCK_S = 0.25  # drawn whole, as errors of neighbouring samples are alike
+RESAMPLES = 1000
+SMALLEST = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evaluated:
+    """An evaluation with the curves behind it.
+
+    Attributes
+    ----------
+    evaluation : Evaluation
+    runs : list of Run
+        Of the records, as the first model sees them.
+    predictions : mapping of (way, model) to list of Prediction
+        One for each run.
+    """
+
+    evaluation: Evaluation
+    runs: list[Run]
+    predictions: Mapping[tuple[str, str], list[Prediction]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Bench:
+    """A model with the runs that it is evaluated on."""
+
+    nominal: Nominal
+    runs: list[Run]
+    warnings: list[str]
+
+
+def evaluate(models: Mapping[str, Nominal], records: Sequence[Record]) -> Evaluated:
+    """Evaluate how well models predict records.
+
+    Parameters
+    ----------
+    models : mapping of str to Nominal
+        By the name that they have in tables.
+    records : sequence of Record
+
+    Raises
+    ------
+    RecordError
+        If there are no records, or one lacks what is needed or cannot belong to a model; the message says what to do.
+    SpecError
+        If there is no model.
+    """
+    if not models:
+        raise SpecError("no models: at least one is needed.")
+    if not records:
+        raise RecordError("no records: at least one is needed.")
+    records, _, copies = without_copies(records, [])
+    benches = {name: _bench(nominal, records) for name, nominal in models.items()}
+    band_Hz = min(
+        predictions.useful_band_Hz(bench.nominal.drive, run) for bench in benches.values() for run in bench.runs
+    )
+    warnings, found = list(copies), {}
+    for name, bench in benches.items():
+        drive = bench.nominal.drive
+        replay = Replay(drive, (), bench.nominal.simulation.substeps)
+        closed = [predictions.closed_loop(replay, run) for run in bench.runs]
+        said = [*bench.warnings, *_left_out(bench)]
+        for run, own in zip(bench.runs, closed, strict=True):
+            said += check_alignment(run, own.predicted)
+        warnings += [line if len(models) == 1 else f"{name}: {line}" for line in said]
+        found["closed_loop", name] = closed
+        found["inverse_dynamics", name] = [predictions.inverse_dynamics(drive, run, band_Hz) for run in bench.runs]
+        found["one_step_ahead", name] = [predictions.one_step_ahead(drive, run) for run in bench.runs]
+    runs = next(iter(benches.values())).runs
+    evaluation = Evaluation(
+        models=tuple(models),
+        records=tuple(run.name for run in runs),
+        band_Hz=band_Hz,
+        scores=tuple(score for way in WAYS for name in models for score in _scores(way, name, runs, found[way, name])),
+        comparisons=tuple(_comparisons(list(models), runs, found)),
+        warnings=tuple(dict.fromkeys(warnings)),
+    )
+    return Evaluated(evaluation=evaluation, runs=runs, predictions=found)
+
+
+def _bench(nominal: Nominal, records: Sequence[Record]) -> _Bench:
+    nominal, runs, warnings = prepared(nominal, records)
+    check_alike(runs)
+    for run in runs:
+        check_record(run, nominal.drive)
+    return _Bench(nominal=nominal, runs=runs, warnings=warnings)
+
+
+def _left_out(bench: _Bench) -> list[str]:
+    drive = bench.nominal.drive
+    found = []
+    if names := [item.name for item in drive.effects if not is_followed(item)]:
+        found.append(
+            f"Inverse dynamics and one step ahead are without {', '.join(names)} of the model, which a measured motion "
+            "does not tell; the closed loop has all of it."
+        )
+    if drive.screw is not None and predictions.lumped(drive, bench.runs[0]).screw is None:
+        found.append(
+            "Only one side of the screw was measured: inverse dynamics and one step ahead see motor and table as one "
+            "mass, which holds well below the first resonance only."
+        )
+    return found
+
+
+# ---- scores ----
+
+
+def _scores(way: str, model: str, runs: Sequence[Run], found: Sequence[Prediction]) -> list[Score]:
+    shadows = [_shadow(run, own) for run, own in zip(runs, found, strict=True)]
+    scores = []
+    for channel in found[0].measured:
+        floor = noise_floor(shadows, channel)
+        groups = [(run.name, [own]) for run, own in zip(runs, found, strict=True)]
+        groups += [(ALL_RECORDS, list(found))] if len(runs) > 1 else []
+        scores += [_score(way, model, record, channel, own, floor) for record, own in groups]
+    return scores
+
+
+def _shadow(run: Run, found: Prediction) -> Run:
+    """Return the run with errors in place of readings, so that repeats are compared by what the model leaves."""
+    inside = slice(found.first, found.first + len(next(iter(found.measured.values()))))
+    own, share = run.motion or (run.reference[:, 0], SAME_COMMAND)
+    return dataclasses.replace(
+        run,
+        reference=run.reference[inside],
+        channels=found.measured,
+        left={name: values - found.predicted[name] for name, values in found.measured.items()},
+        motion=(own[inside], share),
+    )
+
+
+def _score(way: str, model: str, record: str, channel: str, found: Sequence[Prediction], floor: NoiseModel) -> Score:
+    errors = [own.measured[channel] - own.predicted[channel] for own in found]
+    spreads = [own.measured[channel] - own.measured[channel].mean() for own in found]
+    n = sum(len(error) for error in errors)
+    square, spread = (sum(float(values @ values) for values in parts) for parts in (errors, spreads))
+    relative = math.sqrt(square / spread) if spread > 0.0 else None
+    return Score(
+        way=way,
+        model=model,
+        record=record,
+        channel=channel,
+        unit=unit_of(channel),
+        root_mean_square_error=math.sqrt(square / n),
+        relative_error=relative,
+        fit_percent=None if relative is None else 100.0 * (1.0 - relative),
+        noise_floor=floor.total,
+        noise_measured=floor.measured,
+        samples=n,
+    )
+
+
+# ---- comparison ----
+
+
+def _comparisons(
+    models: Sequence[str], runs: Sequence[Run], found: Mapping[tuple[str, str], Sequence[Prediction]]
+) -> list[Comparison]:
+    if len(models) < 2:
+        return []
+    return [
+        _comparison(way, channel, {name: _squares(found[way, name], channel, runs[0].period_s) for name in models})
+        for way in WAYS
+        for channel in found[way, models[0]][0].measured
+    ]
+
+
+def _squares(found: Sequence[Prediction], channel: str, period_s: float) -> FloatArray:
+    """Return the squared error of each block of time of all records, (n_blocks,)."""
+    length = max(1, round(BLOCK_S / period_s))
+    squares = [(own.measured[channel] - own.predicted[channel]) ** 2 for own in found]
+    return np.concatenate([np.add.reduceat(values, np.arange(0, len(values), length)) for values in squares])
+
+
+def _comparison(way: str, channel: str, squares: Mapping[str, FloatArray]) -> Comparison:
+    best = min(squares, key=lambda name: float(squares[name].sum()))
+    n = len(squares[best])
+    draws = np.random.default_rng(0).multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES)
+    ratios = []
+    for name, own in squares.items():
+        if name != best:
+            low, high = np.percentile(
+                _ratio(draws @ own, draws @ squares[best]), [2.5, 97.5], method="nearest"
+            ).tolist()
+            value = float(_ratio(own.sum(), squares[best].sum()))
+            ratios.append(Ratio(model=name, value=value, ci95=(low, high)))
+    certain = all(ratio.ci95[0] > 1.0 for ratio in ratios)
+    return Comparison(way=way, channel=channel, best=best, ratios=tuple(ratios), certain=certain)
+
+
+def _ratio(above: FloatArray | float, below: FloatArray | float) -> FloatArray:
+    """Return the root of a ratio; two models without any error are alike."""
+    return np.sqrt(np.maximum(above, SMALLEST**2) / np.maximum(below, SMALLEST**2))
