@@ -103,6 +103,18 @@ FOREIGN: dict[str, tuple[str, float]] = {
     "1/min": ("rad/s", 0.10471975511965977),
 }
 
+_OF_A_SCREW = " The angle of a ball screw: add gain = lead_m / 6.2832."
+_OF_A_ROTARY_AXIS = (
+    " A rotary axis is written as its arc at 1 m: gain = 1.0 makes rad (deg and rev are converted) m and N m N, and in "
+    "the model mass_kg is its inertia in kg m^2."
+)
+# What to do where a mapping gives a rotary unit for a linear column.
+_ROTARY = {
+    ("rad", "m"): _OF_A_SCREW + _OF_A_ROTARY_AXIS,
+    ("rad/s", "m/s"): _OF_A_SCREW + _OF_A_ROTARY_AXIS,
+    ("N m", "N"): " Name the column motor_torque_Nm where the model has a rotary_motor." + _OF_A_ROTARY_AXIS,
+}
+
 # A name such as velocity_mm_per_s must not pass for a quantity per second.
 _UNIT_WORDS = {word for unit in [*UNITS, *FOREIGN] for word in unit.replace("/", "_").split("_")} - {"per", "1"}
 
@@ -176,7 +188,8 @@ def factor_to_si(unit: str, name: str, where: str) -> float:
         return 1.0
     si, factor = si_unit(unit, where)
     if si != target:
-        raise SpecError(f"{where}: '{unit}' is a unit of {si}, but {name} is in {target or 'pure numbers'}.")
+        advice = _ROTARY.get((si, target), "")
+        raise SpecError(f"{where}: '{unit}' is a unit of {si}, but {name} is in {target or 'pure numbers'}.{advice}")
     return factor
 
 

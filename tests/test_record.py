@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.io import loadmat, savemat
 
-from fdbench.errors import MissingData, RecordError, SpecError, UnknownName
+from fdbench.errors import FdbenchError, MissingData, RecordError, SpecError, UnknownName
 from fdbench.reading import measured_file, read_mapped, read_record
 from fdbench.record import COLUMNS, Record, held_samples
 
@@ -578,3 +578,52 @@ def test_emps() -> None:
     assert read.provenance["left_out"] == ["gtau", "kp", "kv"]
     assert not held_samples(read).any()
     assert json.loads(json.dumps(read.provenance)) == read.provenance
+
+
+def test_lines_above_the_header_are_found_or_skipped(tmp_path: Path) -> None:
+    rows = "t,x\n0.0,1.0\n0.1,2.0\n0.2,3.0\n"
+    file = tmp_path / "axis.csv"
+    columns = {"time_s": {"from": "t"}, "position_m": {"from": "x"}}
+    for above in ("The file has: Axis1\n", "The file has: Axis1\n\nmade by, a controller, 2024\n", ""):
+        file.write_text(above + rows, "utf-8")
+        read = read_mapped({"record": {"file": "axis.csv"}, "columns": columns}, tmp_path, "m.toml")
+        assert read["position_m"].tolist() == [1.0, 2.0, 3.0]
+    # Two cells above the header are as wide as the numbers: only skip_lines tells.
+    file.write_text("axis,Axis1\n" + rows, "utf-8")
+    with pytest.raises(RecordError, match="no column 't'"):
+        read_mapped({"record": {"file": "axis.csv"}, "columns": columns}, tmp_path, "m.toml")
+    settings = {"file": "axis.csv", "skip_lines": 1}
+    read = read_mapped({"record": settings, "columns": columns}, tmp_path, "m.toml")
+    assert read["time_s"].tolist() == [0.0, 0.1, 0.2]
+
+
+@pytest.mark.parametrize(
+    ("value", "words"), [(-1, "skip_lines is -1; allowed"), ("1", "skip_lines is '1'"), (9, "empty")]
+)
+def test_skip_lines_is_checked(tmp_path: Path, value: object, words: str) -> None:
+    (tmp_path / "axis.csv").write_text("t,x\n0.0,1.0\n", "utf-8")
+    columns = {"time_s": {"from": "t"}, "position_m": {"from": "x"}}
+    with pytest.raises(FdbenchError, match=words):
+        read_mapped({"record": {"file": "axis.csv", "skip_lines": value}, "columns": columns}, tmp_path, "m.toml")
+
+
+def test_a_preamble_that_cannot_be_told_is_said(tmp_path: Path) -> None:
+    (tmp_path / "axis.csv").write_text("Axis1\nt,x\nnan?,1.0\n0.1,2.0,3.0\n", "utf-8")
+    with pytest.raises(RecordError, match="skip_lines"):
+        read_mapped({"record": {"file": "axis.csv"}, "columns": {"time_s": {"from": "Axis1"}}}, tmp_path, "m.toml")
+
+
+def test_rotary_units_of_linear_columns_get_advice(tmp_path: Path) -> None:
+    (tmp_path / "axis.csv").write_text("t,x\n0.0,0.0\n0.1,0.5\n0.2,1.0\n", "utf-8")
+
+    def read(**position: object) -> Record:
+        columns = {"time_s": {"from": "t"}, "position_m": {"from": "x", **position}}
+        return read_mapped({"record": {"file": "axis.csv"}, "columns": columns}, tmp_path, "m.toml")
+
+    for unit in ("rad", "deg", "rev"):
+        with pytest.raises(FdbenchError, match=r"lead_m / 6\.2832.* rotary axis is written as its arc at 1 m"):
+            read(unit=unit)
+    np.testing.assert_allclose(read(unit="rev", gain=1.0)["position_m"], [0.0, np.pi, 2.0 * np.pi])
+    columns = {"time_s": {"from": "t"}, "motor_force_N": {"from": "x", "unit": "N m"}}
+    with pytest.raises(FdbenchError, match="motor_torque_Nm where the model has a rotary_motor"):
+        read_mapped({"record": {"file": "axis.csv"}, "columns": columns}, tmp_path, "m.toml")

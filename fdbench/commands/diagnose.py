@@ -65,6 +65,10 @@ def diagnose(
             data=data,
             progress=status.update,
         )
+    if write_model is not None:
+        found.write_model(write_model)
+        if not found.diagnosis.final.effects:
+            typer.echo(f"fdbench: no cause was named: {write_model} is the re-calibrated model.", err=True)
     if next_experiment is not None:
         found = found.write_experiment(next_experiment)
         if found.answer.next_experiment is None:
@@ -73,8 +77,6 @@ def diagnose(
         found.write_json(json_)
     if html is not None:
         found.write_html(html)
-    if write_model is not None:
-        found.write_model(write_model)
     if str(json_) == "-":
         echo_json(found.answer.as_json())
     else:

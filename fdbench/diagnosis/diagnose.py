@@ -65,6 +65,8 @@ class Diagnosis:
     features: Mapping[str, Mapping[str, Features]]
 
 
+# What diverges overflows, and is left out where evidence is gathered.
+@np.errstate(over="ignore", invalid="ignore")
 def diagnose(
     nominal: Nominal,
     records: Sequence[Record],

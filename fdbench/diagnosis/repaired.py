@@ -14,7 +14,9 @@ from fdbench.diagnosis.model.hypothesis import nominal_parameters
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.errors import FdbenchError
 from fdbench.specification import snake_case
-from fdbench.wording import less, probability_text, share_interval_text
+from fdbench.wording import less, probability_text, share_interval_text, si_text
+
+SMALLEST = 1e-12  # noise floor that is divided by
 
 
 def write_repaired(found: Diagnosis, path: str | Path) -> None:
@@ -23,12 +25,30 @@ def write_repaired(found: Diagnosis, path: str | Path) -> None:
     Raises
     ------
     FdbenchError
-        If the file cannot be written.
+        If the file cannot be written, or the effects make the prediction of what was held out worse, in the mean over
+        the channels in units of their noise: then nothing is written.
     """
+    recalibrated, with_effects = prediction_errors(found)
+    if found.final.effects and with_effects > recalibrated:
+        raise FdbenchError(
+            f"{path}: not written: on {found.answer.shrinkage.judged_on_words} the repaired model predicts worse than "
+            f"the re-calibrated one ({with_effects:.3g} against {recalibrated:.3g} times the noise, in the mean over "
+            "the channels). Leave --write-model out to read the answer; it needs more records, or other motions."
+        )
     try:
         Path(path).write_text(model_text(found), encoding="utf-8", newline="\n")
     except OSError as error:
         raise FdbenchError(f"{path}: cannot be written: {error.strerror or error}.") from error
+
+
+def prediction_errors(found: Diagnosis) -> tuple[float, float]:
+    """Return the held-out errors of the re-calibrated and the repaired model, mean over channels in units of noise."""
+    gaps = found.answer.gap.channels.values()
+    means = [
+        sum(error / max(gap.noise_floor, SMALLEST) for gap, error in zip(gaps, errors, strict=True)) / len(gaps)
+        for errors in ([gap.recalibrated for gap in gaps], [gap.repaired for gap in gaps])
+    ]
+    return means[0], means[1]
 
 
 def model_text(found: Diagnosis) -> str:
@@ -39,11 +59,20 @@ def model_text(found: Diagnosis) -> str:
 
 def _history(found: Diagnosis) -> Iterator[str]:
     shrinkage, causes = found.answer.shrinkage, {cause.effect: cause for cause in found.answer.causes}
-    yield "Repaired by fdbench diagnose: the nominal model, re-calibrated, with the effects that were named."
-    yield (
-        f"Judged on {shrinkage.judged_on_words}: after re-calibration the effects make the mean squared gap "
-        f"{less(shrinkage.total)} ({share_interval_text(shrinkage.ci95)})."
-    )
+    if found.final.effects:
+        yield "Repaired by fdbench diagnose: the nominal model, re-calibrated, with the effects that were named."
+    else:
+        yield "Written by fdbench diagnose: the nominal model, re-calibrated, without effects: no cause was named."
+    yield f"Prediction error, root mean square on {shrinkage.judged_on_words}:"
+    for name, gap in found.answer.gap.channels.items():
+        errors = (("nominal", gap.before), ("re-calibrated", gap.recalibrated), ("repaired", gap.repaired))
+        parts = ", ".join(f"{words} {si_text(error, gap.unit)}" for words, error in errors)
+        yield f"  {name}: {parts}; noise floor {si_text(gap.noise_floor, gap.unit)}."
+    if found.final.effects:
+        yield (
+            f"Judged on {shrinkage.judged_on_words}: after re-calibration the effects make the mean squared gap "
+            f"{less(shrinkage.total)} ({share_interval_text(shrinkage.ci95)})."
+        )
     for effect in found.final.effects:
         yield f"Added: {effect.name}, probability {probability_text(causes[effect.name].probability)}."
     for item, shift in zip(nominal_parameters(found.final.nominal), found.final.shifts, strict=True):

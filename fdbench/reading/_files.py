@@ -28,13 +28,15 @@ _NUMBERS = {
 # All but the tab, which may stand between cells.
 _CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f]")
 LONGEST_NAME, LONGEST_CELL = 200, 60
+LONGEST_PREAMBLE = 100  # lines
 
 
 class Layout(NamedTuple):
-    """How a CSV file is written."""
+    """How a CSV file is written; without ``skip_lines`` lines above the header are found by themselves."""
 
     delimiter: str = ","
     decimal: str = "."
+    skip_lines: int | None = None
 
 
 class Raw(NamedTuple):
@@ -200,24 +202,22 @@ def _read_csv(file: Path, wanted: Collection[str] | None, layout: Layout) -> Raw
 def _csv_header(file: Path, layout: Layout) -> tuple[list[str], int, dict[str, Any]]:
     """Return the names of the columns, the number of their line, and the provenance in a comment above it."""
     stored: dict[str, Any] = {}
+    skipped = layout.skip_lines or 0
     with file.open("rb") as lines:
         for number, line in enumerate(lines, 1):
-            try:
-                text = line.decode("utf-8-sig").rstrip("\r\n")
-            except UnicodeDecodeError:
-                raise RecordError(f"{file}: line {number} is not UTF-8 text. Save the file as CSV in UTF-8.") from None
-            if _CONTROL.search(text):
-                raise RecordError(
-                    f"{file}: line {number} holds control characters: a binary file, or one with "
-                    "unusual ends of lines. Save it as CSV in UTF-8."
-                )
+            if number <= skipped:
+                continue
+            text = _text_of(line, number, file)
             if text.startswith("# fdbench "):
                 stored = _stored_provenance(text.removeprefix("# fdbench "), file)
             if text.strip() and not text.startswith("#"):
                 break
         else:
-            raise RecordError(f"{file}: the file is empty.")
-    names = [name.strip() for name in next(csv.reader([text], delimiter=layout.delimiter))]
+            above = f" below line {skipped}, up to which skip_lines leaves it out" if skipped else ""
+            raise RecordError(f"{file}: the file is empty{above}.")
+    if layout.skip_lines is None:
+        number, text = _below_preamble(file, number, text, layout)
+    names = _cells(text, layout)
     if longest := [len(name) for name in names if len(name) > LONGEST_NAME]:
         raise RecordError(f"{file}: line {number} holds {longest[0]} characters where the name of a column should be.")
     if all(_is_number(name, layout.decimal) for name in names):
@@ -229,6 +229,38 @@ def _csv_header(file: Path, layout: Layout) -> tuple[list[str], int, dict[str, A
                 f'file with delimiter = {json.dumps(delimiter)} in [record], and decimal = "," for decimal commas.'
             )
     return names, number, stored
+
+
+def _text_of(line: bytes, number: int, file: Path) -> str:
+    try:
+        text = line.decode("utf-8-sig").rstrip("\r\n")
+    except UnicodeDecodeError:
+        raise RecordError(f"{file}: line {number} is not UTF-8 text. Save the file as CSV in UTF-8.") from None
+    if _CONTROL.search(text):
+        raise RecordError(
+            f"{file}: line {number} holds control characters: a binary file, or one with "
+            "unusual ends of lines. Save it as CSV in UTF-8."
+        )
+    return text
+
+
+def _cells(text: str, layout: Layout) -> list[str]:
+    return [cell.strip() for cell in next(csv.reader([text], delimiter=layout.delimiter), [])]
+
+
+def _below_preamble(file: Path, number: int, text: str, layout: Layout) -> tuple[int, str]:
+    """Return the header's line: the first one, or below lines of another width the first as wide as the numbers."""
+    seen, width = [(number, text)], len(_cells(text, layout))
+    with file.open("rb") as lines:
+        for place, line in enumerate(itertools.islice(lines, number, number + LONGEST_PREAMBLE), number + 1):
+            row = line.decode("utf-8", errors="replace").rstrip("\r\n")
+            cells = _cells(row, layout)
+            if cells and all(_is_number(cell, layout.decimal) for cell in cells):
+                alike = [item for item in seen if len(_cells(item[1], layout)) == len(cells)]
+                is_header = bool(alike) and len(cells) != width and all(_cells(alike[0][1], layout))
+                return alike[0] if is_header else (number, text)
+            seen.append((place, row))
+    return number, text
 
 
 def _csv_fault(
@@ -250,6 +282,8 @@ def _csv_fault(
                 )
             if len(cells) != len(names):
                 hint = " If its numbers have decimal commas: write it with semicolons." if "," in layout else ""
+                if len(names) == 1:
+                    hint += " Lines above the header are left out by skip_lines in [record] of a mapping file."
                 return RecordError(f"{where} has {len(cells)} cells, the header has {len(names)}.{hint}")
             for name in chosen:
                 cell = cells[names.index(name)]

@@ -70,8 +70,8 @@ def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> R
     Parameters
     ----------
     mapping : mapping
-        Tables ``record`` (``file``; where needed ``format``, ``delimiter``, ``decimal``, ``sampling_time_s``) and
-        ``columns`` (name -> ``from``; where needed ``unit``, ``gain``, ``offset``).
+        Tables ``record`` (``file``; where needed ``format``, ``delimiter``, ``decimal``, ``skip_lines``,
+        ``sampling_time_s``) and ``columns`` (name -> ``from``; where needed ``unit``, ``gain``, ``offset``).
     folder : path
         Where a relative ``file`` lies.
     where : str
@@ -87,7 +87,7 @@ def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> R
     _only_keys(mapping, ("record", "columns"), where)
     settings, targets = _entry(mapping, "record", dict, where), _entry(mapping, "columns", dict, where)
     here = f"{where}: [record]"
-    _only_keys(settings, ("file", "format", "delimiter", "decimal", "sampling_time_s"), here)
+    _only_keys(settings, ("file", "format", "delimiter", "decimal", "skip_lines", "sampling_time_s"), here)
     file = Path(folder) / _entry(settings, "file", str, here)
     kind = _entry(settings, "format", str, here) if "format" in settings else format_of(file)
     if kind not in FORMATS.values():
@@ -171,7 +171,13 @@ def _number(table: Mapping[str, Any], key: str, default: float, where: str) -> f
 
 
 def _layout(settings: Mapping[str, Any], kind: str, where: str) -> Layout:
-    given = {key: _entry(settings, key, str, where) for key in Layout._fields if key in settings}
+    given: dict[str, Any] = {
+        key: _entry(settings, key, str, where) for key in ("delimiter", "decimal") if key in settings
+    }
+    if "skip_lines" in settings:
+        given["skip_lines"] = settings["skip_lines"]
+        if not isinstance(given["skip_lines"], int) or isinstance(given["skip_lines"], bool) or given["skip_lines"] < 0:
+            raise SpecError(f"{where}: skip_lines is {given['skip_lines']!r}; allowed: a whole number from 0.")
     if given and kind != "csv":
         raise SpecError(f"{where}: {' and '.join(given)} belong to CSV files, this one is {kind}.")
     layout = Layout(**given)

@@ -82,7 +82,7 @@ def _floor(score: Score) -> str:
 def compared(comparison: Comparison) -> str:
     """Return which model predicts a channel best, and by how much."""
     others = "; ".join(
-        f"{ratio.model} has {ratio.value:.3g} times its error (95 %: {ratio.ci95[0]:.3g} to {ratio.ci95[1]:.3g})"
+        f"{ratio.model} has {ratio.value:.4g} times its error (95 %: {ratio.ci95[0]:.4g} to {ratio.ci95[1]:.4g})"
         for ratio in comparison.ratios
     )
     doubt = "" if comparison.certain else "; not certain, an interval includes 1"

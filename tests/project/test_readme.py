@@ -94,6 +94,16 @@ def test_blocks_on_python_do_what_they_say(tmp_path: Path) -> None:
     assert checker.check_output(expected, printed, options), checker.output_difference(example, printed, options)
 
 
+def test_blocks_on_evaluation_do_what_they_say(tmp_path: Path) -> None:
+    (tmp_path / "scenarios").symlink_to(REPOSITORY / "scenarios")
+    written, typed, expected = blocks(REPOSITORY / "docs" / "how-to" / "evaluate.md")
+    run(written, tmp_path)
+    printed = run(typed, tmp_path)
+    options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+    assert doctest.OutputChecker().check_output(expected.text, printed, options), printed
+    assert (tmp_path / "evaluation.html").is_file()
+
+
 def test_slow_blocks_are_targets_of_make() -> None:
     targets = re.findall(r"^(\w+):", (REPOSITORY / "Makefile").read_text("utf-8"), re.M)
     lines = [line for block in blocks(README) if block.before == SLOW for line in block.text.splitlines()]

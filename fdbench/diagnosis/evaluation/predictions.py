@@ -82,8 +82,9 @@ def inverse_dynamics(drive: FeedDrive, run: Run, band_Hz: float) -> Prediction:
 
     .. math:: F = m_m \ddot x_m + B_m \dot x_m + f_m + m_t \ddot x_t + B_t \dot x_t + f_t
 
-    The positions are low-passed without delay up to twice the band, and their derivatives taken in the middle between samples, where a force
-    that is held acts on average; then both forces are low-passed alike. f_m, f_t: the effects that the model knows.
+    The positions are low-passed without delay up to twice the band, and their derivatives taken in the middle between
+    samples, where a force that is held acts on average; then both forces are low-passed alike up to the band. f_m, f_t:
+    the effects that the model knows.
 
     Raises
     ------

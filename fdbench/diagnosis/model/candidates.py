@@ -11,6 +11,7 @@ from fdbench.effects import Effect, Port
 
 QUARTER_TURN = math.pi / 2.0
 LARGEST_CHANGE = 4.0
+HIGHEST_OF_NYQUIST = 0.8  # frequency of a mode or line that samples still show
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +91,9 @@ def phase_of(kind: type[Effect]) -> str | None:
     return next((item.name for item in kind.parameters() if item.phase), None)
 
 
-def candidates(base: Hypothesis, located: Mapping[str, Sequence[float]] | None = None) -> list[Candidate]:
+def candidates(
+    base: Hypothesis, located: Mapping[str, Sequence[float]] | None = None, period_s: float | None = None
+) -> list[Candidate]:
     """Return all candidates that may be added to a hypothesis.
 
     Not those whose size is a nominal parameter: re-calibration moves it in every hypothesis.
@@ -100,16 +103,25 @@ def candidates(base: Hypothesis, located: Mapping[str, Sequence[float]] | None =
     located : mapping, optional
         Values found in the residual for parameters to be located: see `fdbench.diagnosis.search.periods`.
         Without, they are typical.
+    period_s : float, optional
+        Sampling time of the records; no frequency above 0.8 of the Nyquist frequency is a candidate.
     """
     drive = base.nominal.drive
     present = {type(effect) for effect in (*base.effects, *drive.effects)}
     covered = {item.cause(base.nominal) for item in nominal_parameters(base.nominal)}
     found: list[Candidate] = []
+    highest_Hz = math.inf if period_s is None else HIGHEST_OF_NYQUIST * 0.5 / period_s
     for kind in base.nominal.library:
         unseen = drive.screw is None and (kind.port is Port.TABLE_SCALE or kind.needs_screw)
         if kind not in present and kind.name not in covered and not unseen:
-            found += _of_kind(base, kind, located)
+            found += [item for item in _of_kind(base, kind, located) if _fastest_Hz(item.members[0]) <= highest_Hz]
     return found
+
+
+def _fastest_Hz(effect: Effect) -> float:
+    """Return the highest frequency of an effect that is searched, 0 where it has none."""
+    searched = [item for item in effect.parameters() if item.unit == "Hz" and (item.grid or item.locate)]
+    return max((float(getattr(effect, item.name)) for item in searched), default=0.0)
 
 
 def _of_kind(base: Hypothesis, kind: type[Effect], located: Mapping[str, Sequence[float]] | None) -> list[Candidate]:

@@ -78,7 +78,18 @@ def prepared(nominal: Nominal, records: Sequence[Record]) -> tuple[Nominal, list
         "be seen, errors of the encoder only by the force that they cost, and little of what lies far above "
         f"{controller.bandwidth_Hz:.3g} Hz."
     )
-    return dataclasses.replace(nominal, plant=drive), runs, [warning]
+    return dataclasses.replace(nominal, plant=drive), runs, [warning, *_lowered(nominal.drive, controller)]
+
+
+def _lowered(asked: FeedDrive, found: Following) -> list[str]:
+    """Return in words that a bandwidth that was asked for is not kept."""
+    given = asked.controller
+    if not isinstance(given, Following) or given.bandwidth_Hz in (found.bandwidth_Hz, Following().bandwidth_Hz):
+        return []
+    return [
+        f"The virtual controller was asked for {given.bandwidth_Hz:.3g} Hz and has {found.bandwidth_Hz:.3g} Hz: "
+        "faster, it would ring at this sampling time, or turn the noise of the position into a loud force."
+    ]
 
 
 def virtual_controller(drive: FeedDrive, records: Sequence[Record]) -> Following:

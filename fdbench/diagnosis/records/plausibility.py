@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from fdbench.diagnosis.records.damage import check_damage
 from fdbench.diagnosis.records.runs import COMMAND, Run
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import FeedDrive
@@ -19,6 +20,7 @@ UNMOVED = 0.01  # share of the travel that a position may move under a command t
 MOVES = 20.0  # times the noise of a position
 FEWEST_SAMPLES, SHORTEST_S = 256, 1.0
 OUTSIDE = 1.5  # times the travel or the velocity limit that a command may reach
+CONSTANT = 1e-3  # spread of a speed, relative to it, below which only its mean tells its unit
 OTHER_UNIT = 8.0  # ratio of two lengths or speeds that only a wrong unit gives
 OTHER_ZERO = 0.5  # share of the range of the command by which position and command may differ throughout
 SWAPPED, UNRELATED, ALIKE = -0.5, 0.3, 0.8  # correlations
@@ -99,7 +101,7 @@ def check_record(run: Run, drive: FeedDrive) -> None:
     followed = run.motion is not None
     name, command = (POSITION, position) if followed else (COMMAND, run.reference[:, 0])
     span, fastest = float(np.ptp(command)), float(np.abs(velocity).max())
-    slope = _slope(np.gradient(command, run.period_s), velocity) if span > 0.0 and not followed else 1.0
+    slope = _rate_ratio(command, velocity, run.period_s) if span > 0.0 and not followed else 1.0
     if not 1.0 / OTHER_UNIT < slope < OTHER_UNIT:
         raise RecordError(
             f"{run.name}: reference_velocity_m_per_s is {slope:.4g} times the change of {COMMAND} in a "
@@ -127,6 +129,7 @@ def check_record(run: Run, drive: FeedDrive) -> None:
             f"{run.name}: {COMMAND} never changes, but {POSITION} moves by {np.ptp(position):.3g} m. Check which "
             f"column is mapped to {COMMAND}; without that column the measured motion is followed."
         )
+    check_damage(run, drive, noise_estimate(position))
     if drive.controller.action_name == POSITION and span > 0.0 and not followed:
         _check_position(run, command, span)
 
@@ -254,6 +257,14 @@ def delay_of(run: Run, simulated: Mapping[str, FloatArray], channel: str) -> flo
     left, middle, right = distance[best - 1 : best + 2]
     bend = left - 2.0 * middle + right
     return float(lags[best] + (0.5 * (left - right) / bend if bend > 0.0 else 0.0))
+
+
+def _rate_ratio(command: FloatArray, velocity: FloatArray, period_s: float) -> float:
+    """Return how many times the change of a command its given velocity is; of a constant speed, by the means."""
+    change = np.gradient(command, period_s)
+    if float(change.std()) > CONSTANT * float(np.abs(change).max()):
+        return _slope(change, velocity)
+    return float(velocity.mean() / change.mean())
 
 
 def _slope(x: FloatArray, y: FloatArray) -> float:

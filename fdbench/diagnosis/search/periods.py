@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fdbench.diagnosis.evidence.split import Split
+from fdbench.diagnosis.model.candidates import HIGHEST_OF_NYQUIST
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import NoiseModel
@@ -110,7 +111,7 @@ def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[floa
         centred = gap - gap.mean(axis=1, keepdims=True)
         power = np.sum(np.abs(np.fft.rfft(centred * np.hanning(run.n_samples))) ** 2, axis=0)
         frequency = np.asarray(np.fft.rfftfreq(run.n_samples, run.period_s), dtype=np.float64)
-        power[frequency < LOWEST_HZ] = 0.0
+        power[(frequency < LOWEST_HZ) | (frequency > HIGHEST_OF_NYQUIST * frequency[-1])] = 0.0
         side = np.lib.stride_tricks.sliding_window_view(np.pad(power, FAR, mode="edge"), FAR - NEAR + 1).max(axis=1)
         height = power / np.maximum(np.maximum(side[: len(power)], side[FAR + NEAR :]), 1e-30)
         for peak in np.flatnonzero(height > STANDS_OUT).tolist():

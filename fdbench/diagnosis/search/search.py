@@ -63,7 +63,7 @@ class Search:
 
     def stage(self, base: Hypothesis) -> Stage | None:
         """Rank all classes of effects as the next one; None where the base leaves noise alone."""
-        every = candidates(base, located(self.replay, self.split, base))
+        every = candidates(base, located(self.replay, self.split, base), self.split.runs[0].period_s)
         alone, fits = self._screen(base, every, fitted_only=True)
         if alone.train < NOISE_ALONE:
             return None

@@ -24,7 +24,7 @@ class LargestCorrelation(Diagnoser):
     def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Answer:
         replay, split = merged_runs(nominal, records, holdouts)
         base = start(nominal)
-        every = candidates(base, located(replay, split, base))
+        every = candidates(base, located(replay, split, base), split.runs[0].period_s)
         lanes = [base, *(hypothesis for item in every for hypothesis in item.hypotheses(base))]
         products = np.zeros((len(lanes), len(lanes)))
         count = 0

@@ -41,7 +41,7 @@ class PysindyRegression(Diagnoser):
     def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Answer:
         replay, split = merged_runs(nominal, records, holdouts)
         base = start(nominal)
-        every = visible(candidates(base, located(replay, split, base)))
+        every = visible(candidates(base, located(replay, split, base), split.runs[0].period_s))
         runs = [run for run, out in zip(split.runs, split.held_out, strict=True) if not out.all()]
         motions = [Motion(run, nominal) for run in runs]
         columns = [

@@ -1,0 +1,131 @@
+"""Damage of a record that no machine makes: spikes, jumps, frozen and repeated stretches, told by kind and place."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.diagnosis.records.runs import COMMAND, Run
+from fdbench.errors import RecordError
+from fdbench.plants.feed_drive import FeedDrive
+from fdbench.record import FloatArray
+from fdbench.units import time_text
+
+FORCE, POSITION = "motor_force_N", "position_m"
+IMPOSSIBLE = 20.0  # times the force that 99.9 % of the samples stay below, which a jump of the position would need
+NOISY = 12.0  # times the noise of a second difference
+QUANTA = 6.0  # steps of the encoder
+FROZEN_SAMPLES, FROZEN_S = 50, 0.05
+COPIED_SAMPLES = 50  # rows that no machine repeats to the last digit
+SPIKE, SPIKE_SAMPLES = 4.0, 3  # times the force that 99.5 % of the samples stay below; longest
+UNFELT = 0.3  # share of its impulse that a real force would at least leave in the speed
+AROUND = 8  # samples before and after a spike that the speed is taken over
+
+
+def check_damage(run: Run, drive: FeedDrive, noise_m: float) -> None:
+    """Raise a RecordError where a stretch of a run was not made by a machine; the message says which, and what to do.
+
+    Parameters
+    ----------
+    run : Run
+    drive : FeedDrive
+        The model on paper; its mass tells which jumps no force could make.
+    noise_m : float
+        Noise of the position, standard deviation.
+    """
+    position, force = run.channels[POSITION], run.channels[FORCE]
+    _refuse_copies(run, position, force)
+    jumps = _jumps(run, drive, noise_m)
+    _refuse_frozen(run, position, force, jumps, noise_m)
+    if jumps.size:
+        first = int(jumps[0])
+        is_spike = jumps[-1] - first <= SPIKE_SAMPLES
+        size = float(np.abs(position[first + 1] - position[first]))
+        kind = (
+            "A damaged sample: cut it out"
+            if is_spike
+            else "Missing rows, damaged samples, or two recordings in one: split the record there"
+        )
+        raise RecordError(
+            f"{run.name}: {POSITION} jumps by {size:.3g} m after {_place(run, first)} ({jumps.size} samples in all), "
+            f"which no force of this axis could do. {kind}."
+        )
+    _refuse_spikes(run, drive, noise_m)
+
+
+def _place(run: Run, sample: int) -> str:
+    return f"sample {sample} ({time_text(sample * run.period_s)})"
+
+
+def _jumps(run: Run, drive: FeedDrive, noise_m: float) -> NDArray[np.intp]:
+    """Return the samples after which the position bends as no force could bend it; those held by the logger do not."""
+    position, h = run.channels[POSITION], run.period_s
+    steps = np.abs(np.diff(position))
+    quantum = float(steps[steps > 0.0].min(initial=math.inf)) if steps.any() else 0.0
+    strongest = float(np.quantile(np.abs(run.channels[FORCE]), 0.999))
+    least = max(IMPOSSIBLE * strongest * h**2 / drive.motor.mass_kg, NOISY * math.sqrt(6.0) * noise_m, QUANTA * quantum)
+    bent = np.abs(np.diff(position, 2)) > least
+    if run.held is not None:
+        near = np.convolve(run.held, np.ones(5), "same") > 0.0
+        bent &= ~near[1:-1]
+    return np.asarray(np.flatnonzero(bent), dtype=np.intp)
+
+
+def _stretches(inside: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and last index, exclusive, of each stretch that is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False])).astype(np.int8)))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
+
+
+def _refuse_frozen(run: Run, position: FloatArray, force: FloatArray, jumps: NDArray[np.intp], noise_m: float) -> None:
+    """Refuse a stretch in which nothing changes though the axis is told to move, or which begins with a jump."""
+    same = (np.diff(position) == 0.0) & (np.diff(force) == 0.0)
+    fewest = max(FROZEN_SAMPLES, round(FROZEN_S / run.period_s))
+    span = float(np.ptp(position))
+    for first, last in _stretches(same):
+        if last - first < fewest:
+            continue
+        told = float(np.ptp(run.reference[first : last + 1, 0])) if run.motion is None else 0.0
+        jumped = first > 0 and abs(float(position[first] - position[first - 1])) > max(0.05 * span, NOISY * noise_m)
+        if told > max(0.02 * span, NOISY * noise_m) or (jumped and bool(np.any(np.abs(jumps - first) <= 2))):
+            value = "zero" if position[first] == 0.0 and force[first] == 0.0 else "constant"
+            where = "at its end" if last >= run.n_samples - 2 else "within it"
+            moves = f" while {COMMAND} moves by {told:.3g} m" if told > 0.0 else ""
+            raise RecordError(
+                f"{run.name}: force and position are {value} for {last - first + 1} samples {where}, from "
+                f"{_place(run, first)} on{moves}. The logger wrote no readings there: cut this stretch out."
+            )
+
+
+def _refuse_copies(run: Run, position: FloatArray, force: FloatArray) -> None:
+    """Refuse a block of rows that is repeated to the last digit."""
+    order = np.lexsort((np.arange(len(force)), position, force))
+    twin = (np.diff(force[order]) == 0.0) & (np.diff(position[order]) == 0.0)
+    lag = np.zeros(len(force), dtype=np.intp)
+    lag[order[1:][twin]] = np.diff(order)[twin]
+    moving = np.concatenate(([False], np.diff(position) != 0.0))
+    for first, last in _stretches((lag > 0) & np.concatenate(([False], lag[1:] == lag[:-1]))):
+        if last - first >= COPIED_SAMPLES and np.count_nonzero(moving[first:last]) > COPIED_SAMPLES // 2:
+            raise RecordError(
+                f"{run.name}: the {last - first + 1} samples from {_place(run, first - 1)} on repeat those "
+                f"{lag[first]} samples before to the last digit. A block was written twice: cut one of them out."
+            )
+
+
+def _refuse_spikes(run: Run, drive: FeedDrive, noise_m: float) -> None:
+    """Refuse a short spike of the force that the axis would have felt, but did not."""
+    force, position, h = run.channels[FORCE], run.channels[POSITION], run.period_s
+    usual = float(np.quantile(np.abs(force), 0.995))
+    for first, last in _stretches(np.abs(force) > SPIKE * usual) if usual > 0.0 else []:
+        before, after = position[max(0, first - AROUND) : first + 1], position[last : last + AROUND + 1]
+        if last - first > SPIKE_SAMPLES or min(len(before), len(after)) <= AROUND:
+            continue
+        change = (after[-1] - after[0] - before[-1] + before[0]) / (AROUND * h)
+        impulse = float(force[first:last].sum()) * h / drive.mass_kg
+        noise = NOISY * noise_m * 2.0 / (AROUND * h) + AROUND * h * usual / drive.mass_kg
+        if abs(impulse) > noise / UNFELT and change / impulse < UNFELT:
+            place = first + int(np.argmax(np.abs(force[first:last])))
+            raise RecordError(
+                f"{run.name}: {FORCE} is {force[place]:.4g} N at {_place(run, place)}, and hardly ever more than "
+                f"{usual:.3g} N elsewhere; the axis did not feel it. A damaged sample: cut it out."
+            )
