@@ -1,5 +1,6 @@
 """Whatever is wrong with the files given to `fdbench diagnose` is said in one sentence, with exit code 2."""
 
+import dataclasses
 import re
 import sys
 from collections.abc import Callable, Mapping
@@ -11,7 +12,9 @@ from conftest import REPOSITORY
 
 from fdbench import cli
 from fdbench.catalogue import scenario_folder
+from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.evidence.prepare import aligned
+from fdbench.diagnosis.model.candidates import candidates
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import load_nominal
 from fdbench.diagnosis.model.replay import Replay
@@ -19,7 +22,7 @@ from fdbench.diagnosis.model.virtual_controller import prepared
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record
 from fdbench.diagnosis.records.runs import prepare, rate
 from fdbench.errors import FdbenchError, RecordError
-from fdbench.plants.feed_drive import FeedDrive, LinearMotor, RotaryMotor
+from fdbench.plants.feed_drive import FeedDrive, Following, LinearMotor, RotaryMotor
 from fdbench.record import Record
 
 MODEL = REPOSITORY / "examples" / "emps" / "model.toml"
@@ -298,3 +301,60 @@ def test_copies_of_a_record_tell_nothing_of_noise() -> None:
     assert [run.name for run in found.runs] == ["a.csv"]
     assert not any(floor.measured for floor in found.split.noise_models.values())
     assert found.split.noise_models["position_m"].rms == alone.split.noise_models["position_m"].rms
+
+
+def test_a_command_of_constant_speed_is_no_wrong_unit() -> None:
+    drive = load_nominal(MODEL).drive
+    time_s = np.arange(2000) * PERIOD_S
+    noise = np.random.default_rng(3).standard_normal((2, 2000))
+    columns = {
+        "time_s": time_s,
+        "reference_position_m": 0.05 * time_s,
+        "reference_velocity_m_per_s": np.full(2000, 0.05),
+        "position_m": 0.05 * time_s + 1e-7 * noise[0],
+        "motor_force_N": 30.0 + noise[1],
+    }
+    check_record(prepare(Record(columns), drive), drive)
+    wrong = columns | {"reference_velocity_m_per_s": np.full(2000, 50.0)}
+    with pytest.raises(RecordError, match=r"is 1000 times the change.*about a thousand"):
+        check_record(prepare(Record(wrong), drive), drive)
+
+
+def test_a_bandwidth_that_is_not_kept_is_said() -> None:
+    nominal = load_nominal(MODEL)
+    fast = Following(bandwidth_Hz=900.0)
+    blind = dataclasses.replace(nominal, plant=dataclasses.replace(nominal.drive, controller=fast))
+    found, _, (_, lowered) = prepared(blind, [Record(no_command(stroke()))])
+    assert isinstance(found.drive.controller, Following)
+    assert found.drive.controller.bandwidth_Hz < 900.0
+    assert "asked for 900 Hz and has" in lowered
+
+
+def test_no_mode_above_what_the_samples_show_is_a_candidate() -> None:
+    base = start(load_nominal(MODEL))
+    modes = {
+        period_s: [
+            item.members[0].natural_frequency_Hz
+            for item in candidates(base, None, period_s)
+            if item.name == "structural_mode"
+        ]
+        for period_s in (1e-3, 5e-3, 0.1)
+    }
+    assert max(modes[1e-3]) == 170.0
+    assert modes[5e-3] == [20.0, 30.0, 42.0, 60.0]
+    assert modes[0.1] == []
+
+
+def test_what_overflows_is_no_warning_amid_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    def overflow(*_: object) -> None:
+        raise RecordError(str(np.array([1e300]) * 1e300))
+
+    monkeypatch.setattr("fdbench.diagnosis.diagnose.aligned", overflow)
+    with pytest.raises(RecordError, match="inf"):
+        diagnose(load_nominal(MODEL), [Record(stroke())])
+
+
+def test_exclude_of_a_scenario_file_counts(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('exclude = ["backlash"]\n' + SCENARIO.read_text("utf-8"), encoding="utf-8")
+    assert load_nominal(path).exclude == ("backlash",)

@@ -342,6 +342,29 @@ def test_unwritable_files_are_said(found: Diagnosis, tmp_path: Path) -> None:
         write_repaired(found, tmp_path / "nowhere" / "model.toml")
 
 
+def test_a_written_model_says_how_well_it_predicts(found: Diagnosis) -> None:
+    gap = found.answer.gap.channels["motor_force_N"]
+    (line,) = [line for line in model_text(found).splitlines() if line.startswith("#   motor_force_N")]
+    for word, error in (("nominal", gap.before), ("re-calibrated", gap.recalibrated), ("repaired", gap.repaired)):
+        assert f"{word} {error:.3g} N" in line
+
+
+def test_a_model_that_predicts_worse_is_not_written(found: Diagnosis, tmp_path: Path) -> None:
+    channels = {
+        name: replace(gap, recalibrated=gap.noise_floor, repaired=3.0 * gap.noise_floor)
+        for name, gap in found.answer.gap.channels.items()
+    }
+    worse = replace(found, answer=replace(found.answer, gap=replace(found.answer.gap, channels=channels)))
+    path = tmp_path / "worse.toml"
+    with pytest.raises(FdbenchError, match=r"not written.*predicts worse.*\(3 against 1 times the noise"):
+        write_repaired(worse, path)
+    assert not path.exists()
+    alone = replace(worse, final=found.calibrated)
+    write_repaired(alone, path)
+    assert "without effects: no cause was named" in path.read_text("utf-8")
+    assert load_nominal(path) == repaired(found.calibrated)
+
+
 # ---- page ----
 
 

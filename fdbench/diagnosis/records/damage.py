@@ -14,6 +14,7 @@ from fdbench.units import time_text
 FORCE, POSITION = "motor_force_N", "position_m"
 IMPOSSIBLE = 20.0  # times the force that 99.9 % of the samples stay below, which a jump of the position would need
 NOISY = 12.0  # times the noise of a second difference
+RARE = 0.01  # share of samples beyond which jumps are no damage but a wrong unit
 QUANTA = 6.0  # steps of the encoder
 FROZEN_SAMPLES, FROZEN_S = 50, 0.05
 COPIED_SAMPLES = 50  # rows that no machine repeats to the last digit
@@ -37,10 +38,11 @@ def check_damage(run: Run, drive: FeedDrive, noise_m: float) -> None:
     _refuse_copies(run, position, force)
     jumps = _jumps(run, drive, noise_m)
     _refuse_frozen(run, position, force, jumps, noise_m)
-    if jumps.size:
-        first = int(jumps[0])
-        is_spike = jumps[-1] - first <= SPIKE_SAMPLES
-        size = float(np.abs(position[first + 1] - position[first]))
+    if 0 < jumps.size <= RARE * run.n_samples:
+        steps = np.abs(np.diff(position))
+        is_spike = int(jumps[-1]) - int(jumps[0]) < SPIKE_SAMPLES == jumps.size
+        first = int(jumps[0]) + 1 if is_spike else int(jumps[np.argmax(steps[jumps])])
+        size = float(steps[first])
         kind = (
             "A damaged sample: cut it out"
             if is_spike
@@ -122,7 +124,8 @@ def _refuse_spikes(run: Run, drive: FeedDrive, noise_m: float) -> None:
             continue
         change = (after[-1] - after[0] - before[-1] + before[0]) / (AROUND * h)
         impulse = float(force[first:last].sum()) * h / drive.mass_kg
-        noise = NOISY * noise_m * 2.0 / (AROUND * h) + AROUND * h * usual / drive.mass_kg
+        others = np.concatenate((force[first - AROUND : first], force[last : last + AROUND]))
+        noise = NOISY * noise_m * 2.0 / (AROUND * h) + AROUND * h * float(np.abs(others).mean()) / drive.mass_kg
         if abs(impulse) > noise / UNFELT and change / impulse < UNFELT:
             place = first + int(np.argmax(np.abs(force[first:last])))
             raise RecordError(

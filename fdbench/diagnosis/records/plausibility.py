@@ -114,6 +114,7 @@ def check_record(run: Run, drive: FeedDrive) -> None:
             f"{run.name}: {POSITION} jumps by {steps[place]:.3g} m after sample {place}; at the model's velocity limit "
             f"it moves {longest:.3g} m between samples. Damaged samples, or two recordings in one: split it there."
         )
+    check_damage(run, drive, noise_estimate(position))
     for value, limit, key, unit in (
         (span, drive.travel_m, "travel_m", "m"),
         (fastest, drive.velocity_limit_m_per_s, "velocity_limit_m_per_s", "m/s"),
@@ -129,7 +130,6 @@ def check_record(run: Run, drive: FeedDrive) -> None:
             f"{run.name}: {COMMAND} never changes, but {POSITION} moves by {np.ptp(position):.3g} m. Check which "
             f"column is mapped to {COMMAND}; without that column the measured motion is followed."
         )
-    check_damage(run, drive, noise_estimate(position))
     if drive.controller.action_name == POSITION and span > 0.0 and not followed:
         _check_position(run, command, span)
 
