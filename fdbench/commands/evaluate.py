@@ -5,10 +5,11 @@ from typing import Annotated
 
 import typer
 
-from fdbench.commands._json import echo_json, json_text
+from fdbench.checks.plugin_files import add_effects
+from fdbench.commands._json import echo_json
 from fdbench.commands._options import Effects, file_to_write, writable
-from fdbench.commands._plugins import add_effects
 from fdbench.errors import SpecError
+from fdbench.json_text import json_text
 
 
 def evaluate(

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fdbench.checks.plugin_files import add_effects
 from fdbench.commands._json import echo_json
 from fdbench.commands._options import Effects, Json, file_to_write
-from fdbench.checks.plugin_files import add_effects
 from fdbench.errors import SpecError
 
 if TYPE_CHECKING:

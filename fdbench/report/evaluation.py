@@ -10,8 +10,9 @@ from fdbench.diagnosis.evaluation.evaluate import Evaluated
 from fdbench.diagnosis.evaluation.result import WAYS
 from fdbench.record import FloatArray
 from fdbench.report._figures import TRUTH, Panel, Style, labelled, line, stack, styles_of
-from fdbench.report._page import Block, Figure, Html, Section, note, paragraph, table, write_page
+from fdbench.report._page import Block, Figure, Section, note, paragraph, table, write_page
 from fdbench.report._series import MOST_POINTS, opening_range, peak, thinned
+from fdbench.report._templates import Html
 from fdbench.report.evaluation_text import HEADER, compared, counted, rows, way_title
 from fdbench.wording import quantity, scaled
 

@@ -127,7 +127,11 @@ def load_nominal(path: str | Path) -> Nominal:
         if not isinstance(timing, Mapping):
             raise SpecError(f"{where}.timing: a table is expected, found {timing!r}.")
         beside: dict[str, Any] = {key: table[key] for key in ("uncertainty", "exclude") if key in table}
-        table = {"plant": table.get("plant", {}), "simulation": {"substeps": timing.get("substeps", SUBSTEPS)}, **beside}
+        table = {
+            "plant": table.get("plant", {}),
+            "simulation": {"substeps": timing.get("substeps", SUBSTEPS)},
+            **beside,
+        }
     plant = table.get("plant")
     if isinstance(plant, Mapping) and plant.get("kind") == snake_case(FeedDrive.__name__) and "controller" not in plant:
         table["plant"] = {**plant, "controller": {"kind": snake_case(Following.__name__)}}

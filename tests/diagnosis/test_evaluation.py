@@ -21,7 +21,7 @@ from fdbench.plants.feed_drive import FeedDrive, LinearMotor
 from fdbench.reading import read_record
 from fdbench.record import Record
 
-EMPS = Path(__file__).resolve().parent.parent / "examples" / "emps"
+EMPS = Path(__file__).resolve().parents[2] / "examples" / "emps"
 PERIOD_S = 1e-3
 
 
