@@ -1,0 +1,110 @@
+"""Damage of a record is told as damage, by kind and place, and never explained by physics."""
+
+import functools
+from collections.abc import Callable, Mapping
+
+import axis_lab
+import numpy as np
+import pytest
+
+from fdbench.diagnosis.evidence.prepare import aligned
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.records.damage import check_damage
+from fdbench.diagnosis.records.plausibility import noise_estimate
+from fdbench.diagnosis.records.runs import prepare
+from fdbench.effects import effects
+from fdbench.errors import RecordError
+from fdbench.record import Record
+
+Columns = dict[str, np.ndarray]
+PLACE = 1500
+
+
+@functools.lru_cache(maxsize=1)
+def healthy() -> tuple[Nominal, Record]:
+    nominal, fitted, _ = axis_lab.case((), 1)
+    return nominal, fitted[-1]
+
+
+def renewed(columns: Columns) -> Columns:
+    """Return columns on a clock without gaps."""
+    return columns | {"time_s": np.arange(len(columns["time_s"])) * axis_lab.PERIOD_S}
+
+
+def rows(columns: Columns, chosen: np.ndarray) -> Columns:
+    return {name: values[chosen] for name, values in columns.items()}
+
+
+def changed(columns: Columns, where: slice, **values: float) -> Columns:
+    result = {name: np.array(own) for name, own in columns.items()}
+    for name, value in values.items():
+        result[name][where] = value
+    return result
+
+
+def dropped(columns: Columns) -> Columns:
+    return rows(columns, np.delete(np.arange(len(columns["time_s"])), np.arange(PLACE, PLACE + 60)))
+
+
+def doubled(columns: Columns) -> Columns:
+    index = np.arange(len(columns["time_s"]))
+    return rows(columns, np.concatenate((index[:PLACE], index[PLACE - 100 :])))
+
+
+def zeroed(columns: Columns) -> Columns:
+    measured = [name for name in columns if name != "time_s" and "reference" not in name]
+    return changed(columns, slice(-900, None), **dict.fromkeys(measured, 0.0))
+
+
+def frozen(columns: Columns) -> Columns:
+    measured = [name for name in columns if name != "time_s" and "reference" not in name]
+    held = {name: float(columns[name][PLACE]) for name in measured}
+    return changed(columns, slice(PLACE, PLACE + 200), **held)
+
+
+def spike(columns: Columns, size_m: float = 0.02) -> Columns:
+    shifted = {name: float(columns[name][PLACE]) + size_m for name in ("position_m", "motor_position_m")}
+    return changed(columns, slice(PLACE, PLACE + 1), **shifted)
+
+
+def force_spike(columns: Columns) -> Columns:
+    peak = 10.0 * float(np.quantile(np.abs(columns["motor_torque_Nm"]), 0.99))
+    return changed(columns, slice(PLACE, PLACE + 1), motor_torque_Nm=peak)
+
+
+DAMAGES: Mapping[str, tuple[Callable[[Columns], Columns], str]] = {
+    "rows dropped, gap in time": (dropped, r"time_s jumps at sample 1500.* 60 samples"),
+    "rows dropped, clock renewed": (lambda c: renewed(dropped(c)), r"jumps by .* after sample 1499.* Missing rows"),
+    "zeros at the end": (zeroed, "position are zero for 900 samples at its end, from sample 2100"),
+    "frozen within": (frozen, "position are constant for 200 samples within it, from sample 1500"),
+    "position spike of 20 mm": (spike, r"position_m jumps by 0.0[12].* after sample 1499.* damaged sample: cut it out"),
+    "force spike": (force_spike, "motor_force_N is .* N at sample 1500 .* did not feel it"),
+    "block written twice, clock renewed": (lambda c: renewed(doubled(c)), "repeat those 100 samples before"),
+    "block written twice, clock kept": (doubled, "time_s does not increase at sample 1500"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damage_is_told_by_kind_and_place(damage: str) -> None:
+    nominal, record = healthy()
+    spoil, words = DAMAGES[damage]
+    with pytest.raises(RecordError, match=words):
+        aligned(nominal, [Record(spoil(dict(record.columns)))], [])
+
+
+@pytest.mark.parametrize("damage", ["rows dropped, clock renewed", "position spike of 20 mm", "force spike"])
+def test_damage_is_told_without_a_command_too(damage: str) -> None:
+    nominal, record = healthy()
+    spoil, words = DAMAGES[damage]
+    columns = {name: values for name, values in record.columns.items() if "reference" not in name}
+    with pytest.raises(RecordError, match=words):
+        aligned(nominal, [Record(spoil(columns))], [])
+
+
+@pytest.mark.parametrize("name", ["dropped_samples", "encoder_quantisation", "backlash"])
+def test_no_effect_passes_for_damage(name: str) -> None:
+    kind = effects.get(name)
+    motion, duration_s = axis_lab.protocol(1.0)["fast"]
+    record = axis_lab.record(axis_lab.drive(), (kind.typical(),), motion, duration_s, seed=7)
+    run = prepare(record, healthy()[0].drive)
+    check_damage(run, healthy()[0].drive, noise_estimate(run.channels["position_m"]))
