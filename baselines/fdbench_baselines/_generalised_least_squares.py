@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from fdbench.compilation import kept
 from fdbench.estimator import FloatArray
@@ -67,8 +68,8 @@ def at_start(beta: FloatArray, deviation: FloatArray, lags: int, weight_deviatio
 
 @kept
 @njit(error_model="numpy")
-def follow_errors(state: Recursion, Z: FloatArray, y: FloatArray) -> FloatArray:
-    r"""Predict rows, then take each in.
+def follow_errors(state: Recursion, Z: FloatArray, y: FloatArray, learnt: NDArray[np.bool_]) -> FloatArray:
+    r"""Predict rows, then take each in that is ``learnt`` (n,) from.
 
     .. math::
         e = y - \hat y, \quad S = \psi^T P \psi + r, \quad
@@ -109,7 +110,9 @@ def follow_errors(state: Recursion, Z: FloatArray, y: FloatArray) -> FloatArray:
         r = noise[0] / noise[1] if known else e * e
         S = doubt + r
         out[k, 0], out[k, 1], out[k, 2] = linear + foretold, foretold, S
-        if known or e != 0.0:  # an exact row tells no noise, and with none would settle what it has to do with
+        if learnt[k] and (
+            known or e != 0.0
+        ):  # an exact row tells no noise, and with none would settle what it has to do with
             noise[0] += e * e * r / S
             noise[1] += 1.0
             pull = e

@@ -6,12 +6,10 @@ import numpy as np
 
 from fdbench.estimator import Context, Estimate, FloatArray
 from fdbench.plants import StateSpacePlant
-from fdbench_baselines._data_sheet import sheet_beforehand
-from fdbench_baselines._generalised_least_squares import at_start, follow_errors
 from fdbench_baselines._one_step import OneStep
 from fdbench_baselines._recursive_least_squares import rls
+from fdbench_baselines._streamed_parameters import StreamedParameters
 
-WEIGHT_DEVIATION = 0.03
 FORGETTING = 0.98  # of a force that is all that is to be learnt
 WIDE = 1e6
 
@@ -23,15 +21,15 @@ class DriveHybrid:
         \hat y_k = z_k^T (\beta_0 + \Delta\beta) + \sum_{i=1}^p w_i n_{k-i}, \qquad n = y - z^T (\beta_0 + \Delta\beta)
 
     :math:`\Delta\beta` begins within the data sheet's covariance, each weight on an error within 0.03; see
-    `_generalised_least_squares`. The force is what the errors before a row foretell of it, so that neither the row's
-    own noise nor its force is in it. Where there are no parameters a constant force is learnt that forgets, 0.98 a row.
+    `_generalised_least_squares` and, for what is left out and how the sheet counts, `_streamed_parameters`. The force
+    is what the errors before a row foretell of it, so that neither its own noise nor its force is in it. Where there
+    are no parameters a constant force is learnt that forgets, 0.98 a row.
     """
 
     def __init__(self, context: Context, error_lags: int) -> None:
-        self._paper = sheet_beforehand(context)
         self._names = tuple(context.nominal)
         p, plant = len(self._names), context.plant
-        self._state = at_start(np.zeros(p), np.ones(p), error_lags, WEIGHT_DEVIATION)
+        self._parameters = StreamedParameters(context, error_lags)
         self._step = OneStep(plant, context.sampling_time_s) if p == 0 and isinstance(plant, StateSpacePlant) else None
         self._force, self._P = np.zeros(1), np.full((1, 1), WIDE)
         self._before: FloatArray | None = None
@@ -47,22 +45,18 @@ class DriveHybrid:
             foretold = left - rls(self._force, self._P, np.ones((n, 1)), left, FORGETTING)
             rows = np.column_stack((known + foretold, foretold, np.full(n, np.nan)))
         else:
-            physics = regressors @ self._paper.nominal
-            rows = follow_errors(self._state, np.ascontiguousarray(regressors @ self._paper.root), target - physics)
-            rows[:, 0] += physics
+            rows = self._parameters.take(regressors, target)
         self._rows.frombytes(np.column_stack((rows, np.full(n, gain))).tobytes())
 
     def estimate(self) -> Estimate:
         """Return the predictions so far, and the parameters by now with their covariance."""
         output, foretold, variance, gain = np.array(self._rows).reshape(-1, 4).T
-        p, root = len(self._names), self._paper.root
-        if p == 0:
+        if not self._names:
             return Estimate(disturbance_N=foretold / gain, output=output)
-        beta = self._paper.nominal + root @ self._state.theta[:p]
-        covariance = root @ self._state.P[:p, :p] @ root.T
+        beta, covariance = self._parameters.found()
         return Estimate(
             parameters=dict(zip(self._names, beta.tolist(), strict=True)),
-            covariance=0.5 * (covariance + covariance.T),
+            covariance=covariance,
             disturbance_N=foretold / gain,
             output=output,
             output_variance=variance,

@@ -9,10 +9,13 @@ from fdbench.errors import SpecError
 from fdbench.estimator import Context, Estimate, FloatArray, Regression, Sample
 from fdbench_baselines._data_sheet import Sheet, sheet
 from fdbench_baselines._kalman_oscillators import Filtered, Noise, run_filter, run_smoother
+from fdbench_baselines._mixed_estimation import applies
 from fdbench_baselines._robust import robust_residual
 from fdbench_baselines._slip import below_half, slipped_period
+from fdbench_baselines._straight_friction import straight
 
 EVALUATIONS = 110
+MISSING = 1e8  # times the variance of a reading
 SURPRISE, BURST_S = 6.0, 0.2
 TOLERANCE = 1e-2  # of a logarithm or of the log likelihood
 SHORTEST_MEMORY_S, LONGEST_MEMORY_S = 0.05, 300.0
@@ -115,6 +118,9 @@ def observe(context: Context, regression: Regression, harmonics: int) -> Estimat
     Z, y, gain = regression.regressors, regression.target, regression.disturbance_gain
     paper: Sheet = sheet(context, regression)
     residual, loud = robust_residual(Z, y)
+    if applies(context):  # a row off the straight line of the friction on paper is as if it were missing
+        trusted = straight(context, Z)
+        loud = np.where(trusted | (context.model == "velocity_loop"), loud, MISSING)
     unit = float(np.sqrt(np.mean(residual**2 / loud))) or 1.0
     step_s, period_s, angle = regression.sampling_time_s, context.disturbance_period_s, 0.0
     if period_s is None:
@@ -126,8 +132,8 @@ def observe(context: Context, regression: Regression, harmonics: int) -> Estimat
     columns, p = [Z @ paper.root / unit], Z.shape[1]
     # On an axis whose friction is no straight line its curve would be taken for a process force.
     if harmonics > 0 and context.covariance is not None and context.model == "velocity_loop":
-        velocity = Z[:, 1]
-        columns.append(velocity[:, None] / (float(np.sqrt(np.mean(velocity**2))) or 1.0))
+        feed = Z[:, 0]
+        columns.append(feed[:, None] / (float(np.sqrt(np.mean(feed**2))) or 1.0))
     rows = Rows(
         np.ascontiguousarray(np.hstack(columns)), (y - Z @ paper.nominal) / unit, loud, np.zeros(len(y), np.bool_), p
     )

@@ -15,7 +15,9 @@ from fdbench_baselines._drive_features import (
     straight_line,
     waves,
 )
+from fdbench_baselines._drive_least_squares import process_columns
 from fdbench_baselines._drive_run import Learned
+from fdbench_baselines._mixed_estimation import applies
 from fdbench_baselines._robust import robust_residual
 from fdbench_baselines._slip import below_half, slipped_period
 from fdbench_baselines._sparse_regression import least_squares, threshold_sequentially
@@ -63,12 +65,19 @@ def learn_drive(context: Context, record: Record, how: Sparseness) -> tuple[Esti
         y = Z \beta + \sum_j \zeta_j \phi_j(v, x) + \sum_{h,i} H_i(t) (a_{hi} \cos h\omega t + b_{hi} \sin h\omega t)
 
     with :math:`\beta` about the data sheet as far as its covariance allows. Curves of friction that are chosen count
-    as the straight line through half and full speed, which is what the parameters stand for.
+    as the straight line through half and full speed, which is what the parameters stand for. Where the data sheet says
+    how exact it is, a process force of unknown mean, constant and growing with the feed, stands beside a loop without
+    friction.
     """
     regression = context.regression(record)
     Z, y, gain = regression.regressors, regression.target, regression.disturbance_gain
     paper = sheet(context, regression)
     residual, loud = robust_residual(Z, y)
+    beside = np.empty((len(y), 0))
+    if applies(context):
+        beside = process_columns(regression)
+        if beside.shape[1] > 0 and context.disturbance_period_s is not None:
+            beside = np.hstack((beside, Z[:, :1]))
     weight = 1.0 / np.sqrt(loud)
     deviation = float(np.sqrt(np.mean(residual**2 / loud)))
     velocity, position = motion(record, regression, context.model)
@@ -79,12 +88,13 @@ def learn_drive(context: Context, record: Record, how: Sparseness) -> tuple[Esti
     p, n_curves = Z.shape[1], curves.shape[1]
     prior = np.zeros((p, candidates.shape[1]))
     base = np.vstack((Z @ paper.root * weight[:, None], deviation * np.eye(p)))
+    base = np.hstack((base, np.vstack((beside * weight[:, None], np.zeros((p, beside.shape[1]))))))
     further = np.vstack((candidates * weight[:, None], prior))
     target = np.concatenate(((y - Z @ paper.nominal) * weight, np.zeros(p)))
     keep = chosen(base, further, target, how)
     solution = least_squares(np.hstack((base, further[:, keep])), target[:, None])[:, 0]
     coefficients = np.zeros(candidates.shape[1])
-    coefficients[keep] = solution[p:]
+    coefficients[keep] = solution[base.shape[1] :]
     beta = paper.nominal + paper.root @ solution[:p]
     learned = Learned(beta, found, coefficients[:n_curves])
     wave, output = periodic @ coefficients[n_curves:], Z @ beta + candidates @ coefficients

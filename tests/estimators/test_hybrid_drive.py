@@ -23,7 +23,7 @@ def rms(values: FloatArray) -> float:
 def test_two_rows_by_hand() -> None:
     """Row 1: e = 2, r = 4, S = 1 + 4; then r = 16/5, P = 1 / (1 + 5/16) = 16/21, beta = P * 2 / r = 10/21."""
     state = at_start(np.zeros(1), np.ones(1), 1, 0.0)
-    out = follow_errors(state, np.ones((2, 1)), np.array([2.0, 2.0]))
+    out = follow_errors(state, np.ones((2, 1)), np.array([2.0, 2.0]), np.ones(2, np.bool_))
     r = 16.0 / 5.0
     np.testing.assert_allclose(out, [[0.0, 0.0, 5.0], [10.0 / 21.0, 0.0, 16.0 / 21.0 + r]])
     e = 2.0 - 10.0 / 21.0
@@ -37,7 +37,7 @@ def test_rows_at_rest_do_not_settle_what_moves_later() -> None:
     z = np.where(np.arange(n) < 100, 1e-6, random.standard_normal(n))
     y = 0.7 * z + np.where(np.arange(n) < 100, 1e-9, 0.1) * random.standard_normal(n)
     state = at_start(np.zeros(1), np.ones(1), 0, 0.0)
-    follow_errors(state, z[:, None], y)
+    follow_errors(state, z[:, None], y, np.ones(len(y), np.bool_))
     assert state.theta[0] == pytest.approx(0.7, abs=0.03)
     assert np.sqrt(state.P[0, 0]) == pytest.approx(0.1 / np.sqrt(300.0), rel=0.3)
 
@@ -51,7 +51,7 @@ def test_parameters_are_right_under_an_autoregressive_error_where_least_squares_
         y[k] = 0.5 * y[k - 1] + 0.7 * u[k] + error[k]
     Z = np.column_stack((np.append(0.0, y[:-1]), u))
     state = at_start(np.zeros(2), np.ones(2), 5, 0.5)
-    follow_errors(state, Z, y)
+    follow_errors(state, Z, y, np.ones(len(y), np.bool_))
     biased = np.linalg.lstsq(Z, y)[0]
     assert abs(biased[0] - 0.5) > 0.1
     np.testing.assert_allclose(state.theta[:2], [0.5, 0.7], atol=0.03)
