@@ -135,11 +135,13 @@ def climb(value: Callable[[FloatArray], float], start: FloatArray) -> FloatArray
     """Return where a few Newton steps lead, each halved while it goes down by more than rounding errors.
 
     Directions in which the value hardly bends, or bends upwards, are taken as if they bent by ``SMALLEST_CURVATURE``
-    or as much downwards.
+    or as much downwards. Where the value is not finite nearby, the climb ends.
     """
     place = start
     for _ in range(NEWTON_STEPS):
         here, gradient, curvature = derivatives(value, place)
+        if not (np.isfinite(gradient).all() and np.isfinite(curvature).all()):
+            break
         bends, directions = np.linalg.eigh(-curvature)
         bends = np.maximum(np.abs(bends), SMALLEST_CURVATURE)
         step = directions @ ((directions.T @ gradient) / bends)

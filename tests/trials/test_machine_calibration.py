@@ -200,7 +200,7 @@ def test_the_command_line_passes_models_on(given: Records, tmp_path: Path, monke
         seen.append(arguments[4])
         return SimpleNamespace(answer=SimpleNamespace(as_json=dict))
 
-    monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", found)
+    monkeypatch.setattr("fdbench.api._diagnosis.find", found)
     monkeypatch.setattr(machine_calibration, "calibrated_models", lambda *arguments: ("models", arguments[3]))
     arguments = ["diagnose", str(tmp_path / "axis.parquet"), "--model", "scenarios/EMPS-v0.toml", "--json", "-"]
     for more in ([], ["--calibrate", "80"], ["--rehearse", "40"]):

@@ -332,12 +332,12 @@ def test_command_writes_the_motion(chosen: Forecast, tmp_path: Path, monkeypatch
     monkeypatch.chdir(tmp_path)
     load_scenario("BallScrewAxis-v0").record(0).save("axis.csv")
     command = ["diagnose", "axis.csv", "--model", str(tiers.AXIS), "--json", "-", "--next-experiment"]
-    monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", lambda *_: diagnosis(chosen))
+    monkeypatch.setattr("fdbench.api._diagnosis.find", lambda *_: diagnosis(chosen))
     result = CliRunner().invoke(app, [*command, "next.csv"])
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["next_experiment"]["trajectory"] == "next.csv"
     assert read_record("next.csv")["reference_position_m"].shape == chosen.trajectory.reference[:, 0].shape
-    monkeypatch.setattr("fdbench.diagnosis.diagnose.diagnose", lambda *_: diagnosis(None))
+    monkeypatch.setattr("fdbench.api._diagnosis.find", lambda *_: diagnosis(None))
     result = CliRunner().invoke(app, [*command, "none.csv"])
     assert result.exit_code == 0, result.output
     assert "no none.csv" in result.stderr
