@@ -450,10 +450,6 @@ class Answer:
             return paper, self.shrinkage.steps[0].before
         return paper, paper * (1.0 - self.parametric.closed_by_recalibration)
 
-    def final_size(self) -> float:
-        """Return the mean squared gap that is left, in units of the noise floor."""
-        return self.shrinkage.steps[-1].after if self.shrinkage.steps else self.sizes()[1]
-
     def unexplained(self) -> float:
         """Return the share of the mean squared gap after re-calibration that is neither explained nor noise."""
         size = self.sizes()[1]

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.hypothesis import Hypothesis, amplitude_of, with_amplitude
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.effects import Effect
 
@@ -16,7 +16,7 @@ def as_nominal(hypothesis: Hypothesis) -> Nominal:
         if place is None:
             effects.append(added)
         else:
-            effects[place] = _with_amplitude(added, _amplitude(effects[place]) + _amplitude(added))
+            effects[place] = with_amplitude(added, amplitude_of(effects[place]) + amplitude_of(added))
     plant = dataclasses.replace(variant.plant, effects=tuple(effects))
     return dataclasses.replace(hypothesis.nominal, plant=plant)
 
@@ -27,14 +27,5 @@ def _adds_up(known: Effect, added: Effect) -> bool:
     if type(known) is not kind or not kind.calibrates or kind.further_amplitudes:
         return False
     item = next(item for item in kind.parameters() if item.name == kind.amplitude)
-    same = _with_amplitude(known, _amplitude(added)) == added
-    return same and item.low <= _amplitude(known) + _amplitude(added) <= item.high
-
-
-def _amplitude(effect: Effect) -> float:
-    return float(getattr(effect, type(effect).amplitude))
-
-
-def _with_amplitude(effect: Effect, value: float) -> Effect:
-    values = {item.name: getattr(effect, item.name) for item in effect.parameters()}
-    return type(effect)(**values | {type(effect).amplitude: value})
+    same = with_amplitude(known, amplitude_of(added)) == added
+    return same and item.low <= amplitude_of(known) + amplitude_of(added) <= item.high

@@ -129,8 +129,7 @@ def without(drive: FeedDrive, index: int) -> FeedDrive:
 
 def _with_known(drive: FeedDrive, index: int, ratio: float) -> FeedDrive:
     known = drive.effects[index]
-    amplitude = type(known).amplitude
-    changed = known.changed(**{amplitude: getattr(known, amplitude) * ratio})
+    changed = with_amplitude(known, amplitude_of(known) * ratio)
     return dataclasses.replace(drive, effects=(*drive.effects[:index], changed, *drive.effects[index + 1 :]))
 
 
@@ -198,7 +197,7 @@ class NominalParameter:
         """Return one standard deviation in the unit of the value: kg, N s/m or N."""
         if self.kind == "known_effects":
             known = drive.effects[self.index]
-            return abs(float(getattr(known, type(known).amplitude))) * self.deviation
+            return abs(amplitude_of(known)) * self.deviation
         part = drive.motor if self.side == "motor" else drive.table
         return self.deviation * part.mass_kg if self.kind == "mass" and part is not None else self.deviation
 
@@ -257,7 +256,7 @@ def nominal_parameters(nominal: Nominal) -> tuple[NominalParameter, ...]:
 def _friction_form(nominal: Nominal) -> list[NominalParameter]:
     """Return the bumps of a free friction curve, within a share of the friction that is known."""
     drive, doubt = nominal.drive, nominal.uncertainty
-    known = sum(abs(_amplitude(item)) for item in drive.effects if any(p.name == WIDTH for p in item.parameters()))
+    known = sum(abs(amplitude_of(item)) for item in drive.effects if any(p.name == WIDTH for p in item.parameters()))
     kinds = [kind for kind in nominal.library if kind.calibrates == "friction_form"]
     deviation = doubt.friction_form * known
     if not kinds or deviation == 0.0 or nominal.covered.fastest_m_per_s == 0.0:
@@ -276,8 +275,14 @@ def silent(kind: type[Effect]) -> Effect:
     return kind.typical(**dict.fromkeys((kind.amplitude, *kind.further_amplitudes), 0.0))
 
 
-def _amplitude(effect: Effect) -> float:
+def amplitude_of(effect: Effect) -> float:
+    """Return the size of an effect by the parameter that scales it."""
     return float(getattr(effect, type(effect).amplitude))
+
+
+def with_amplitude(effect: Effect, value: float) -> Effect:
+    """Return an effect of another size."""
+    return effect.changed(**{type(effect).amplitude: value})
 
 
 def start(nominal: Nominal) -> Hypothesis:

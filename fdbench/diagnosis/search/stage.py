@@ -78,10 +78,6 @@ class Stage:
         weights = [math.exp(log - max(logs)) for log in logs]
         return [weight / sum(weights) for weight in weights[:-1]]
 
-    def probability_of(self, kind: type[Effect]) -> float:
-        """Return the probability of one class."""
-        return next(p for p, rival in zip(self.probabilities(), self.rivals, strict=True) if rival.kind is kind)
-
     def present(self) -> float:
         """Return the probability that one of the rivals is there."""
         return sum(self.probabilities())
