@@ -12,6 +12,10 @@ class SpecError(FdbenchError):
     """A scenario, model or mapping file breaks its schema."""
 
 
+class UnstableLoop(SpecError):
+    """The control loop of a model is unstable."""
+
+
 class RecordError(FdbenchError):
     """A record has missing, misnamed or damaged data."""
 

@@ -385,6 +385,49 @@ class NoiseFloor:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Course:
+    """Course of a force: times and values, thinned."""
+
+    time_s: tuple[float, ...]
+    force_N: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProcessForce:
+    """A force that acts in a record of another condition, which is not diagnosed.
+
+    Attributes
+    ----------
+    record : str
+    condition : str or None
+        As the record names it.
+    beside : str
+        ``repeats``: it is what differs from records of the same command; ``model``: from the final model.
+    rms_N, mean_N, largest_N : float
+        On the axis, in the direction of its position.
+    standard_deviation_N : float
+        Of each value.
+    range_s : pair of float
+        From when to when it is beyond three standard deviations.
+    frequency_Hz, amplitude_N : float or None
+        Of its strongest line, where that has a quarter of the squares.
+    course : Course
+    """
+
+    record: str
+    condition: str | None = None
+    beside: str
+    rms_N: float
+    mean_N: float
+    largest_N: float
+    standard_deviation_N: float
+    range_s: Pair
+    frequency_Hz: float | None = None
+    amplitude_N: float | None = None
+    course: Course
+
+
+@dataclass(frozen=True, kw_only=True)
 class Recorded:
     """How much was recorded, and how many records of the machine before it is compared with."""
 
@@ -418,6 +461,8 @@ class Answer:
     warnings : tuple of str
     parametric : Parametric
     noise_floor : mapping of str to NoiseFloor
+    process_forces : tuple of ProcessForce
+        Of records of another condition, which are left out of all the rest.
     recorded : Recorded or None
     """
 
@@ -436,6 +481,7 @@ class Answer:
     warnings: tuple[str, ...]
     parametric: Parametric
     noise_floor: Mapping[str, NoiseFloor]
+    process_forces: tuple[ProcessForce, ...] = ()
     recorded: Recorded | None = None
 
     def as_json(self) -> dict[str, Any]:

@@ -71,7 +71,8 @@ def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> R
     ----------
     mapping : mapping
         Tables ``record`` (``file``; where needed ``format``, ``delimiter``, ``decimal``, ``skip_lines``,
-        ``sampling_time_s``) and ``columns`` (name -> ``from``; where needed ``unit``, ``gain``, ``offset``).
+        ``sampling_time_s``, ``condition``: what the axis was doing) and ``columns`` (name -> ``from``; where needed
+        ``unit``, ``gain``, ``offset``).
     folder : path
         Where a relative ``file`` lies.
     where : str
@@ -87,7 +88,7 @@ def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> R
     _only_keys(mapping, ("record", "columns"), where)
     settings, targets = _entry(mapping, "record", dict, where), _entry(mapping, "columns", dict, where)
     here = f"{where}: [record]"
-    _only_keys(settings, ("file", "format", "delimiter", "decimal", "skip_lines", "sampling_time_s"), here)
+    _only_keys(settings, ("file", "format", "delimiter", "decimal", "skip_lines", "sampling_time_s", "condition"), here)
     file = Path(folder) / _entry(settings, "file", str, here)
     kind = _entry(settings, "format", str, here) if "format" in settings else format_of(file)
     if kind not in FORMATS.values():
@@ -107,6 +108,8 @@ def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> R
             raise SpecError(f"{here}: sampling_time_s is {sampling_time}; allowed: > 0.")
         columns = {"time_s": sampling_time * np.arange(len(next(iter(columns.values())))), **columns}
     provenance = {**raw.provenance, **origin(file), "mapping": targets, "left_out": raw.left_out}
+    if "condition" in settings:
+        provenance["condition"] = _entry(settings, "condition", str, here)
     return _checked(columns, raw, provenance, str(file))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from fdbench.diagnosis.answer import Answer, Cell, Experiment, Pair, Quantity, Where
 from fdbench.report import diagnosis_text as words
-from fdbench.report._figures import AFTER, BEFORE, SOFT, Style, bars, dots
+from fdbench.report._figures import AFTER, BEFORE, SOFT, Panel, Style, band, bars, dots, line, stack
 from fdbench.report._page import Block, Figure, Grid, Section, note, paragraph, table
 from fdbench.report._templates import Html, part
 from fdbench.wording import percent, probability_text, public_text, quantity, si_text
@@ -38,7 +38,18 @@ def sections(answer: Answer) -> list[Section]:
         Section("Where the gap lies", list(_where(answer))),
         Section("Causes", list(_causes(answer))),
         Section("How far the gap shrinks", list(_shrinkage(answer))),
+        Section("Forces of other conditions", list(_process_forces(answer))),
     ]
+
+
+def _process_forces(answer: Answer) -> Iterator[Block]:
+    for force, sentence in zip(answer.process_forces, words.process_forces(answer), strict=True):
+        yield paragraph(public_text(sentence))
+        time, values = np.array(force.course.time_s), np.array(force.course.force_N)
+        within = 1.96 * force.standard_deviation_N
+        traces = band("95 %", time, values - within, values + within, BEFORE)
+        panel = Panel(y_title="force (N)", traces=[*traces, line("force on the axis", time, values, BEFORE)])
+        yield stack(public_text(force.record), [panel], "time (s)")
 
 
 def noise_floors(answer: Answer) -> Html:

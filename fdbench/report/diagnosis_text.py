@@ -4,6 +4,7 @@ import math
 import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 
 from fdbench.diagnosis.answer import EFFECT, Answer, Cause, Cell, Quantity
 from fdbench.units import split_unit
@@ -26,6 +27,7 @@ UNEXPLAINED = 0.2  # share of the gap that is worth a sentence
 DISSENT = 0.1  # by which the force balances must prefer another effect
 NOISE_ALONE = 1.1  # mean squared gap in units of the floor that passes for noise
 MOVED = 3.0  # standard deviations by which a nominal parameter may move without a remark
+SURE_OF_FORCE = 3.0  # standard deviations beyond which a force is there
 MOST_CELLS, SMALLEST_SHARE, EVEN = 4, 0.05, 1.5
 PARTITIONS = ("motion", "frequency", "position", "velocity", "time", "channel")
 
@@ -49,6 +51,7 @@ def summary(answer: Answer) -> str:
         ("Where the re-calibrated gap lies (share of what is beyond the noise)", _where(answer)),
         ("Causes (share of the mean squared gap after re-calibration)", _causes(answer)),
         ("How far it shrinks: mean squared gap in units of the noise floor", shrinkage(answer)),
+        ("Forces of other conditions, by inverse dynamics", process_forces(answer)),
         ("Doubts", doubts(answer)),
     )
     for heading, content in sections:
@@ -75,6 +78,9 @@ def verdict(answer: Answer) -> Iterator[str]:
     causes, unknown, none = answer.causes, answer.unknown_probability, answer.no_gap_probability
     if answer.warnings:
         yield "Read the warnings under Doubts first: what they speak of may be what is explained here."
+    if answer.process_forces:
+        records = " and ".join(Path(force.record).name for force in answer.process_forces)
+        yield f"Of another condition and left out: {records}; the force that acts there stands below."
     measured = any(floor.measured_from_repeats for floor in answer.noise_floor.values())
     if not measured and answer.shrinkage.judged_on != "held-out":
         yield "Nothing was repeated and no other motion held out: a first guess, whatever the probabilities say."
@@ -128,6 +134,33 @@ def verdict(answer: Answer) -> Iterator[str]:
             span = f"{most.low:.3g} and {most.high:.3g} {unit_text(most.unit)}"
             where = f", most of all between {span}, where the motor gives {most.force_N:+.3g} N beside the model"
         yield f"What is left depends most on {words}: a function of it would remove {percent(best.share)}{where}."
+
+
+def process_forces(answer: Answer) -> Iterator[str]:
+    """Yield what acts in each record of another condition: how large, when, at which frequency, how sure."""
+    for force in answer.process_forces:
+        condition = f" ({force.condition})" if force.condition else ""
+        beside = {
+            "repeats": "beside the records of the same command",
+            "model": "beside the final model, whose own error is in it",
+        }[force.beside]
+        within = SURE_OF_FORCE * force.standard_deviation_N
+        if force.rms_N <= within:
+            yield (
+                f"{force.record}{condition}: no more than {si_text(within, 'N')} acts {beside}; the record is left "
+                "out of all the rest."
+            )
+            continue
+        first, last = force.range_s
+        line = ""
+        if force.frequency_Hz is not None and force.amplitude_N is not None:
+            line = f", mostly {si_text(force.amplitude_N, 'N')} at {force.frequency_Hz:.4g} Hz"
+        yield (
+            f"{force.record}{condition}: a force acts that the model and the other records lack, {beside}: "
+            f"{si_text(force.rms_N, 'N')} rms, {si_text(force.mean_N, 'N')} on average, "
+            f"{si_text(force.largest_N, 'N')} at most{line}, from {first:.3g} to {last:.3g} s; each value is known to "
+            f"{si_text(1.96 * force.standard_deviation_N, 'N')} (95 %). The record is left out of all the rest."
+        )
 
 
 def _names(causes: Sequence[Cause]) -> str:

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from fdbench.effects import Effect, Port
-from fdbench.errors import SpecError
+from fdbench.errors import SpecError, UnstableLoop
 from fdbench.record import FloatArray
 from fdbench.units import time_text
 
@@ -115,7 +115,7 @@ def gain_margin(A: FloatArray, B: FloatArray, C: FloatArray) -> float:
 
 
 def check_loop(A: FloatArray, B: FloatArray, C: FloatArray, period_s: float) -> None:
-    """Raise a SpecError where the control loop A - B C of a plant on paper is unstable; it says by how much.
+    """Raise an UnstableLoop where the control loop A - B C of a plant on paper is unstable; it says by how much.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def check_loop(A: FloatArray, B: FloatArray, C: FloatArray, period_s: float) -> 
     margin = gain_margin(A, B, C)
     known = margin < math.inf
     mend = f"With all gains times {margin:.3g} it is just stable" if known else "No gain makes it stable"
-    raise SpecError(
+    raise UnstableLoop(
         f"plant.controller: the loop is unstable at a sampling time of {time_text(period_s)}: spectral radius "
         f"{radius:.4g}, of a pole at {frequency_Hz:.3g} Hz. {mend}"
         f"{f' (gain margin {20.0 * math.log10(margin):.3g} dB)' if known else ''}; `fdbench show` draws it."

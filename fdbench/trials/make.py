@@ -6,7 +6,7 @@ from typing import Any
 
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.repaired import toml_lines
-from fdbench.errors import SimulationDiverged, SpecError
+from fdbench.errors import SimulationDiverged, SpecError, UnstableLoop
 from fdbench.nonce import check_nonce, new_nonce
 from fdbench.specification import load_toml, read
 from fdbench.trials import seal
@@ -102,14 +102,14 @@ def make(
 
 
 def _case(tier: Tier, effects: list[str], nonce: str, name: str) -> Case:
-    """Return a case; an axis on which nothing shows is drawn anew."""
+    """Return a case; an axis on which nothing shows, or whose loop rings, is drawn anew."""
     for attempt in range(MOST_ATTEMPTS):
         try:
             rng = seal.generator(nonce, f"tier {tier} case {name} attempt {attempt}")
             if tier in (Tier.F, Tier.G):
                 return draw_foreign_case(tier, int(name), effects, rng)
             return draw_case(tier, effects, rng)
-        except SimulationDiverged as error:
+        except (SimulationDiverged, UnstableLoop) as error:
             message = str(error)
     raise SimulationDiverged(f"case {name}: {MOST_ATTEMPTS} axes, none of them usable; the last: {message}")
 

@@ -19,6 +19,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.nominal import Covered, Nominal
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.model.virtual_controller import prepared
+from fdbench.diagnosis.records.conditions import Apart, apart
 from fdbench.diagnosis.records.noise_model import NoiseModel, noise_models, raised
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record
 from fdbench.diagnosis.records.runs import Run, merged, prepare, same_command
@@ -38,11 +39,13 @@ class Aligned:
     nominal : Nominal
         As given, or with a virtual controller.
     runs : list of Run
-        Of the records and then of the held-out ones; samples that the logger held are bridged.
+        Of the records and then of the held-out ones, in one condition; samples that the logger held are bridged.
     replay : Replay
     split : Split
     judged_on : str
     marks : list of Artefact
+    others : list of Apart
+        Runs of another condition, which are in none of the rest.
     warnings : list of str
     """
 
@@ -52,6 +55,7 @@ class Aligned:
     split: Split
     judged_on: str
     marks: list[Artefact]
+    others: list[Apart]
     warnings: list[str]
 
 
@@ -85,7 +89,17 @@ def aligned(
                 )
         runs.append(mended.beside(on_paper))
         counts.append(n_held)
-    split, judged_on = split_runs(runs[: len(records)], runs[len(records) :], noise_models(runs))
+    others = apart(runs)
+    left_out = [any(run is item.run for item in others) for run in runs]
+    fitted, judged = (
+        [run for run, out in zip(runs[part], left_out[part], strict=True) if not out]
+        for part in (slice(len(records)), slice(len(records), None))
+    )
+    if not fitted:
+        fitted, judged = judged, []
+    runs, raw_runs = ([run for run, out in zip(own, left_out, strict=True) if not out] for own in (runs, raw_runs))
+    counts = [count for count, out in zip(counts, left_out, strict=True) if not out]
+    split, judged_on = split_runs(fitted, judged, noise_models(runs))
     if baseline is not None:
         split = dataclasses.replace(split, noise_models=baseline.noise(split.noise_models, split.runs))
     held = held_artefact(raw_runs, runs, counts)
@@ -100,6 +114,7 @@ def aligned(
         split=split,
         judged_on=judged_on,
         marks=marks,
+        others=others,
         warnings=warnings,
     )
 

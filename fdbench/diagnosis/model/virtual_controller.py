@@ -185,7 +185,15 @@ def follow(record: Record, drive: FeedDrive) -> Run:
     held = held_samples(record)
     position, force = (_interpolated(channels[name], held) for name in ("position_m", "motor_force_N"))
     motion = smoothed(position, period, controller.bandwidth_Hz)
-    run = Run(name=record.source, period_s=period, reference=motion, channels=channels, lap=None, held=held)
+    run = Run(
+        name=record.source,
+        period_s=period,
+        reference=motion,
+        channels=channels,
+        lap=None,
+        held=held,
+        condition=record.provenance.get("condition"),
+    )
     start, slope = run.start()
     span = controller.difference_span
     back = np.concatenate((start - slope * period * np.arange(span, 0, -1), position[:-span]))

@@ -45,6 +45,8 @@ class Run:
         position by which repeats are recognised, and how far it may differ between them, relative to its range.
     left : mapping of str to (n_samples,) array or None
         What the nominal model leaves of the channels, once it has been simulated.
+    condition : str or None
+        Under which it was recorded, where the record says so.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Run:
     repeats: int = 1
     motion: tuple[FloatArray, float] | None = None
     left: Mapping[str, FloatArray] | None = None
+    condition: str | None = None
 
     @property
     def n_samples(self) -> int:
@@ -100,6 +103,7 @@ def prepare(record: Record, drive: FeedDrive) -> Run:
         channels=channels_of(record, drive, position_column(record, drive)),
         lap=lap_length(position, period),
         held=held_samples(record),
+        condition=record.provenance.get("condition"),
     )
 
 

@@ -1,0 +1,132 @@
+"""Process force: what acts on the axis in a record of another condition, by inverse dynamics, whatever its course."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fdbench.diagnosis.answer import Course, ProcessForce
+from fdbench.diagnosis.judge.force_balance_check import smoothed
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.conditions import Apart
+from fdbench.diagnosis.records.runs import Run
+from fdbench.plants.feed_drive import FeedDrive
+from fdbench.record import FloatArray
+
+MARGIN_S = 0.05  # at either end, which the filter does not know
+SURE = 3.0  # standard deviations beyond which the force is there
+LINE = 0.25  # share of the squares at one frequency that makes it worth saying
+PERIODS = 3.0  # that a record must hold of it
+POINTS = 400  # of the course that are handed on, at most
+
+Channels = Mapping[str, FloatArray]
+
+
+def process_forces(
+    found: Sequence[Apart], runs: Sequence[Run], replay: Replay, final: Hypothesis
+) -> list[ProcessForce]:
+    """Return the force that acts in each record of another condition.
+
+    Beside repeats of its command in the usual condition it is what differs from their mean, so that friction and every
+    cause that the model lacks cancel; without, what differs from the final model, whose error is then that of the
+    force.
+
+    Parameters
+    ----------
+    found : sequence of Apart
+    runs : sequence of Run
+        Of the usual condition, which tell how far the model can be trusted.
+    replay : Replay
+    final : Hypothesis
+    """
+    drive = final.nominal.drive
+    return [_process_force(item, runs, replay, final, drive) for item in found]
+
+
+def _process_force(
+    item: Apart, runs: Sequence[Run], replay: Replay, final: Hypothesis, drive: FeedDrive
+) -> ProcessForce:
+    run, repeats = item.run, item.repeats
+    if repeats:
+        usual: Channels = {name: np.mean([own.channels[name] for own in repeats], axis=0) for name in run.channels}
+        between = _error_of_repeats(repeats, drive)
+    else:
+        usual = _simulated(replay, final, run)
+        lefts = [force_on_axis(own, own.channels, _simulated(replay, final, own), drive) for own in runs]
+        between = _rms(np.concatenate(lefts))
+    force = force_on_axis(run, run.channels, usual, drive)
+    error = _quiet(force) if between is None else between
+    time = MARGIN_S + np.arange(len(force)) * run.period_s
+    there = np.flatnonzero(np.abs(force) > SURE * error)
+    first, last = (there[0], there[-1]) if len(there) else (0, len(force) - 1)
+    frequency, amplitude = _line(force, run.period_s)
+    every = max(1, math.ceil(len(force) / POINTS))
+    return ProcessForce(
+        record=run.name,
+        condition=run.condition,
+        beside="repeats" if repeats else "model",
+        rms_N=_rms(force),
+        mean_N=float(force.mean()),
+        largest_N=float(force[np.argmax(np.abs(force))]),
+        standard_deviation_N=error,
+        range_s=(float(time[first]), float(time[last])),
+        frequency_Hz=frequency,
+        amplitude_N=amplitude,
+        course=Course(time_s=tuple(time[::every].tolist()), force_N=tuple(force[::every].tolist())),
+    )
+
+
+def force_on_axis(run: Run, channels: Channels, usual: Channels, drive: FeedDrive) -> FloatArray:
+    r"""Return the force on an axis beyond what acts on it usually, below 60 Hz, without its ends, in N.
+
+    .. math:: d = m \Delta\ddot x + B \Delta\dot x - \Delta F
+
+    with the differences of position x and motor force F from those of the usual condition, the moved mass m and the
+    viscous friction B. Derivatives and force are those in the middle between samples.
+    """
+    h = run.period_s
+    x, force = (channels[name] - usual[name] for name in ("position_m", "motor_force_N"))
+    acceleration = (x[3:] - x[2:-1] - x[1:-2] + x[:-3]) / (2.0 * h**2)
+    speed = (x[2:-1] - x[1:-2]) / h
+    found = drive.mass_kg * acceleration + drive.viscous_friction_N_s_per_m * speed - force[1:-2]
+    margin = round(MARGIN_S / h)
+    return np.asarray(smoothed(found, h)[margin : len(found) - margin])
+
+
+def _simulated(replay: Replay, final: Hypothesis, run: Run) -> Channels:
+    return {name: values[0] for name, values in replay.simulate(run, [final.variant()]).items()}
+
+
+def _error_of_repeats(repeats: Sequence[Run], drive: FeedDrive) -> float | None:
+    """Return the root mean square of the force between two repeats, or two laps of one; None where there is neither."""
+    first = repeats[0]
+    if len(repeats) > 1:
+        return _rms(force_on_axis(first, repeats[1].channels, first.channels, drive))
+    if first.lap is None:
+        return None
+    later = {name: values[first.lap :] for name, values in first.channels.items()}
+    before = {name: values[: -first.lap] for name, values in first.channels.items()}
+    return _rms(force_on_axis(first, later, before, drive))
+
+
+def _quiet(force: FloatArray) -> float:
+    """Return the standard deviation in the quietest of ten stretches."""
+    return float(min(np.std(part) for part in np.array_split(force, 10)))
+
+
+def _line(force: FloatArray, period_s: float) -> tuple[float | None, float | None]:
+    """Return frequency and amplitude of the strongest line, where it holds a quarter of the squares about the mean."""
+    n = len(force)
+    power = np.abs(np.fft.rfft((force - force.mean()) * np.hanning(n))) ** 2
+    peak = int(np.argmax(power))
+    share = float(power[max(0, peak - 2) : peak + 3].sum() / max(power.sum(), 1e-300))
+    if peak < PERIODS or share < LINE:
+        return None, None
+    near = slice(max(0, peak - 2), peak + 3)
+    frequency = float(np.average(np.arange(n // 2 + 1)[near], weights=power[near])) / (n * period_s)
+    return frequency, math.sqrt(2.0 * share * float(np.var(force)))
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
