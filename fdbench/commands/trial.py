@@ -81,17 +81,19 @@ def trial_score(
 
 @trial.command("learn")
 def trial_learn(
-    folder: Trial,
+    folders: Annotated[list[Path], typer.Argument(help="Folders of trials of tiers L and G.")],
     output: Annotated[Path, typer.Option("-o", "--output", callback=writable, help="TOML file of what is learned.")],
-    key: Annotated[Path, typer.Option(help="File of the key.")],
+    key: Annotated[list[Path], typer.Option(help="File of the key; once for each folder, in their order.")],
 ) -> None:
-    """Learn from a trial of tier L how far the diagnosis can be trusted; its probabilities are learned from that."""
+    """Learn from trials of tiers L and G how far the diagnosis can be trusted; its probabilities are learned there."""
     from rich.console import Console
 
     from fdbench.trials.learn import KINDS, learn
 
+    if len(key) != len(folders):
+        raise SpecError(f"--key: {len(key)} for {len(folders)} folders; give one for each, in their order.")
     with Console(stderr=True).status("learning") as status:
-        found = learn(folder, key, output, status.update)
+        found = learn(list(zip(folders, key, strict=True)), output, status.update)
     for kind in KINDS:
         own = [claim.right for claim in found if claim.kind == kind]
         typer.echo(f"{kind}: {len(own)} claims, {sum(own)} right")

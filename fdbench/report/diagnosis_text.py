@@ -256,7 +256,7 @@ def doubts(answer: Answer) -> Iterator[str]:
         for name in cause.at_bound:
             yield f"{cause.effect}: {name} lies on the bound of what the library allows."
     if source := answer.probabilities_from:
-        yield f"Probabilities were learned on simulated axes: {source.partition(', nonce')[0]}."
+        yield f"Probabilities were learned on simulated axes: {re.sub(', nonce [0-9a-f]+', '', source)}."
     nearly = [
         cause.effect
         for cause in answer.causes

@@ -123,36 +123,49 @@ def write_models(found: Sequence[Claim], output: Path, source: str) -> None:
     output.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def learn(folder: Path, key: Path, output: Path, progress: Callable[[str], None] | None = None) -> Sequence[Claim]:
-    """Diagnose every case of a trial of tier L, fit the probability models on its opened key, and write them.
+def learn(
+    trials: Sequence[tuple[Path, Path]], output: Path, progress: Callable[[str], None] | None = None
+) -> Sequence[Claim]:
+    """Diagnose every case of trials to learn from, fit the probability models on their opened keys, and write them.
 
     What each case gives is kept beside the output in ``<output>.claims.json`` until all are done, so that learning
     that was interrupted goes on.
 
+    Parameters
+    ----------
+    trials : sequence of pairs of paths
+        Folder of a trial and its key: of tier L, and of G, whose axes are of many kinds.
+    output : path
+    progress : callable, optional
+
     Raises
     ------
     SpecError
-        If there is no trial in the folder, the key is not its key, or a kind of claim is always right or always wrong.
+        If there is no trial in a folder, a key is not its key, or a kind of claim is always right or always wrong.
     """
-    manifest = read_manifest(folder)
-    opened = seal.read_json(key, "the key of a trial")
-    check_key(folder, manifest, opened, key)
     kept = output.with_name(f"{output.name}.claims.json")
     done: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
-    for number, (name, case) in enumerate(manifest["cases"].items(), 1):
-        if name in done:
-            continue
-        if progress is not None:
-            progress(f"case {number} of {len(manifest['cases'])}")
-        nominal, records, holdouts = read_case(folder / name, sorted(case["files"]))
-        done[name] = diagnose(nominal, records, holdouts).features
-        kept.write_text(json.dumps(done), encoding="utf-8")
-    found = [claim for name, features in done.items() for claim in claims(features, opened["cases"][name]["truth"])]
+    found: list[Claim] = []
+    sources = []
+    for folder, key in trials:
+        manifest = read_manifest(folder)
+        opened = seal.read_json(key, "the key of a trial")
+        check_key(folder, manifest, opened, key)
+        for number, (name, case) in enumerate(manifest["cases"].items(), 1):
+            place = f"{opened['nonce']} {name}"
+            if place not in done:
+                if progress is not None:
+                    progress(f"{folder}: case {number} of {len(manifest['cases'])}")
+                nominal, records, holdouts = read_case(folder / name, sorted(case["files"]))
+                done[place] = diagnose(nominal, records, holdouts).features
+                kept.write_text(json.dumps(done), encoding="utf-8")
+            found += claims(done[place], opened["cases"][name]["truth"])
+        sources.append(f"tier {manifest['tier']}, {len(manifest['cases'])} cases, nonce {opened['nonce']}")
     for kind in KINDS:
         rights = {claim.right for claim in found if claim.kind == kind}
         if len(rights) < 2:
-            raise SpecError(f"{folder}: claims of kind '{kind}' that are right and wrong are needed; make more cases.")
-    source = f"tier {manifest['tier']}, {len(done)} cases, nonce {opened['nonce']}"
-    write_models(found, output, source)
+            folders = " and ".join(str(folder) for folder, _ in trials)
+            raise SpecError(f"{folders}: claims of kind '{kind}' that are right and wrong are needed; make more cases.")
+    write_models(found, output, "; ".join(sources))
     kept.unlink()
     return found

@@ -186,10 +186,10 @@ def test_learning_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr(learn, "diagnose", diagnosed)
     with pytest.raises(KeyboardInterrupt):
-        learn.learn(folder, key, output)
+        learn.learn([(folder, key)], output)
     assert not output.exists()
     with pytest.raises(SpecError, match="claims of kind 'effect' that are right and wrong"):
-        learn.learn(folder, key, output)
+        learn.learn([(folder, key)], output)
     assert len(asked) == 3  # the first case is not diagnosed again
 
 
