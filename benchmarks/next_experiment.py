@@ -26,7 +26,7 @@ from fdbench.diagnosis.diagnose import Diagnosis, diagnose
 from fdbench.diagnosis.experiment.menu import Limits, menu, menu_of
 from fdbench.diagnosis.experiment.trajectory import Trajectory
 from fdbench.diagnosis.model.nominal import Nominal
-from fdbench.diagnosis.search import search
+from fdbench.diagnosis.settings import changed
 from fdbench.errors import FdbenchError
 from fdbench.record import FloatArray, Record
 from fdbench.specification import read
@@ -194,12 +194,13 @@ def main() -> None:
     parser.add_argument("--store", type=Path, default=Path("results/next_experiment.jsonl"), help="cases that are done")
     chosen = parser.parse_args()
     describe_machine()
-    search.MOST_EFFECTS = 1  # no more are planted; rounds that look for others would double the time
     chosen.store.parent.mkdir(parents=True, exist_ok=True)
     lines = chosen.store.read_text("utf-8").splitlines() if chosen.store.exists() else []
     rows = [row for row in map(json.loads, lines) if row["seed"] == chosen.seed]
     start = process_time()
-    with threadpool_limits(1), chosen.store.open("a", encoding="utf-8") as file:
+    # No more effects are planted; rounds that look for others would double the time.
+    one = changed({"search.most_effects": 1})
+    with one, threadpool_limits(1), chosen.store.open("a", encoding="utf-8") as file:
         while sum("kinds" in row for row in rows) < chosen.ambiguous:
             rows.append(case(chosen.seed, len(rows)))
             file.write(json.dumps(rows[-1]) + "\n")

@@ -6,6 +6,7 @@ import pytest
 
 from fdbench.benchmark import statistics
 from fdbench.diagnosis.judge import localise, reduction
+from fdbench.diagnosis.settings import JUDGE
 from fdbench.statistics import drawn_counts, drawn_rows, percentile_interval
 from fdbench.trials import score
 from fdbench.trials.diagnosers.sparse_regression import SparseRegression
@@ -73,7 +74,7 @@ def test_reductions_draw_as_before(n: int) -> None:
 @pytest.mark.parametrize("n", SIZES)
 def test_partitions_draw_as_before(n: int) -> None:
     picked = np.random.default_rng(0).multinomial(n, np.full(n, 1.0 / n), size=1000)
-    assert np.array_equal(drawn_counts(np.arange(n), localise.RESAMPLES), picked)
+    assert np.array_equal(drawn_counts(np.arange(n), JUDGE.resamples), picked)
     bounds = np.percentile(localise.shares(picked @ parts(n)), [2.5, 97.5], axis=0).T
     # The same product of a matrix that lies otherwise in memory: the library of linear algebra may round its sums anew.
     np.testing.assert_allclose(localise.Partition(parts(n)).ci95, bounds, rtol=1e-13)

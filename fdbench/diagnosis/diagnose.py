@@ -9,7 +9,7 @@ import numpy as np
 from fdbench.diagnosis.answer import Answer, Recorded
 from fdbench.diagnosis.evidence.baseline import Baseline
 from fdbench.diagnosis.evidence.evidence import gather, with_explained
-from fdbench.diagnosis.evidence.prepare import SMALLEST_ARTEFACT, aligned, with_run_to_run_covariance
+from fdbench.diagnosis.evidence.prepare import aligned, with_run_to_run_covariance
 from fdbench.diagnosis.evidence.sensor_artefacts import mean_energy
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.expected_information import Forecast, VerdictReader
@@ -29,11 +29,9 @@ from fdbench.diagnosis.model.nominal import Nominal, Uncertainty
 from fdbench.diagnosis.records.runs import merged
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Stage
+from fdbench.diagnosis.settings import BASELINE, EVIDENCE
 from fdbench.record import FloatArray, Record
 from fdbench.units import unit_of
-
-# Of nominal parameters of one machine, from one day to another.
-SINCE_THEN = Uncertainty(mass=0.005, viscous=0.05, known_effects=0.04, transition_velocity=0.2, friction_form=0.01)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,7 +113,7 @@ def diagnose(
     hypotheses = [item.variant() for item in (paper, calibrated, final)]
     every = [replay.simulate(run, hypotheses) for run in split.runs]
     simulated = [[{name: values[i] for name, values in own.items()} for own in every] for i in range(3)]
-    seen = [mark for mark in ready.marks if mean_energy(mark, split.plain.noise_models) > SMALLEST_ARTEFACT]
+    seen = [mark for mark in ready.marks if mean_energy(mark, split.plain.noise_models) > EVIDENCE.smallest_artefact]
     findings = Findings(
         search=search,
         paper=paper,
@@ -176,7 +174,7 @@ def calibrated_on(
 ) -> tuple[Nominal, Baseline]:
     """Return the model with its nominal parameters calibrated on records, and what it leaves of them.
 
-    What is left to doubt is what changes on one machine: see `SINCE_THEN`.
+    What is left to doubt is what changes on one machine: see `fdbench.diagnosis.settings.Baseline`.
     """
     ready = aligned(nominal, records, ())
     runs = merged(ready.runs)
@@ -194,7 +192,7 @@ def calibrated_on(
         {name: measured - own[name][0] for name, measured in run.channels.items()}
         for run, own in zip(runs, simulated, strict=True)
     ]
-    known = dataclasses.replace(as_nominal(model), uncertainty=SINCE_THEN)
+    known = dataclasses.replace(as_nominal(model), uncertainty=Uncertainty(**dataclasses.asdict(BASELINE)))
     return known, Baseline(runs=runs, residuals=residuals)
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from fdbench.diagnosis.diagnose import Diagnosis
 from fdbench.diagnosis.model.hypothesis import nominal_parameters
 from fdbench.diagnosis.repaired import model_text
-from fdbench.diagnosis.search.search import SMALLEST_GAIN
 from fdbench.diagnosis.search.stage import Stage
+from fdbench.diagnosis.settings import SEARCH
 from fdbench.report._curves import Curves
 from fdbench.report._figures import bars
 from fdbench.report._page import Block, Section, folded, note, paragraph, table, write_page
@@ -46,8 +46,8 @@ def write_diagnosis(found: Diagnosis, path: str | Path) -> None:
 def _rivals(stages: Sequence[Stage]) -> Iterator[Block]:
     yield note(
         "Each round tries every effect of the library on top of those found before; bars show which share of the gap "
-        f"beyond the noise it removes on what was not fitted. Below {percent(SMALLEST_GAIN)} none is added. Only "
-        "the best are refined in closed loop; the others are estimated from one simulation."
+        f"beyond the noise it removes on what was not fitted. Below {percent(SEARCH.smallest_gain)} none is "
+        "added. Only the best are refined in closed loop; the others are estimated from one simulation."
     )
     for number, stage in enumerate(stages, start=1):
         base = ", ".join(effect.name for effect in stage.base.effects) or "the re-calibrated model"

@@ -17,7 +17,8 @@ from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.model.virtual_controller import prepared
 from fdbench.diagnosis.records.noise_model import NoiseModel, noise_floor
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record
-from fdbench.diagnosis.records.runs import SAME_COMMAND, Run
+from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.settings import RECORDS
 from fdbench.errors import RecordError, SpecError
 from fdbench.record import FloatArray, Record
 from fdbench.units import unit_of
@@ -144,7 +145,7 @@ def _scores(way: str, model: str, runs: Sequence[Run], found: Sequence[Predictio
 def _shadow(run: Run, found: Prediction) -> Run:
     """Return the run with errors in place of readings, so that repeats are compared by what the model leaves."""
     inside = slice(found.first, found.first + len(next(iter(found.measured.values()))))
-    own, share = run.motion or (run.reference[:, 0], SAME_COMMAND)
+    own, share = run.motion or (run.reference[:, 0], RECORDS.same_command)
     return dataclasses.replace(
         run,
         reference=run.reference[inside],

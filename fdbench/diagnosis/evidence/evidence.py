@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.record import FloatArray
 
-MODEL_ERROR = 0.03
-EXPLAINED_ERROR = 1e-3  # of what effects explain, which are not exactly of the library's form
-SEGMENT_S = 0.25
 HUGE = 1e30  # reading of a simulation that diverges, while its square is still a number
 DIVERGED = 1e6  # gap, in units of the floor, of a simulation that diverges
 
@@ -104,7 +102,7 @@ def gather(
         if fitted_only and out.all():
             continue
         simulated = replay.simulate(run, lanes)
-        length = max(8, round(SEGMENT_S / run.period_s))
+        length = max(8, round(EVIDENCE.segment_s / run.period_s))
         n_segments = -(-run.n_samples // length)
         count = np.full(n_segments, float(length))
         count[-1] -= n_segments * length - run.n_samples
@@ -131,7 +129,7 @@ def gather(
         offset += n_segments
     gap, count = np.concatenate(gaps), np.concatenate(counts)
     excess, explained = (np.maximum(item / count - 1.0, 0.0) for item in (gap, np.concatenate(known)))
-    weight = 1.0 / (1.0 + MODEL_ERROR * excess + EXPLAINED_ERROR * explained)
+    weight = 1.0 / (1.0 + EVIDENCE.model_error * excess + EVIDENCE.explained_error * explained)
     return Evidence(
         products=np.concatenate(products) * weight[:, None, None],
         gaps=gap,

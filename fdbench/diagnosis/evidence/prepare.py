@@ -23,11 +23,9 @@ from fdbench.diagnosis.records.conditions import Apart, apart
 from fdbench.diagnosis.records.noise_model import NoiseModel, noise_models, raised
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record
 from fdbench.diagnosis.records.runs import Run, merged, prepare, same_command
+from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.errors import RecordError
 from fdbench.record import Record
-
-HELD_OUT_SHARE = 1.0 / 3.0
-SMALLEST_ARTEFACT = 0.04  # mean square of a sensor artefact, in units of the noise, that is worth a cause
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,7 +102,8 @@ def aligned(
         split = dataclasses.replace(split, noise_models=baseline.noise(split.noise_models, split.runs))
     held = held_artefact(raw_runs, runs, counts)
     marks = [] if held is None else [held]
-    if (grid := grid_artefact(runs, replay)) is not None and mean_energy(grid, split.noise_models) > SMALLEST_ARTEFACT:
+    grid = grid_artefact(runs, replay)
+    if grid is not None and mean_energy(grid, split.noise_models) > EVIDENCE.smallest_artefact:
         split = dataclasses.replace(split, noise_models=raised(split.noise_models, grid.energy))
         marks.append(grid)
     return Aligned(
@@ -169,7 +168,7 @@ def split_runs(records: Sequence[Run], holdouts: Sequence[Run], found: Mapping[s
             laps = max(1, round(run.n_samples / run.lap * 0.5))
             mask[laps * run.lap :] = True
         else:
-            mask[round(run.n_samples * (1.0 - HELD_OUT_SHARE)) :] = True
+            mask[round(run.n_samples * (1.0 - EVIDENCE.held_out)) :] = True
         masks.append(mask)
     by = "held-out laps" if all(run.lap is not None for run in records) else "held-out last third of each record"
     return Split(runs=records, held_out=masks, noise_models=found), by

@@ -15,10 +15,8 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import SMALLEST, NoiseModel, noise_models, spectrum_of
 from fdbench.diagnosis.records.runs import Run, deviations, repeated, same_command
+from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.record import FloatArray
-
-ROUNDS = 3  # in which changes and noise are separated
-SMALLEST_CHANGE = 0.1  # standard deviation over a whole run, in units of its noise, that is worth a direction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,7 +100,7 @@ class Repeatability:
             np.stack([deviations(later, name) - deviations(run, name) for name in names]) for run, later in pairs
         ]
         rms = np.array([floor.rms for floor in self.noise_models.values()])
-        for _ in range(ROUNDS):
+        for _ in range(EVIDENCE.rounds):
             thetas, left, by_noise = [], [], []
             for (run, _), difference in zip(pairs, differences, strict=True):
                 moved = self._responses(run)
@@ -141,7 +139,7 @@ class Repeatability:
         scale = np.array([floor.rms for floor in noise.values()])[:, None]
         moved = np.tensordot(self._root.T, self._responses(run), 1) / scale
         _, s, directions = np.linalg.svd(moved.reshape(len(moved), -1), full_matrices=False)
-        kept = s > SMALLEST_CHANGE
+        kept = s > EVIDENCE.smallest_change
         if not kept.any():
             return None
         return Change(

@@ -10,17 +10,10 @@ import numpy as np
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import DEFLECTION, Run
+from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.effects import Effect, Port, effects
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
-
-MOVES = 5.0  # times the noise that the model moves by where a repeated sample cannot be a coincidence
-FEWEST = 40  # differences of readings
-NEAREST, FURTHEST = 0.5, 3.5  # range of differences that are looked at, in steps of the grid
-COARSEST_M, RATIO, MOST_STEPS = 1e-4, 1.015, 700
-CELLS = 50  # for each step; a cell that many differences lie in counts once, so that no steady speed passes for a grid
-EXACT = 1e-6
-ON_GRID = 0.4  # distance from the grid, relative to that of numbers that know nothing of it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +55,7 @@ def interpolated(run: Run, simulated: Mapping[str, FloatArray]) -> tuple[Run, in
     rough = {name: float(np.median(np.abs(np.diff(values, 2)))) / 1.65 for name, values in run.channels.items()}
     moving = np.zeros(run.n_samples, dtype=np.bool_)
     for name, values in simulated.items():
-        moving[1:] |= np.abs(np.diff(values)) > MOVES * rough[name]
+        moving[1:] |= np.abs(np.diff(values)) > EVIDENCE.held_moves * rough[name]
     held = run.held & moving
     if not held.any():
         return run, 0
@@ -122,10 +115,10 @@ def grid_artefact(runs: Sequence[Run], replay: Replay) -> Artefact | None:
     value = float(getattr(effect, effect.amplitude))
     return Artefact(
         kind=type(effect),
-        probability=1.0 / (1.0 + math.exp(20.0 * (distance - ON_GRID))),
+        probability=1.0 / (1.0 + math.exp(EVIDENCE.grid_slope * (distance - EVIDENCE.on_grid))),
         value=value,
-        low=value / RATIO,
-        high=value * RATIO,
+        low=value / EVIDENCE.grid_ratio,
+        high=value * EVIDENCE.grid_ratio,
         energy=_energy(runs, replay, effect),
     )
 
@@ -143,20 +136,21 @@ def _readings(runs: Sequence[Run], drive: FeedDrive, port: Port) -> Iterator[Flo
 def _coarsest_grid(kind: type[Effect], differences: FloatArray) -> tuple[float, Effect] | None:
     """Return the distance from the coarsest grid that the differences lie on, and the effect; None without one."""
     bounds = next(item for item in kind.parameters() if item.name == kind.amplitude)
-    steps = min(COARSEST_M, bounds.high) * RATIO ** -np.arange(MOST_STEPS)
-    anything = np.linspace(NEAREST, FURTHEST, int((FURTHEST - NEAREST) * CELLS))
+    steps = min(EVIDENCE.grid_coarsest_m, bounds.high) * EVIDENCE.grid_ratio ** -np.arange(EVIDENCE.grid_steps)
+    nearest, furthest, n_cells = EVIDENCE.grid_nearest, EVIDENCE.grid_furthest, EVIDENCE.grid_cells
+    anything = np.linspace(nearest, furthest, int((furthest - nearest) * n_cells))
     found: tuple[float, Effect] | None = None
     for step in steps[steps > differences[0]].tolist() if len(differences) else []:
-        first, last = np.searchsorted(differences, (NEAREST * step, FURTHEST * step))
-        if last - first < FEWEST:
+        first, last = np.searchsorted(differences, (nearest * step, furthest * step))
+        if last - first < EVIDENCE.grid_fewest:
             continue
         effect = kind.typical(**{kind.amplitude: step})
         moved = _after(effect, anything * step)
-        if np.abs(_after(effect, moved) - moved).max() > EXACT * step:
+        if np.abs(_after(effect, moved) - moved).max() > EVIDENCE.grid_exact * step:
             return None
-        cells = np.unique(np.round(differences[first:last] * (CELLS / step))) * (step / CELLS)
+        cells = np.unique(np.round(differences[first:last] * (n_cells / step))) * (step / n_cells)
         distance = _median(_after(effect, cells) - cells) / _median(moved - anything * step)
-        if distance < (ON_GRID if found is None else found[0]):
+        if distance < (EVIDENCE.on_grid if found is None else found[0]):
             found = distance, effect
         elif found is not None:
             return found

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.diagnosis.answer import ExpectedProbability, Experiment, Separation
-from fdbench.diagnosis.evidence.evidence import MODEL_ERROR, gather
+from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.least_squares import solved
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import Trajectory
@@ -23,18 +23,12 @@ from fdbench.diagnosis.judge.probability_models import ProbabilityModels
 from fdbench.diagnosis.model.candidates import candidates, middle_shapes
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.runs import Run
-from fdbench.diagnosis.search.search import NOISE_ALONE
-from fdbench.diagnosis.search.stage import EFFECTIVE_SAMPLES, Rival, Stage
+from fdbench.diagnosis.search.stage import Rival, Stage
+from fdbench.diagnosis.settings import EVIDENCE, EXPERIMENT, SEARCH
 from fdbench.record import FloatArray
 
-MOST_RIVALS = 6
-SMALLEST_PROBABILITY = 0.02
-OVERLOOKED = 0.1  # least probability that the cause is an effect that the records gave no reason to consider
-PRICE_PER_S = 3e-4  # probability that a second of machine time has to bring, once a machine is set up for a motion
-SPLIT_LOG_ODDS = 3.0  # 20 to 1
 CERTAIN = 1e-12  # smallest probability that log odds tell from none
 NOTHING, OTHER = "no further effect", "any other effect"
-FOLLOWED = 0.1  # share of the stroke by which the simulated axis may miss the command
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +65,8 @@ class VerdictReader:
     def shortlisted(self, stage: Stage) -> Stage:
         """Return a stage with its most probable rivals alone."""
         belief = self.probabilities(stage)
-        every = sorted(stage.rivals, key=lambda rival: -belief.get(rival.kind.name, 0.0))[:MOST_RIVALS]
-        likely = (rival for rival in every if belief.get(rival.kind.name, 0.0) >= SMALLEST_PROBABILITY)
+        every = sorted(stage.rivals, key=lambda rival: -belief.get(rival.kind.name, 0.0))[: EXPERIMENT.most_rivals]
+        likely = (rival for rival in every if belief.get(rival.kind.name, 0.0) >= EXPERIMENT.smallest_probability)
         return replace(stage, rivals=tuple(likely))
 
 
@@ -122,7 +116,7 @@ class Forecast:
 
     def utility(self) -> float:
         """Return the gain less the price of the machine's time."""
-        return self.gain() - PRICE_PER_S * self.trajectory.duration_s
+        return self.gain() - EXPERIMENT.price_per_s * self.trajectory.duration_s
 
     def log_odds(self, a: int, b: int) -> float:
         """Return by which the true one of two candidates is expected to gain on the other, in nats."""
@@ -142,7 +136,7 @@ class Forecast:
         mistaken += mistaken.T
         first = max(pairs, key=lambda pair: sum(mistaken[own] for own in pairs[pair]))
         chance = {name: self.now[[other == name for other in self.names]].sum() for name in self.names}
-        likely = [pair for pair in pairs if min(map(chance.__getitem__, pair)) >= SMALLEST_PROBABILITY]
+        likely = [pair for pair in pairs if min(map(chance.__getitem__, pair)) >= EXPERIMENT.smallest_probability]
         odds = {pair: float(np.mean([self.log_odds(*own) for own in pairs[pair]])) for pair in (first, *likely)}
         return self.trajectory.experiment(
             to_separate=first,
@@ -150,7 +144,7 @@ class Forecast:
             separates=tuple(
                 Separation(effects=pair, expected_log_odds=gain)
                 for pair, gain in odds.items()
-                if gain >= SPLIT_LOG_ODDS or pair == first
+                if gain >= EXPERIMENT.split_log_odds or pair == first
             ),
             expected_probability=ExpectedProbability(
                 now=float(self.now @ self.before), after=float(self.now @ np.diag(self.after))
@@ -177,7 +171,7 @@ class Forecaster:
         self.stage = replace(known, rivals=(*known.rivals, *hidden))
         belief = reader.probabilities(stage)
         own, none = [belief.get(rival.kind.name, 0.0) for rival in known.rivals], belief[NOTHING]
-        left = max(1.0 - sum(own) - none, OVERLOOKED)
+        left = max(1.0 - sum(own) - none, EXPERIMENT.overlooked)
         weights = np.array([*own, *(left / len(hidden) for _ in hidden), none])
         self.now = weights / weights.sum()
         self.names = [*(rival.kind.name for rival in known.rivals), *(OTHER for _ in hidden), NOTHING]
@@ -192,10 +186,11 @@ class Forecaster:
         self.alone, now = self._fits(self.known)
         # What would have shown at its typical size is smaller, if it is there.
         shown = [self._fits(self._as_gap(self.known, column))[0][-1] for column in self._columns[len(known.rivals) :]]
-        largest = np.sqrt((NOISE_ALONE - 1.0) * self.count / np.maximum(shown, 1e-12))
+        largest = np.sqrt((SEARCH.noise_alone - 1.0) * self.count / np.maximum(shown, 1e-12))
         self.sizes = np.concatenate((np.ones(len(known.rivals)), np.minimum(largest, 1.0)))
         self.before = self._read(self._judged(np.zeros(len(self.names)), self.changes * now**2, 0.0))
-        self.most_missed_m = FOLLOWED * float(np.ptp(np.concatenate([run.reference[:, 0] for run in split.runs])))
+        visited = np.concatenate([run.reference[:, 0] for run in split.runs])
+        self.most_missed_m = EXPERIMENT.followed * float(np.ptp(visited))
 
     @property
     def _columns(self) -> range:
@@ -219,7 +214,7 @@ class Forecaster:
         after = []
         for truth, size in zip((*self._columns, 0), (*self.sizes, 0.0), strict=True):
             excess = np.maximum(size**2 * evidence.products[:, truth, truth] / evidence.counts - 1.0, 0.0)
-            sums = np.einsum("s,sij->ij", 1.0 / (1.0 + MODEL_ERROR * excess), evidence.products)
+            sums = np.einsum("s,sij->ij", 1.0 / (1.0 + EVIDENCE.model_error * excess), evidence.products)
             left, fitted = self._fits(self.known + self._as_gap(sums, truth, size))
             after.append(self._read(self._judged(left - self.alone, changes * fitted**2, count)))
         return Forecast(
@@ -286,5 +281,5 @@ class Forecaster:
             self.stage,
             misfit=together(self.stage.misfit, float(added[-1])),
             rivals=tuple(rivals),
-            effective=min(self.stage.effective * whole / self.count, EFFECTIVE_SAMPLES),
+            effective=min(self.stage.effective * whole / self.count, SEARCH.effective_samples),
         )

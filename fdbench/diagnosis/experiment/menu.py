@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdbench.diagnosis.evidence.split import Split
-from fdbench.diagnosis.experiment.trajectory import FADE_S, Trajectory, from_position, moves, multisine
+from fdbench.diagnosis.experiment.trajectory import Trajectory, from_position, moves, multisine
 from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.settings import EXPERIMENT
 from fdbench.plants.feed_drive import FeedDrive, Following
 from fdbench.record import FloatArray
-
-USED_TRAVEL = 0.5  # share of the travel that a stroke may take where the records do not show more
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,9 +41,9 @@ class Limits:
         force_N = controller.greatest_force_N if isinstance(controller, Following) else controller.force_limit_N
         return cls(
             start_m=low,
-            stroke_m=max(high - low, USED_TRAVEL * drive.travel_m - max(abs(low), abs(high))),
-            velocity_m_per_s=0.8 * drive.velocity_limit_m_per_s,
-            acceleration_m_per_s2=0.5 * (force_N or 0.0) / drive.mass_kg,
+            stroke_m=max(high - low, EXPERIMENT.used_travel * drive.travel_m - max(abs(low), abs(high))),
+            velocity_m_per_s=EXPERIMENT.used_velocity * drive.velocity_limit_m_per_s,
+            acceleration_m_per_s2=EXPERIMENT.used_force * (force_N or 0.0) / drive.mass_kg,
         )
 
 
@@ -99,7 +98,7 @@ def menu(limits: Limits, period_s: float) -> list[Trajectory]:
         moves([x, *([x + length, x] * 4)], (speed,), gentle, period_s),
     )
     time = np.arange(round(5.0 / period_s)) * period_s
-    fade = np.clip(np.minimum(time, time[-1] - time) / FADE_S, 0.0, 1.0)
+    fade = np.clip(np.minimum(time, time[-1] - time) / EXPERIMENT.fade_s, 0.0, 1.0)
     for size, frequency in ((2e-5, 2.0), (2e-4, 2.0), (2e-4, 10.0)):
         position = middle + size * np.sin(2.0 * math.pi * frequency * time) * fade**2 * (3.0 - 2.0 * fade)
         add("sine", f"{_mm(size)} at {frequency:g} Hz about one place", from_position(position, period_s))

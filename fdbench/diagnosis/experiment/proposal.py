@@ -9,9 +9,7 @@ from fdbench.diagnosis.experiment.trajectory import Trajectory
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.search.stage import Stage
-
-SURE = 0.9  # probability from which on a verdict needs no further experiment
-SMALLEST_GAIN = 0.02  # of the probability of the truth, below which nothing is proposed
+from fdbench.diagnosis.settings import EXPERIMENT
 
 
 def most_open(stages: Sequence[Stage], reader: VerdictReader) -> Stage | None:
@@ -21,7 +19,7 @@ def most_open(stages: Sequence[Stage], reader: VerdictReader) -> Stage | None:
     """
     found = [stage for stage in stages if stage.rivals and (stage.present() >= 0.5 or not stage.base.effects)]
     surest = [max(reader.probabilities(stage).values()) for stage in found]
-    open_ = [(p, stage) for p, stage in zip(surest, found, strict=True) if p < SURE]
+    open_ = [(p, stage) for p, stage in zip(surest, found, strict=True) if p < EXPERIMENT.sure]
     return min(open_, key=lambda item: item[0])[1] if open_ else None
 
 
@@ -57,5 +55,6 @@ def design(
         return None
     forecaster = Forecaster(replay, split, stage, reader)
     every = menu_of(split, nominal) if trajectories is None else trajectories
-    found = [item for item in map(forecaster.forecast, every) if item is not None and item.gain() >= SMALLEST_GAIN]
+    followed = (item for item in map(forecaster.forecast, every) if item is not None)
+    found = [item for item in followed if item.gain() >= EXPERIMENT.smallest_gain]
     return max(found, key=Forecast.utility, default=None)

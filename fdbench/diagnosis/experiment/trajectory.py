@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from fdbench.diagnosis.answer import Experiment
+from fdbench.diagnosis.settings import EXPERIMENT
 from fdbench.motions import motions
 from fdbench.record import FloatArray, Record
 from fdbench.units import time_text
-
-FADE_S = 0.25
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,7 +97,7 @@ def multisine(
     phase = -math.pi * (k * (k + 1) % (2 * len(order))) / len(order)
     angle = 2.0 * math.pi / duration_s * np.outer(time, order) + phase
     wave = (np.cos(angle) / order).sum(axis=1)
-    fade = np.clip(np.minimum(time, time[-1] - time) / FADE_S, 0.0, 1.0)
+    fade = np.clip(np.minimum(time, time[-1] - time) / EXPERIMENT.fade_s, 0.0, 1.0)
     position = centre_m + wave * (rms_m / wave.std()) * fade**3 * (10.0 - 15.0 * fade + 6.0 * fade**2)
     return from_position(position, period_s)
 

@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 
 from fdbench.diagnosis.answer import Cause, CauseType, Dependence, Suspect
+from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Port, effects
 from fdbench.plants.feed_drive import FeedDrive
 
-SMALLEST = 0.01  # probability that is worth a line
 MOTOR, TABLE = "motor", "table"
 SIDES: Mapping[Port, str] = {
     Port.COMMAND: MOTOR,
@@ -58,7 +58,7 @@ def cause_types(
     found = [
         CauseType(type=kind, side=side, probability=1.0 - left)
         for (kind, side), left in absent.items()
-        if 1.0 - left >= SMALLEST
+        if 1.0 - left >= JUDGE.smallest_type
     ]
     return tuple(sorted(found, key=lambda item: -item.probability))
 

@@ -15,12 +15,11 @@ from fdbench.diagnosis.judge.localise import PHASES, phase_of
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.search.periods import inverse_dynamics_residuals
 from fdbench.diagnosis.search.stage import Stage
+from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
 
-CUTOFF_HZ = 60.0  # above which derivatives of the position are noise
 MOVING = PHASES.index("acceleration")  # first of the phases in which the friction that holds an axis plays no part
-MARGIN_S = 0.05  # at either end of a run, which the filter does not know
 
 
 def force_balances_removed(replay: Replay, split: Split, contest: Stage) -> dict[type[Effect], float]:
@@ -44,7 +43,7 @@ def force_balances_removed(replay: Replay, split: Split, contest: Stage) -> dict
         forces = smoothed(
             inverse_dynamics_residuals(run, changes, split.noise_models, base.nominal.drive), run.period_s
         )
-        margin = round(MARGIN_S / run.period_s)
+        margin = round(JUDGE.force_balance_margin_s / run.period_s)
         inside = phase_of(run)[1:-2] >= MOVING
         inside[:margin] = inside[len(inside) - margin :] = False
         for part, judged in enumerate((~out[1:-2] & inside, out[1:-2] & inside)):
@@ -64,11 +63,11 @@ def _left(sums: FloatArray, columns: list[int], n_priors: int) -> float:
 
 
 def smoothed(forces: FloatArray, period_s: float) -> FloatArray:
-    """Return forces low-passed without delay by a Gaussian that is down by 3 dB at ``CUTOFF_HZ``."""
+    """Return forces low-passed without delay by a Gaussian that is down by 3 dB at ``JUDGE.force_balance_Hz``."""
     n = forces.shape[-1]
     return np.asarray(np.fft.irfft(np.fft.rfft(forces) * low_pass(n, period_s), n))
 
 
 def low_pass(n_samples: int, period_s: float) -> FloatArray:
     """Return the gains of that filter at the frequencies of a real spectrum, (n_samples / 2 + 1,)."""
-    return np.asarray(np.exp(-0.5 * np.log(2.0) * (np.fft.rfftfreq(n_samples, period_s) / CUTOFF_HZ) ** 2))
+    return np.asarray(np.exp(-0.5 * np.log(2.0) * (np.fft.rfftfreq(n_samples, period_s) / JUDGE.force_balance_Hz) ** 2))

@@ -9,9 +9,8 @@ from fdbench.diagnosis.model.candidates import candidates, middle_shapes
 from fdbench.diagnosis.model.hypothesis import Hypothesis, adjustables
 from fdbench.diagnosis.model.parameter_vector import adjustables_of
 from fdbench.diagnosis.search.search import Search
+from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
-
-HIDDEN = 0.05  # of its typical size: standard deviation of an effect that is not named
 
 
 def intervals(search: Search, final: Hypothesis) -> list[dict[str, Pair]]:
@@ -25,7 +24,7 @@ def intervals(search: Search, final: Hypothesis) -> list[dict[str, Pair]]:
     evidence = search.probed(final, others)
     inside = ~evidence.held_out
     n, n_all = len(numbers), len(numbers) + len(others)
-    prior = np.r_[[float(item.prior) for item in numbers], np.full(len(others), HIDDEN**-2)]
+    prior = np.r_[[float(item.prior) for item in numbers], np.full(len(others), JUDGE.hidden**-2)]
     normal = evidence.products[inside].sum(axis=0)[1:, 1:] + np.diag(prior)
     groups, place = np.unique(evidence.group[inside], return_inverse=True)
     sums = np.zeros((len(groups), n_all))

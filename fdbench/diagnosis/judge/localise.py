@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.diagnosis.answer import Cell, FrequencyCell, Pair, PositionCell, TimeCell, VelocityCell, Where
-from fdbench.diagnosis.evidence.evidence import SEGMENT_S
 from fdbench.diagnosis.evidence.split import Split
-from fdbench.diagnosis.judge.reduction import RESAMPLES
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.settings import EVIDENCE, JUDGE
 from fdbench.record import FloatArray
 from fdbench.statistics import drawn_counts, percentile_interval
 
@@ -30,9 +29,6 @@ PHASES = (
     "cruise_positive",
     "cruise_negative",
 )
-REST_SPEED = 1e-3  # of the largest commanded speed
-REVERSAL_S = 0.05
-SLOW, STEADY = 0.05, 0.02  # of the largest commanded speed and acceleration
 BANDS_HZ = (0.0, 5.0, 15.0, 50.0, 150.0, 500.0)
 N_POSITIONS, N_SPEEDS, N_TIMES = 8, 5, 8
 
@@ -90,7 +86,7 @@ class Gaps:
         """Return the stretch of time that each sample of all runs belongs to."""
         found, offset = [], 0
         for run in self.runs:
-            own = np.arange(run.n_samples) // max(8, round(SEGMENT_S / run.period_s))
+            own = np.arange(run.n_samples) // max(8, round(EVIDENCE.segment_s / run.period_s))
             found.append(offset + own)
             offset += int(own[-1]) + 1
         return np.concatenate(found)
@@ -101,11 +97,11 @@ def phase_of(run: Run) -> NDArray[np.intp]:
     velocity, acceleration = run.reference[:, 1], run.reference[:, 2]
     fastest = max(float(np.max(np.abs(velocity))), 1e-12)
     hardest = max(float(np.max(np.abs(acceleration))), 1e-12)
-    moving = np.abs(velocity) > REST_SPEED * fastest
+    moving = np.abs(velocity) > JUDGE.rest_speed * fastest
     phase = np.where(velocity >= 0.0, PHASES.index("cruise_positive"), PHASES.index("cruise_negative"))
-    phase[np.abs(acceleration) > STEADY * hardest] = PHASES.index("acceleration")
+    phase[np.abs(acceleration) > JUDGE.steady * hardest] = PHASES.index("acceleration")
     phase[~moving] = PHASES.index("rest")
-    width = max(1, round(REVERSAL_S / run.period_s))
+    width = max(1, round(JUDGE.reversal_s / run.period_s))
     direction = np.sign(velocity) * moving
     starts = np.flatnonzero(np.diff(moving.astype(int)) == 1) + 1
     last = 0.0
@@ -153,7 +149,7 @@ class Partition:
     """
 
     def __init__(self, parts: FloatArray, seed: int = 0) -> None:
-        drawn = drawn_counts(np.arange(len(parts)), RESAMPLES, seed)
+        drawn = drawn_counts(np.arange(len(parts)), JUDGE.resamples, seed)
         self.shares: list[float] = shares(parts.sum(axis=0)).tolist()
         bounds = percentile_interval(shares(drawn @ parts)).T.tolist()
         self.ci95: list[Pair] = [(low, high) for low, high in bounds]

@@ -4,17 +4,14 @@ from collections.abc import Collection, Mapping
 
 from fdbench.diagnosis.answer import ForceBalances, Rival
 from fdbench.diagnosis.search.stage import Stage
+from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
-
-ALIKE = 0.9  # a rival that removes this share of what the best removes is indistinguishable
-FEWEST = 0.01  # probability of a rival that is worth mentioning
-LEVEL = 0.9  # probability with which the cause is one of a set
 
 
 def indistinguishable(contest: Stage, kind: type[Effect]) -> list[str]:
     """Return the names of rivals that explain nearly as much as an effect."""
     gains = {rival.kind: contest.gain(rival) for rival in contest.rivals}
-    return [rival.name for rival, gain in gains.items() if rival is not kind and gain >= ALIKE * gains[kind]]
+    return [rival.name for rival, gain in gains.items() if rival is not kind and gain >= JUDGE.alike * gains[kind]]
 
 
 def instead(contest: Stage, kind: type[Effect], same: Collection[str]) -> Rival | None:
@@ -51,7 +48,7 @@ def divided(contest: Stage, kind: type[Effect], same: Collection[str], probabili
     own = probability / together
     other = min((1.0 - probability) / (1.0 - together), own) if together < 1.0 else 0.0
     found = {name: p * (own if name == kind.name or name in same else other) for name, p in chances.items()}
-    return {name: p for name, p in found.items() if p >= FEWEST or name == kind.name}
+    return {name: p for name, p in found.items() if p >= JUDGE.fewest or name == kind.name}
 
 
 def one_of(chances: Mapping[str, float]) -> list[str]:
@@ -62,7 +59,7 @@ def one_of(chances: Mapping[str, float]) -> list[str]:
     """
     found: list[str] = []
     for name in sorted(chances, key=lambda name: -chances[name]):
-        if sum(chances[item] for item in found) >= LEVEL:
+        if sum(chances[item] for item in found) >= JUDGE.level:
             break
         found.append(name)
     return found

@@ -8,9 +8,8 @@ from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
 from fdbench.diagnosis.judge.reduction import channel_gaps
 from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
-from fdbench.diagnosis.search.search import SMALLEST_GAIN, Search
-
-BEYOND_DOUBT = 1.5  # standard deviations of a nominal parameter below which it is no cause
+from fdbench.diagnosis.search.search import Search
+from fdbench.diagnosis.settings import JUDGE, SEARCH
 
 
 def deviating_parameters(
@@ -43,7 +42,9 @@ def deviating_parameters(
     found: list[Cause] = []
     all_features: dict[str, Features] = {}
     for name, change, distance, without, unit in moves:
-        if distance <= BEYOND_DOUBT or not name or name in present or without - closed < SMALLEST_GAIN * without:
+        if distance <= JUDGE.beyond_doubt or not name or name in present:
+            continue
+        if without - closed < SEARCH.smallest_gain * without:
             continue
         share = recalibrated * (without - closed) / total
         all_features[name] = confidence.value_features(distance, without - closed, closed)

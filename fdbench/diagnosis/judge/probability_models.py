@@ -8,11 +8,11 @@ from pathlib import Path
 
 from fdbench.diagnosis.model.hypothesis import adjustables
 from fdbench.diagnosis.search.stage import Stage
+from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
 from fdbench.specification import load_toml, read
 
 FILE = Path(__file__).with_name("probability_models.toml")
-SMALLEST_SIZE, SMALLEST_MISFIT = 1e-3, 0.3
 
 Features = Mapping[str, float]
 """What speaks for a claim, by name."""
@@ -98,7 +98,7 @@ def effect_features(contest: Stage, kind: type[Effect], indistinguishable: Colle
     return {
         "margin": math.asinh(contest.log_evidence(own.misfit, own.penalty) - best),
         "numbers": float(len(adjustables(effect))),
-        "size": math.log10(max(own.size, SMALLEST_SIZE)),
+        "size": math.log10(max(own.size, JUDGE.smallest_size)),
     }
 
 
@@ -113,9 +113,9 @@ def value_features(distance: float, closed: float, misfit: float) -> dict[str, f
         Mean squared held-out gap that its correction closes, and what is left, in units of what repeats differ by.
     """
     return {
-        "distance": math.log(max(distance, 0.1)),
-        "size": math.log10(max(closed, SMALLEST_SIZE)),
-        "misfit": math.log(max(misfit, SMALLEST_MISFIT)),
+        "distance": math.log(max(distance, JUDGE.smallest_distance)),
+        "size": math.log10(max(closed, JUDGE.smallest_size)),
+        "misfit": math.log(max(misfit, JUDGE.smallest_misfit)),
     }
 
 
@@ -130,8 +130,8 @@ def unknown_features(misfit: float, worst: float) -> dict[str, float]:
         Mean squared gap that is left in the stretch of time where that is most, in units of the noise within a run.
     """
     return {
-        "misfit": math.log(max(misfit, SMALLEST_MISFIT)),
-        "worst": math.log(max(worst, SMALLEST_MISFIT)),
+        "misfit": math.log(max(misfit, JUDGE.smallest_misfit)),
+        "worst": math.log(max(worst, JUDGE.smallest_misfit)),
     }
 
 
@@ -148,7 +148,7 @@ def no_gap_features(misfit: float, moved: float, size: float) -> dict[str, float
         Of the largest effect that was found or nearly so: see `fdbench.diagnosis.search.search.Rival`.
     """
     return {
-        "misfit": math.log(max(misfit, SMALLEST_MISFIT)),
-        "moved": math.log(max(moved, 0.1)),
-        "size": math.log10(max(size, SMALLEST_SIZE)),
+        "misfit": math.log(max(misfit, JUDGE.smallest_misfit)),
+        "moved": math.log(max(moved, JUDGE.smallest_distance)),
+        "size": math.log10(max(size, JUDGE.smallest_size)),
     }

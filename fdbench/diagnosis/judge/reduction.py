@@ -15,12 +15,10 @@ from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import NoiseModel
+from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
 from fdbench.statistics import drawn_counts, percentile_interval
-
-RESAMPLES = 1000
-MEASURABLE = 1.5  # mean squared gap in units of the floor below which its explained fraction means nothing
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,7 +56,7 @@ class Reductions:
 
     def draws(self, seed: int = 0) -> FloatArray:
         """Return how often each segment is drawn, (n_resamples, n_segments); a stretch of time is drawn whole."""
-        return drawn_counts(self.groups, RESAMPLES, seed)
+        return drawn_counts(self.groups, JUDGE.resamples, seed)
 
 
 def explained_fraction(before: float, after: float) -> float | None:
@@ -69,7 +67,7 @@ def explained_fraction(before: float, after: float) -> float | None:
     >>> explained_fraction(11.0, 3.0), explained_fraction(1.2, 1.0)
     (0.8, None)
     """
-    return 1.0 - (after - 1.0) / (before - 1.0) if before > MEASURABLE else None
+    return 1.0 - (after - 1.0) / (before - 1.0) if before > JUDGE.measurable else None
 
 
 def channel_gaps(replay: Replay, split: Split, hypothesis: Hypothesis) -> FloatArray:

@@ -13,13 +13,9 @@ from numpy.typing import NDArray
 from fdbench.diagnosis.answer import Dependence, Most
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.settings import JUDGE
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
-
-CELLS = 24
-SHRINKAGE = 50.0  # samples that a cell counts for too few by
-SMALLEST = 0.02  # share of the rest that is worth mentioning
-NOISE = 0.1  # mean square beyond the noise, in units of it, below which there is no rest
 
 Cells = NDArray[np.intp]
 
@@ -53,7 +49,7 @@ def dependences(
         if kind.by_direction:
             cells = [2 * own + (run.reference[:, 1] < 0.0) for own, run in zip(cells, split.runs, strict=True)]
         share = _share(split, rest, cells)
-        if share >= SMALLEST:
+        if share >= JUDGE.rest_smallest:
             most = None if kind.by_direction else _most(split, rest, values, cells, kind.unit)
             found.append(Dependence(function_of=words, share=share, most=most))
     return tuple(sorted(found, key=lambda item: -item.share))
@@ -71,13 +67,14 @@ def _most(
     force = np.concatenate(
         [own["motor_force_N"] / np.sqrt(run.repeats) for own, run in zip(rest, split.runs, strict=True)]
     )
-    counts = np.bincount(cell, minlength=CELLS)
-    mean = np.bincount(cell, weights=force, minlength=CELLS) / np.maximum(counts, 1)
-    first = last = int(np.argmax(np.abs(mean) * counts / (counts + SHRINKAGE)))
+    n_cells = JUDGE.rest_cells
+    counts = np.bincount(cell, minlength=n_cells)
+    mean = np.bincount(cell, weights=force, minlength=n_cells) / np.maximum(counts, 1)
+    first = last = int(np.argmax(np.abs(mean) * counts / (counts + JUDGE.rest_shrinkage)))
     enough = mean * np.sign(mean[first]) >= 0.5 * abs(mean[first])
     while first > 0 and enough[first - 1]:
         first -= 1
-    while last < CELLS - 1 and enough[last + 1]:
+    while last < n_cells - 1 and enough[last + 1]:
         last += 1
     there = (cell >= first) & (cell <= last)
     mean_N = split.noise_models["motor_force_N"].rms * float(force[there].mean())
@@ -114,22 +111,22 @@ def _cells(values: Sequence[FloatArray], root: bool) -> list[Cells]:
     """Return the cells, of equal width, or with roots of the values of equal width, which resolves slow motion."""
     scaled = [np.sign(item) * np.sqrt(np.abs(item)) if root else item for item in values]
     low, high = min(float(item.min()) for item in scaled), max(float(item.max()) for item in scaled)
-    width = max(high - low, 1e-30) / CELLS
-    return [np.minimum(((item - low) / width).astype(np.intp), CELLS - 1) for item in scaled]
+    width = max(high - low, 1e-30) / JUDGE.rest_cells
+    return [np.minimum(((item - low) / width).astype(np.intp), JUDGE.rest_cells - 1) for item in scaled]
 
 
 def _share(split: Split, rest: Sequence[Mapping[str, FloatArray]], cells: Sequence[Cells]) -> float:
     before = after = 0.0
-    n_judged = 0
+    n_judged, n_cells = 0, 2 * JUDGE.rest_cells
     for name in split.noise_models:
-        sums, counts = np.zeros(2 * CELLS), np.zeros(2 * CELLS)
+        sums, counts = np.zeros(n_cells), np.zeros(n_cells)
         for own, place, out in zip(rest, cells, split.held_out, strict=True):
-            sums += np.bincount(place[~out], weights=own[name][~out], minlength=2 * CELLS)
-            counts += np.bincount(place[~out], minlength=2 * CELLS)
-        mean = sums / (counts + SHRINKAGE)
+            sums += np.bincount(place[~out], weights=own[name][~out], minlength=n_cells)
+            counts += np.bincount(place[~out], minlength=n_cells)
+        mean = sums / (counts + JUDGE.rest_shrinkage)
         for own, place, out in zip(rest, cells, split.held_out, strict=True):
             judged = own[name][out]
             n_judged += len(judged)
             before += float(np.sum(judged**2) - len(judged))
             after += float(np.sum((judged - mean[place[out]]) ** 2) - len(judged))
-    return 1.0 - after / before if before > NOISE * n_judged else 0.0
+    return 1.0 - after / before if before > JUDGE.rest_noise * n_judged else 0.0

@@ -19,13 +19,11 @@ from fdbench.diagnosis.judge.reduction import Reductions, channel_gaps, shapley
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Stage
+from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
 
-NAMED = 0.5  # probability above which causes stand first
 OR = " or "  # between the names of one claim
-ENOUGH = 0.5  # share of the gap that everything named must explain to be believed
-UNREPEATED = 10.0  # ratio to the noise floor that one run may reach by chance where the floor is of three repeats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,7 +115,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     recalibrated = np.array([reductions.of_channel(place)[0] for place in range(len(noise_models))])
     shares = Shares(recalibrated, interpolated)
     repaired = np.array([reductions.of_channel(place)[-1] for place in range(len(noise_models))])
-    belief = plausibility_discount(Shares(on_paper, interpolated).of(np.maximum(repaired - UNREPEATED, 0.0)))
+    belief = plausibility_discount(Shares(on_paper, interpolated).of(np.maximum(repaired - JUDGE.unrepeated, 0.0)))
     beside_twins = found.final.nominal.beside_twins
     closed = [reductions.of_channel(place)[0] - reductions.of_channel(place) for place in range(len(noise_models))]
     by_subset = {
@@ -161,7 +159,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     values, value_features_of, moved = deviating_parameters(search, found.final, corrected, models)
     causes += [dataclasses.replace(value, probability=belief * value.probability) for value in values]
     causes += [marked(mark, shares.of(energies(mark, noise_models))) for mark in found.marks]
-    causes.sort(key=lambda cause: (cause.probability <= NAMED, -cause.share))
+    causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
     suspects, suspect_features_of = suspected(found, models, belief)
     before = search.compared(found.base, [(Effect, found.final, True)])
     left = gather(search.replay, search.split, found.final, ())
@@ -187,12 +185,12 @@ def noise_alone(mean_square: float) -> float:
 
     .. math:: p = 1 / (1 + (g / g_0)^4)
 
-    with :math:`g_0` = `UNREPEATED`.
+    with :math:`g_0` = ``JUDGE.unrepeated``.
 
     >>> round(noise_alone(1.0), 3), noise_alone(10.0), round(noise_alone(74.0), 5)
     (1.0, 0.5, 0.00033)
     """
-    return 1.0 / (1.0 + (max(mean_square, 0.0) / UNREPEATED) ** 4)
+    return 1.0 / (1.0 + (max(mean_square, 0.0) / JUDGE.unrepeated) ** 4)
 
 
 def plausibility_discount(left: float) -> float:
@@ -204,7 +202,7 @@ def plausibility_discount(left: float) -> float:
     >>> plausibility_discount(0.3), plausibility_discount(0.75)
     (1.0, 0.5)
     """
-    return min(1.0, (1.0 - left) / ENOUGH)
+    return min(1.0, (1.0 - left) / JUDGE.enough)
 
 
 def marked(mark: Artefact, share: float) -> Cause:
@@ -229,7 +227,7 @@ def suspected(found: Findings, models: ProbabilityModels, belief: float) -> tupl
         return [], {}
     best = last.rivals[0]
     features = confidence.effect_features(last, best.kind)
-    chance = belief * min(models.suspect.probability(features), NAMED)
+    chance = belief * min(models.suspect.probability(features), JUDGE.named)
     return [Suspect(effect=best.kind.name, probability=chance)], {best.kind.name: features}
 
 

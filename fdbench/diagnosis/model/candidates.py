@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
 from fdbench.diagnosis.model.parameter_vector import longest_s
+from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import Effect, Port
 
 QUARTER_TURN = math.pi / 2.0
-LARGEST_CHANGE = 4.0
-HIGHEST_OF_NYQUIST = 0.8  # frequency of a mode or line that samples still show
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +47,7 @@ class Candidate:
         """Return the candidate at the fitted amplitudes and phase, as one effect; None where a bound is broken."""
         effect, kind = self.members[0], self.kind
         if self.replaces is not None:
-            return self if 0.1 < coefficients[0] < 3.0 else None
+            return self if MODEL.least_replacement < coefficients[0] < MODEL.most_replacement else None
         changes: dict[str, float] = {}
         phase = phase_of(kind)
         members = list(self.members)
@@ -59,7 +58,7 @@ class Candidate:
             del members[1]
         bounds = {item.name: item for item in kind.parameters()}
         for name, member, coefficient in zip(amplitudes(kind), members, coefficients, strict=False):
-            size = math.copysign(min(abs(coefficient), LARGEST_CHANGE), coefficient)
+            size = math.copysign(min(abs(coefficient), MODEL.largest_change), coefficient)
             value = size * getattr(member, name)
             if value < bounds[name].low:
                 return None
@@ -110,7 +109,7 @@ def candidates(
     present = {type(effect) for effect in (*base.effects, *drive.effects)}
     covered = {item.cause(base.nominal) for item in nominal_parameters(base.nominal)}
     found: list[Candidate] = []
-    highest_Hz = math.inf if period_s is None else HIGHEST_OF_NYQUIST * 0.5 / period_s
+    highest_Hz = math.inf if period_s is None else MODEL.highest_of_nyquist * 0.5 / period_s
     for kind in base.nominal.library:
         unseen = drive.screw is None and (kind.port is Port.TABLE_SCALE or kind.needs_screw)
         if kind not in present and kind.name not in covered and not unseen:

@@ -9,14 +9,12 @@ import numpy as np
 
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Variant
+from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import Effect
 from fdbench.plants.feed_drive import FeedDrive, RotaryMotor, Table
 from fdbench.record import FloatArray
 
-SMALLEST_RATIO = 0.05
-FREEDOM = 3.0  # degrees of freedom of a nominal parameter: most are nearly right, a few are far off
 WIDTH = "transition_velocity_m_per_s"  # parameter that any friction turns its sign over
-LINE_STEP = 3e-4  # relative; a record holds hundreds of periods
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +77,8 @@ class Hypothesis:
 
     def prior_penalty(self) -> float:
         r"""Return :math:`\sum_i (\nu + 1) \ln(1 + s_i^2 / \nu)`, minus twice the log prior of Student's t."""
-        return float(sum((FREEDOM + 1.0) * math.log1p(shift**2 / FREEDOM) for shift in self.shifts))
+        freedom = MODEL.freedom
+        return float(sum((freedom + 1.0) * math.log1p(shift**2 / freedom) for shift in self.shifts))
 
     def moved(self, change: Sequence[float] | FloatArray) -> "Hypothesis":
         """Return the hypothesis with its nominal parameters moved by the first numbers of ``change``, in deviations."""
@@ -185,7 +184,7 @@ class NominalParameter:
             return drive, ()
         if self.kind == "mass":
             field = "inertia_kg_m2" if isinstance(part, RotaryMotor) else "mass_kg"
-            changes = {field: getattr(part, field) * max(1.0 + change, SMALLEST_RATIO)}
+            changes = {field: getattr(part, field) * max(1.0 + change, MODEL.smallest_mass)}
         else:
             changes = {"viscous_friction_N_s_per_m": max(part.viscous_friction_N_s_per_m + change, 0.0)}
         part = dataclasses.replace(part, **changes)
@@ -301,8 +300,8 @@ def adjustables(effect: Effect, longest_s: float = math.inf) -> list[Adjustable]
         if item.whole or not (is_amplitude or item.phase or item.grid or item.locate):
             continue
         value = getattr(effect, item.name)
-        share = LINE_STEP if item.locate else 0.1
-        step = 0.3 if item.phase else share * (abs(value) or abs(item.typical))
+        share = MODEL.line_step if item.locate else MODEL.step
+        step = MODEL.phase_step_rad if item.phase else share * (abs(value) or abs(item.typical))
         low, high = (-math.inf, math.inf) if item.phase else (item.low, item.high)
         high = min(high, max(longest_s, low)) if item.unit == "s" else high
         found.append(Adjustable(name=item.name, step=step, low=low, high=high, prior=False))

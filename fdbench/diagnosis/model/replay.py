@@ -12,6 +12,7 @@ import numpy as np
 
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import DEFLECTION, Run
+from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import Effect
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
@@ -19,8 +20,6 @@ from fdbench.simulate import layout
 from fdbench.simulate.block import Blocks, Mechanics
 from fdbench.simulate.compose import compose
 
-COARSER = (3, 4, 5, 6, 8)  # substeps that are tried where the model has more
-MISSED = 0.1  # of the noise, root mean square, by which coarser substeps may move a reading
 WIDTH = 8  # few effects in a block beat many lanes in it
 PIECE = 4096  # samples simulated at once, which bounds the memory
 
@@ -93,14 +92,15 @@ class Replay:
         plain = [Variant(plant=self.drive)]
         fine = [self.simulate(run, plain) for run in runs]
         n_samples = sum(run.n_samples for run in runs)
-        for substeps in COARSER:
+        for substeps in MODEL.coarser_substeps:
             if substeps >= self.substeps:
                 break
             coarse = copy.copy(self)
             coarse.substeps = substeps
             both = [(own, coarse.simulate(run, plain)) for own, run in zip(fine, runs, strict=True)]
             moved = {name: sum(float(np.sum((a[name] - b[name]) ** 2)) for a, b in both) for name in noise_models}
-            if all(moved[name] <= n_samples * (MISSED * floor.rms) ** 2 for name, floor in noise_models.items()):
+            allowed = {name: n_samples * (MODEL.substeps_error * item.rms) ** 2 for name, item in noise_models.items()}
+            if all(moved[name] <= allowed[name] for name in noise_models):
                 return coarse
         return self
 

@@ -21,8 +21,6 @@ from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.records.plausibility import check_content, check_sizes, noise_estimate
 from fdbench.diagnosis.records.runs import (
     COMMAND,
-    SAME_COMMAND,
-    SAME_MOTION,
     SIDES,
     Run,
     channels_of,
@@ -30,17 +28,13 @@ from fdbench.diagnosis.records.runs import (
     position_column,
     prepare,
 )
+from fdbench.diagnosis.settings import MODEL, RECORDS
 from fdbench.errors import RecordError, SpecError
 from fdbench.plants.feed_drive import FeedDrive, Following
 from fdbench.record import FloatArray, Record, held_samples
 from fdbench.simulate.stability import is_stable
 
-SLOWER = 0.8
-LOWEST_HZ, QUIETEST_HZ = 1.0, 5.0  # that has to hold the axis, and that is slow enough for any noise
-HIGHEST_PEAK = 1.5  # of the complementary sensitivity
 FREQUENCIES = 400
-REACTION = 0.02  # of the measured force that the noise of the position may cause, unless the force is as noisy itself
-SMOOTHED = 3.0  # times the bandwidth up to which velocity and acceleration are kept
 
 
 def prepared(nominal: Nominal, records: Sequence[Record]) -> tuple[Nominal, list[Run], list[str]]:
@@ -108,21 +102,21 @@ def virtual_controller(drive: FeedDrive, records: Sequence[Record]) -> Following
         greatest_force_N=max(float(np.abs(force).max()) for force in forces) or None,
     )
     noise_m = max(noise_estimate(item[_column(item, drive, controller)]) for item in records)
-    quiet_N = max(max(noise_estimate(force), REACTION * float(np.std(force))) for force in forces)
+    quiet_N = max(max(noise_estimate(force), MODEL.reaction * float(np.std(force))) for force in forces)
     while not holds(drive, controller, period):
         controller = _slower(controller)
-        if controller.bandwidth_Hz < LOWEST_HZ:
+        if controller.bandwidth_Hz < MODEL.lowest_Hz:
             raise SpecError(
                 f"plant: no virtual controller holds this axis at one sample each {period:.4g} s. Check that time_s is "
                 "in seconds, masses and stiffness, or give the real controller as [plant.controller]."
             )
-    while noise_gain(controller, period) * noise_m > quiet_N and controller.bandwidth_Hz > QUIETEST_HZ:
+    while noise_gain(controller, period) * noise_m > quiet_N and controller.bandwidth_Hz > MODEL.quietest_Hz:
         controller = _slower(controller)
     return controller
 
 
 def _slower(controller: Following) -> Following:
-    return dataclasses.replace(controller, bandwidth_Hz=SLOWER * controller.bandwidth_Hz)
+    return dataclasses.replace(controller, bandwidth_Hz=MODEL.slower * controller.bandwidth_Hz)
 
 
 def noise_gain(controller: Following, period_s: float) -> float:
@@ -166,7 +160,7 @@ def holds(drive: FeedDrive, controller: Following, period_s: float) -> bool:
         return False
     z = np.exp(1j * np.pi * np.geomspace(1e-3, 1.0, FREQUENCIES))
     states = np.linalg.solve(z[:, None, None] * np.eye(n + 2) - closed, np.tile(b[:, None], (FREQUENCIES, 1, 1)))
-    return bool(np.abs(states[:, :, 0] @ gain).max() < HIGHEST_PEAK)
+    return bool(np.abs(states[:, :, 0] @ gain).max() < MODEL.highest_peak)
 
 
 def follow(record: Record, drive: FeedDrive) -> Run:
@@ -202,7 +196,7 @@ def follow(record: Record, drive: FeedDrive) -> Run:
     lead = force / controller.velocity_gain_N_s_per_m + velocity - motion[:, 1]
     reference[:, 0] = position + lead / controller.position_gain_per_s
     command = record.get(COMMAND)
-    own, same = (motion[:, 0], SAME_MOTION) if command is None else (command, SAME_COMMAND)
+    own, same = (motion[:, 0], RECORDS.same_motion) if command is None else (command, RECORDS.same_command)
     return dataclasses.replace(run, reference=reference, lap=lap_length(own, period, same), motion=(own, same))
 
 
@@ -219,7 +213,7 @@ def smoothed(position: FloatArray, period_s: float, bandwidth_Hz: float) -> Floa
     """
     from scipy.signal import savgol_filter
 
-    half = max(2, round(0.62 / (SMOOTHED * bandwidth_Hz * period_s)))
+    half = max(2, round(0.62 / (MODEL.smoothed * bandwidth_Hz * period_s)))
     width = min(2 * half + 1, (len(position) - 1) // 2 * 2 + 1)
     orders = range(3)
     return np.column_stack([savgol_filter(position, width, min(3, width - 1), order, period_s) for order in orders])

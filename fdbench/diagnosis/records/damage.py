@@ -6,21 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.diagnosis.records.runs import COMMAND, Run
+from fdbench.diagnosis.settings import PLAUSIBLE
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 from fdbench.units import time_text
 
 FORCE, POSITION = "motor_force_N", "position_m"
-IMPOSSIBLE = 20.0  # times the force that 99.9 % of the samples stay below, which a jump of the position would need
-NOISY = 12.0  # times the noise of a second difference
-RARE = 0.01  # share of samples beyond which jumps are no damage but a wrong unit
-QUANTA = 6.0  # steps of the encoder
-FROZEN_SAMPLES, FROZEN_S = 50, 0.05
-COPIED_SAMPLES = 50  # rows that no machine repeats to the last digit
-SPIKE, SPIKE_SAMPLES = 4.0, 3  # times the force that 99.5 % of the samples stay below; longest
-UNFELT = 0.3  # share of its impulse that a real force would at least leave in the speed
-AROUND = 8  # samples before and after a spike that the speed is taken over
 
 
 def check_damage(run: Run, drive: FeedDrive, noise_m: float) -> None:
@@ -38,9 +30,9 @@ def check_damage(run: Run, drive: FeedDrive, noise_m: float) -> None:
     _refuse_copies(run, position, force)
     jumps = _jumps(run, drive, noise_m)
     _refuse_frozen(run, position, force, jumps, noise_m)
-    if 0 < jumps.size <= RARE * run.n_samples:
+    if 0 < jumps.size <= PLAUSIBLE.rare * run.n_samples:
         steps = np.abs(np.diff(position))
-        is_spike = int(jumps[-1]) - int(jumps[0]) < SPIKE_SAMPLES == jumps.size
+        is_spike = int(jumps[-1]) - int(jumps[0]) < PLAUSIBLE.spike_samples == jumps.size
         first = int(jumps[0]) + 1 if is_spike else int(jumps[np.argmax(steps[jumps])])
         size = float(steps[first])
         kind = (
@@ -65,7 +57,11 @@ def _jumps(run: Run, drive: FeedDrive, noise_m: float) -> NDArray[np.intp]:
     steps = np.abs(np.diff(position))
     quantum = float(steps[steps > 0.0].min(initial=math.inf)) if steps.any() else 0.0
     strongest = float(np.quantile(np.abs(run.channels[FORCE]), 0.999))
-    least = max(IMPOSSIBLE * strongest * h**2 / drive.motor.mass_kg, NOISY * math.sqrt(6.0) * noise_m, QUANTA * quantum)
+    least = max(
+        PLAUSIBLE.impossible_force * strongest * h**2 / drive.motor.mass_kg,
+        PLAUSIBLE.bend_noise * math.sqrt(6.0) * noise_m,
+        PLAUSIBLE.encoder_steps * quantum,
+    )
     bent = np.abs(np.diff(position, 2)) > least
     if run.held is not None:
         near = np.convolve(run.held, np.ones(5), "same") > 0.0
@@ -82,14 +78,15 @@ def _stretches(inside: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def _refuse_frozen(run: Run, position: FloatArray, force: FloatArray, jumps: NDArray[np.intp], noise_m: float) -> None:
     """Refuse a stretch in which nothing changes though the axis is told to move, or which begins with a jump."""
     same = (np.diff(position) == 0.0) & (np.diff(force) == 0.0)
-    fewest = max(FROZEN_SAMPLES, round(FROZEN_S / run.period_s))
-    span = float(np.ptp(position))
+    fewest = max(PLAUSIBLE.frozen_samples, round(PLAUSIBLE.frozen_s / run.period_s))
+    span, noisy = float(np.ptp(position)), PLAUSIBLE.bend_noise * noise_m
     for first, last in _stretches(same):
         if last - first < fewest:
             continue
         told = float(np.ptp(run.reference[first : last + 1, 0])) if run.motion is None else 0.0
-        jumped = first > 0 and abs(float(position[first] - position[first - 1])) > max(0.05 * span, NOISY * noise_m)
-        if told > max(0.02 * span, NOISY * noise_m) or (jumped and bool(np.any(np.abs(jumps - first) <= 2))):
+        jump = abs(float(position[first] - position[first - 1])) if first > 0 else 0.0
+        jumped = jump > max(PLAUSIBLE.frozen_jump * span, noisy) and bool(np.any(np.abs(jumps - first) <= 2))
+        if told > max(PLAUSIBLE.frozen_command * span, noisy) or jumped:
             value = "zero" if position[first] == 0.0 and force[first] == 0.0 else "constant"
             where = "at its end" if last >= run.n_samples - 2 else "within it"
             moves = f" while {COMMAND} moves by {told:.3g} m" if told > 0.0 else ""
@@ -105,9 +102,9 @@ def _refuse_copies(run: Run, position: FloatArray, force: FloatArray) -> None:
     twin = (np.diff(force[order]) == 0.0) & (np.diff(position[order]) == 0.0)
     lag = np.zeros(len(force), dtype=np.intp)
     lag[order[1:][twin]] = np.diff(order)[twin]
-    moving = np.concatenate(([False], np.diff(position) != 0.0))
+    moving, fewest = np.concatenate(([False], np.diff(position) != 0.0)), PLAUSIBLE.copied_samples
     for first, last in _stretches((lag > 0) & np.concatenate(([False], lag[1:] == lag[:-1]))):
-        if last - first >= COPIED_SAMPLES and np.count_nonzero(moving[first:last]) > COPIED_SAMPLES // 2:
+        if last - first >= fewest and np.count_nonzero(moving[first:last]) > fewest // 2:
             raise RecordError(
                 f"{run.name}: the {last - first + 1} samples from {_place(run, first - 1)} on repeat those "
                 f"{lag[first]} samples before to the last digit. A block was written twice: cut one of them out."
@@ -117,16 +114,17 @@ def _refuse_copies(run: Run, position: FloatArray, force: FloatArray) -> None:
 def _refuse_spikes(run: Run, drive: FeedDrive, noise_m: float) -> None:
     """Refuse a short spike of the force that the axis would have felt, but did not."""
     force, position, h = run.channels[FORCE], run.channels[POSITION], run.period_s
-    usual = float(np.quantile(np.abs(force), 0.995))
-    for first, last in _stretches(np.abs(force) > SPIKE * usual) if usual > 0.0 else []:
-        before, after = position[max(0, first - AROUND) : first + 1], position[last : last + AROUND + 1]
-        if last - first > SPIKE_SAMPLES or min(len(before), len(after)) <= AROUND:
+    usual, beside = float(np.quantile(np.abs(force), 0.995)), PLAUSIBLE.beside_spike_samples
+    for first, last in _stretches(np.abs(force) > PLAUSIBLE.spike * usual) if usual > 0.0 else []:
+        before, after = position[max(0, first - beside) : first + 1], position[last : last + beside + 1]
+        if last - first > PLAUSIBLE.spike_samples or min(len(before), len(after)) <= beside:
             continue
-        change = (after[-1] - after[0] - before[-1] + before[0]) / (AROUND * h)
+        change = (after[-1] - after[0] - before[-1] + before[0]) / (beside * h)
         impulse = float(force[first:last].sum()) * h / drive.mass_kg
-        others = np.concatenate((force[first - AROUND : first], force[last : last + AROUND]))
-        noise = NOISY * noise_m * 2.0 / (AROUND * h) + AROUND * h * float(np.abs(others).mean()) / drive.mass_kg
-        if abs(impulse) > noise / UNFELT and change / impulse < UNFELT:
+        others = np.concatenate((force[first - beside : first], force[last : last + beside]))
+        noise = PLAUSIBLE.bend_noise * noise_m * 2.0 / (beside * h)
+        noise += beside * h * float(np.abs(others).mean()) / drive.mass_kg
+        if abs(impulse) > noise / PLAUSIBLE.unfelt and change / impulse < PLAUSIBLE.unfelt:
             place = first + int(np.argmax(np.abs(force[first:last])))
             raise RecordError(
                 f"{run.name}: {FORCE} is {force[place]:.4g} N at {_place(run, place)}, and hardly ever more than "

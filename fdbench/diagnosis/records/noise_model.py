@@ -10,12 +10,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from fdbench.diagnosis.records.runs import Run, differences
+from fdbench.diagnosis.settings import RECORDS
 from fdbench.record import FloatArray
 
-ASSUMED_QUANTILE = 0.25
-PIECE = 256  # samples
-LONG_PIECE = 1024  # of what repeats differ by
-BAND = 9  # frequencies
 SMALLEST = 1e-12
 
 
@@ -75,7 +72,7 @@ class NoiseModel:
 
 def white(rms: float, measured: bool) -> NoiseModel:
     """Return a floor that is alike at all frequencies."""
-    spectrum = np.ones(PIECE // 2 + 1)
+    spectrum = np.ones(RECORDS.piece_samples // 2 + 1)
     spectrum[[0, -1]] = 0.5
     return NoiseModel(spectrum=spectrum * (rms**2 / spectrum.sum()), measured=measured)
 
@@ -98,7 +95,8 @@ def spectrum_of(signals: Sequence[FloatArray]) -> FloatArray:
 
     By Welch's method (1967): pieces that overlap by half, Hann's window; scaled to the mean square of all samples.
     """
-    length = PIECE if min(len(values) for values in signals) < LONG_PIECE else LONG_PIECE
+    short, long = RECORDS.piece_samples, RECORDS.long_piece_samples
+    length = short if min(len(values) for values in signals) < long else long
     power = _powers(signals, length).mean(axis=0)
     power[1:-1] *= 2.0
     mean_square = sum(float(values @ values) for values in signals) / sum(len(values) for values in signals)
@@ -114,10 +112,11 @@ def assumed(signals: Sequence[FloatArray]) -> FloatArray:
     broad counts as noise, and noise slower than a piece is not seen. A quartile of the power of Gaussian noise is its
     mean times :math:`\ln 4/3`.
     """
-    power = _powers(signals, PIECE, np.linspace(-1.0, 1.0, PIECE))
-    quiet = np.quantile(power, ASSUMED_QUANTILE, axis=0)[1:-1] / -math.log(1.0 - ASSUMED_QUANTILE)
-    smooth = np.median(sliding_window_view(np.pad(quiet, BAND // 2, mode="edge"), BAND), axis=1)
-    return np.concatenate(([0.0], 2.0 / PIECE * smooth, [0.0]))
+    piece, beside = RECORDS.piece_samples, RECORDS.neighbouring_frequencies
+    power = _powers(signals, piece, np.linspace(-1.0, 1.0, piece))
+    quiet = np.quantile(power, RECORDS.assumed_quantile, axis=0)[1:-1] / -math.log(1.0 - RECORDS.assumed_quantile)
+    smooth = np.median(sliding_window_view(np.pad(quiet, beside, mode="edge"), 2 * beside + 1), axis=1)
+    return np.concatenate(([0.0], 2.0 / piece * smooth, [0.0]))
 
 
 def _powers(signals: Sequence[FloatArray], length: int, trend: FloatArray | None = None) -> FloatArray:

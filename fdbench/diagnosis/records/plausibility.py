@@ -7,28 +7,13 @@ import numpy as np
 
 from fdbench.diagnosis.records.damage import check_damage
 from fdbench.diagnosis.records.runs import COMMAND, Run
+from fdbench.diagnosis.settings import PLAUSIBLE
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray, Record
 from fdbench.units import time_text
 
 FORCE, POSITION = "motor_force_N", "position_m"
-LARGEST = 1e9  # that no column of a machine reaches in SI units
-SPIKE = 50.0  # times the force that 99 % of the samples stay below
-JUMP = 50.0  # times the distance between two samples at the velocity limit
-UNMOVED = 0.01  # share of the travel that a position may move under a command that stands still
-MOVES = 20.0  # times the noise of a position
-FEWEST_SAMPLES, SHORTEST_S = 256, 1.0
-OUTSIDE = 1.5  # times the travel or the velocity limit that a command may reach
-CONSTANT = 1e-3  # spread of a speed, relative to it, below which only its mean tells its unit
-OTHER_UNIT = 8.0  # ratio of two lengths or speeds that only a wrong unit gives
-OTHER_ZERO = 0.5  # share of the range of the command by which position and command may differ throughout
-SWAPPED, UNRELATED, ALIKE = -0.5, 0.3, 0.8  # correlations
-WRONG_GAIN, USELESS_GAIN = 2.0, 10.0
-LIMITED = 0.3  # share of samples at the greatest force, which only an unstable loop reaches
-LONGEST_DELAY_S = 1.0
-DELAYED = 0.5  # share of the distance that a shift in time must remove
-SPAN = 5  # samples that a speed is taken over
 PREFIXES = {1e3: "a thousand: millimetres, milliseconds or kilonewtons", 1e6: "a million: micrometres"}
 
 
@@ -36,7 +21,7 @@ def check_sizes(record: Record) -> None:
     """Raise a RecordError where a column reaches values that no machine has."""
     for name, values in record.items():
         place = int(np.argmax(np.abs(values)))
-        if name != "time_s" and abs(values[place]) > LARGEST:
+        if name != "time_s" and abs(values[place]) > PLAUSIBLE.largest_value:
             raise RecordError(
                 f"{record.source}: {name} is {values[place]:.4g} at sample {place}. A damaged sample, which has to be "
                 "cut out, or a wrong unit or gain in the mapping."
@@ -48,7 +33,7 @@ def check_content(runs: Sequence[Run]) -> None:
     for run in runs:
         force = np.abs(run.channels[FORCE])
         usual, place = float(np.quantile(force, 0.99)), int(np.argmax(force))
-        if force[place] > SPIKE * usual > 0.0:
+        if force[place] > PLAUSIBLE.force_peak * usual > 0.0:
             raise RecordError(
                 f"{run.name}: {FORCE} reaches {force[place]:.4g} N at sample {place}, and hardly ever more than "
                 f"{usual:.3g} N elsewhere. Probably a damaged sample: cut it out, or split the record there."
@@ -73,7 +58,7 @@ def noise_estimate(values: FloatArray) -> float:
 def _moves(run: Run) -> bool:
     position = run.channels[POSITION]
     commanded = run.motion is None and float(np.ptp(run.reference[:, 0])) > 0.0
-    return commanded or float(np.ptp(position)) > MOVES * noise_estimate(position)
+    return commanded or float(np.ptp(position)) > PLAUSIBLE.motion * noise_estimate(position)
 
 
 def check_record(run: Run, drive: FeedDrive) -> None:
@@ -92,24 +77,25 @@ def check_record(run: Run, drive: FeedDrive) -> None:
         message says what to do.
     """
     duration_s = run.n_samples * run.period_s
-    if run.n_samples < FEWEST_SAMPLES or duration_s < SHORTEST_S:
+    fewest, shortest_s = PLAUSIBLE.fewest_samples, PLAUSIBLE.shortest_s
+    if run.n_samples < fewest or duration_s < shortest_s:
         raise RecordError(
-            f"{run.name}: {run.n_samples} samples, {time_text(duration_s)}; needed: {FEWEST_SAMPLES} samples and "
-            f"{SHORTEST_S:g} s at least. Record several strokes at several speeds; or is time_s in another unit?"
+            f"{run.name}: {run.n_samples} samples, {time_text(duration_s)}; needed: {fewest} samples and "
+            f"{shortest_s:g} s at least. Record several strokes at several speeds; or is time_s in another unit?"
         )
     position, velocity = run.channels[POSITION], run.reference[:, 1]
     followed = run.motion is not None
     name, command = (POSITION, position) if followed else (COMMAND, run.reference[:, 0])
     span, fastest = float(np.ptp(command)), float(np.abs(velocity).max())
     slope = _rate_ratio(command, velocity, run.period_s) if span > 0.0 and not followed else 1.0
-    if not 1.0 / OTHER_UNIT < slope < OTHER_UNIT:
+    if not 1.0 / PLAUSIBLE.other_unit < slope < PLAUSIBLE.other_unit:
         raise RecordError(
             f"{run.name}: reference_velocity_m_per_s is {slope:.4g} times the change of {COMMAND} in a "
             f"second.{_factor_words(slope)} Mend its unit or sign in the mapping, or leave it out."
         )
     steps = np.abs(np.diff(position))
     place, longest = int(np.argmax(steps)), drive.velocity_limit_m_per_s * run.period_s
-    if steps[place] > JUMP * max(longest, float(np.quantile(steps, 0.99))):
+    if steps[place] > PLAUSIBLE.position_step * max(longest, float(np.quantile(steps, 0.99))):
         raise RecordError(
             f"{run.name}: {POSITION} jumps by {steps[place]:.3g} m after sample {place}; at the model's velocity limit "
             f"it moves {longest:.3g} m between samples. Damaged samples, or two recordings in one: split it there."
@@ -119,13 +105,13 @@ def check_record(run: Run, drive: FeedDrive) -> None:
         (span, drive.travel_m, "travel_m", "m"),
         (fastest, drive.velocity_limit_m_per_s, "velocity_limit_m_per_s", "m/s"),
     ):
-        if value > OUTSIDE * limit:
+        if value > PLAUSIBLE.outside * limit:
             raise RecordError(
                 f"{run.name}: the {'motion' if followed else 'command'} reaches {value:.4g} {unit}, the model's {key} "
                 f"is {limit:g}. Probably the unit of {name} or time_s is not m or s; a mapping file converts it: "
                 'unit = "mm".'
             )
-    if span == 0.0 and float(np.ptp(position)) > UNMOVED * drive.travel_m:
+    if span == 0.0 and float(np.ptp(position)) > PLAUSIBLE.unmoved * drive.travel_m:
         raise RecordError(
             f"{run.name}: {COMMAND} never changes, but {POSITION} moves by {np.ptp(position):.3g} m. Check which "
             f"column is mapped to {COMMAND}; without that column the measured motion is followed."
@@ -137,23 +123,23 @@ def check_record(run: Run, drive: FeedDrive) -> None:
 def _check_position(run: Run, command: FloatArray, span: float) -> None:
     position = run.channels[POSITION]
     slope, correlation = _slope(command, position), _correlation(command, position)
-    if correlation < SWAPPED:
+    if correlation < PLAUSIBLE.swapped:
         raise RecordError(
             f"{run.name}: position_m runs against reference_position_m (correlation {correlation:.2f}). Probably the "
             "sign of one of them is swapped; gain = -1 in the mapping turns it."
         )
-    if correlation < UNRELATED:
+    if correlation < PLAUSIBLE.unrelated:
         raise RecordError(
             f"{run.name}: position_m does not follow reference_position_m (correlation {correlation:.2f}). Probably "
             "one of them is of another axis or another run."
         )
-    if not 1.0 / OTHER_UNIT < slope < OTHER_UNIT:
+    if not 1.0 / PLAUSIBLE.other_unit < slope < PLAUSIBLE.other_unit:
         raise RecordError(
             f"{run.name}: position_m moves {slope:.4g} times as far as reference_position_m.{_factor_words(slope)} "
             "A mapping file converts units."
         )
     offset = float(np.median(position - command))
-    if abs(offset) > OTHER_ZERO * span:
+    if abs(offset) > PLAUSIBLE.other_zero * span:
         raise RecordError(
             f"{run.name}: position_m lies {offset:.4g} m beside reference_position_m throughout. Probably the two have "
             f"different zero points; offset = {-offset:.6g} in the mapping shifts position_m."
@@ -188,29 +174,29 @@ def check_alignment(run: Run, simulated: Mapping[str, FloatArray]) -> list[str]:
     delays = {name: delay_of(run, simulated, name) for name in (FORCE, POSITION)}
     correlation, opposed = (_correlation(np.roll(model, round(delays[name])), force) for name in (FORCE, POSITION))
     ratio = float(force.std() / max(model.std(), 1e-12))
-    if limited > LIMITED and correlation < ALIKE:
+    if limited > PLAUSIBLE.at_limit and correlation < PLAUSIBLE.alike:
         raise RecordError(
             f"{run.name}: the simulated force is at its limit in {limited:.0%} of the samples, so the model's loop is "
             f"unstable at one sample each {run.period_s:.4g} s. Check that time_s is in seconds, that the record has "
             "every cycle of the controller and not each tenth, and the controller's gains."
         )
-    if opposed < SWAPPED:
+    if opposed < PLAUSIBLE.swapped:
         raise RecordError(
             f"{run.name}: measured and simulated force run against each other (correlation {opposed:.2f}). Probably "
             "the sign of the force is swapped; a negative gain in the mapping turns it."
         )
-    if correlation < UNRELATED:
+    if correlation < PLAUSIBLE.unrelated:
         warnings.append(
             f"{run.name}: measured and simulated force have next to nothing in common (correlation {correlation:.2f}). "
             "Another column or axis, or a force that the model lacks and that hides all others."
         )
-    if correlation > ALIKE and not 1.0 / WRONG_GAIN < ratio < WRONG_GAIN:
+    if correlation > PLAUSIBLE.alike and not 1.0 / PLAUSIBLE.wrong_gain < ratio < PLAUSIBLE.wrong_gain:
         text = (
             f"{run.name}: the measured force is {ratio:.4g} times the simulated one, with the same shape (correlation "
             f"{correlation:.2f}).{_factor_words(ratio)} Probably its gain (N for each volt, ampere or newton metre) is "
             "wrong."
         )
-        if not 1.0 / USELESS_GAIN < ratio < USELESS_GAIN:
+        if not 1.0 / PLAUSIBLE.useless_gain < ratio < PLAUSIBLE.useless_gain:
             raise RecordError(text)
         warnings.append(f"{text} If not, nominal mass and friction are far off.")
     return warnings + _clock_warnings(run, delays)
@@ -218,7 +204,7 @@ def check_alignment(run: Run, simulated: Mapping[str, FloatArray]) -> list[str]:
 
 def _clock_warnings(run: Run, delays: Mapping[str, float]) -> list[str]:
     late = {name: delay for name, delay in delays.items() if abs(delay) > 1.0}
-    if len(late) == 2 and abs(late[FORCE] - late[POSITION]) <= 1.0 + 0.02 * abs(late[POSITION]):
+    if len(late) == 2 and abs(late[FORCE] - late[POSITION]) <= 1.0 + PLAUSIBLE.common_delay * abs(late[POSITION]):
         late = {f"{FORCE} and {POSITION} together": late[POSITION]}
     of_the_loop = " or a wrong gain of the controller" if run.motion is None else ""
     return [
@@ -238,10 +224,11 @@ def delay_of(run: Run, simulated: Mapping[str, FloatArray], channel: str) -> flo
     """
     measured, model = run.channels[channel], simulated[channel]
     if channel == POSITION:
-        measured, model = measured[SPAN:] - measured[:-SPAN], model[SPAN:] - model[:-SPAN]
+        span = PLAUSIBLE.speed_samples
+        measured, model = measured[span:] - measured[:-span], model[span:] - model[:-span]
     n = len(measured)
     half_a_lap = n if run.lap is None else run.lap // 2
-    longest = max(2, min(round(LONGEST_DELAY_S / run.period_s), n // 4, half_a_lap))
+    longest = max(2, min(round(PLAUSIBLE.longest_delay_s / run.period_s), n // 4, half_a_lap))
     if measured.std() == 0.0 or model.std() == 0.0:
         return 0.0
     measured, model = (measured - measured.mean()) / measured.std(), (model - model.mean()) / model.std()
@@ -252,7 +239,7 @@ def delay_of(run: Run, simulated: Mapping[str, FloatArray], channel: str) -> flo
     energy = own[n - early] - own[late] + other[n - late] - other[early]
     distance = (energy - 2.0 * products[lags]) / (n - np.abs(lags))
     best = int(np.argmin(distance))
-    if distance[best] > DELAYED * distance[longest] or not 0 < best < 2 * longest:
+    if distance[best] > PLAUSIBLE.delayed * distance[longest] or not 0 < best < 2 * longest:
         return 0.0
     left, middle, right = distance[best - 1 : best + 2]
     bend = left - 2.0 * middle + right
@@ -262,7 +249,7 @@ def delay_of(run: Run, simulated: Mapping[str, FloatArray], channel: str) -> flo
 def _rate_ratio(command: FloatArray, velocity: FloatArray, period_s: float) -> float:
     """Return how many times the change of a command its given velocity is; of a constant speed, by the means."""
     change = np.gradient(command, period_s)
-    if float(change.std()) > CONSTANT * float(np.abs(change).max()):
+    if float(change.std()) > PLAUSIBLE.constant_speed * float(np.abs(change).max()):
         return _slope(change, velocity)
     return float(velocity.mean() / change.mean())
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.diagnosis.settings import RECORDS
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray, Record, held_samples
@@ -14,11 +15,6 @@ from fdbench.record import FloatArray, Record, held_samples
 COMMAND = "reference_position_m"
 SIDES = ("motor_position_m", "table_position_m")
 DEFLECTION = "motor_minus_table_position_m"
-SAME_COMMAND = 1e-5  # largest difference between the commands of repeats, relative to their range
-SAME_MOTION = 1e-3  # the same between measured motions
-SUDDEN = 20.0  # times the next bend of a command that counts as a step of its rate
-SHORTEST_LAP_S = 0.5
-START_SAMPLES = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,7 +63,7 @@ class Run:
 
     def start(self) -> tuple[float, float]:
         """Return position (m) and velocity (m/s) at the first sample, by a line through the first few."""
-        first = self.channels["position_m"][:START_SAMPLES]
+        first = self.channels["position_m"][: RECORDS.start_samples]
         slope, offset = np.polyfit(np.arange(len(first)) * self.period_s, first, 1)
         return float(offset), float(slope)
 
@@ -101,7 +97,7 @@ def prepare(record: Record, drive: FeedDrive) -> Run:
         period_s=period,
         reference=np.column_stack((position, velocity, acceleration)),
         channels=channels_of(record, drive, position_column(record, drive)),
-        lap=lap_length(position, period),
+        lap=lap_length(position, period, RECORDS.same_command),
         held=held_samples(record),
         condition=record.provenance.get("condition"),
     )
@@ -118,7 +114,7 @@ def rate(values: FloatArray, period_s: float) -> FloatArray:
     found = np.gradient(values, period_s)
     bend = np.abs(np.diff(values, 2))
     # Sample k + 1 is in the middle of bend k, and at the start of bend k + 1.
-    sudden = 1 + np.flatnonzero(bend[:-1] > SUDDEN * bend[1:])
+    sudden = 1 + np.flatnonzero(bend[:-1] > RECORDS.sudden_bend * bend[1:])
     found[sudden] = (4.0 * values[sudden + 1] - 3.0 * values[sudden] - values[sudden + 2]) / (2.0 * period_s)
     return found
 
@@ -145,7 +141,7 @@ def position_column(record: Record, drive: FeedDrive) -> str:
     )
 
 
-def lap_length(position: FloatArray, period_s: float, same: float = SAME_COMMAND) -> int | None:
+def lap_length(position: FloatArray, period_s: float, same: float) -> int | None:
     """Return after how many samples a position repeats itself, or None if it does not within the record."""
     n = len(position)
     span = float(np.ptp(position))
@@ -157,7 +153,7 @@ def lap_length(position: FloatArray, period_s: float, same: float = SAME_COMMAND
     energy = np.concatenate(([0.0], np.cumsum(centred**2)))
     lags = np.arange(n)
     distance = (energy[n - lags] + energy[n] - energy[lags] - 2.0 * correlation) / (n - lags)
-    first, last = max(2, round(SHORTEST_LAP_S / period_s)), int(0.7 * n)
+    first, last = max(2, round(RECORDS.shortest_lap_s / period_s)), int(RECORDS.longest_lap * n)
     inside = distance[first:last]
     valleys = first + 1 + np.flatnonzero((inside[1:-1] <= inside[:-2]) & (inside[1:-1] < inside[2:]))
     for lap in valleys[distance[valleys] <= (same * span) ** 2].tolist():
@@ -170,7 +166,7 @@ def same_command(a: Run, b: Run) -> bool:
     """Return whether two runs are repeats of one command."""
     if a.n_samples != b.n_samples or a.period_s != b.period_s:
         return False
-    (own, share), (other, _) = (run.motion or (run.reference[:, 0], SAME_COMMAND) for run in (a, b))
+    (own, share), (other, _) = (run.motion or (run.reference[:, 0], RECORDS.same_command) for run in (a, b))
     return bool(np.max(np.abs(own - other)) <= share * max(float(np.ptp(own)), 1e-12))
 
 

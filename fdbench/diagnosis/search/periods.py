@@ -6,23 +6,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fdbench.diagnosis.evidence.split import Split
-from fdbench.diagnosis.model.candidates import HIGHEST_OF_NYQUIST
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import DEFLECTION, Run
+from fdbench.diagnosis.settings import MODEL, SEARCH
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
-
-LINES, PITCHES = 2, 3
-LOWEST_HZ = 2.0
-NEAR, FAR = 4, 24  # bins beside a line that are its surroundings
-STANDS_OUT = 15.0  # power of a line against the highest of its surroundings
-SHORTEST_M, PER_TRAVEL = 4e-4, 0.9
-LONG = 10.0  # waves over the travel, below which a wave is long
-BIN_M, OVERSAMPLING = 1e-4, 8
-ORDERS = (1.0, 2.0, 6.0, 12.0, 24.0)  # of a turn, at which screws, couplings and poles repeat
-AROUND, ABOVE = 8, 3.0  # resolved wavenumbers around an order, and power above theirs that makes it worth a try
 
 
 def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list[float]]:
@@ -107,20 +97,21 @@ def inverse_dynamics_residuals(
 def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[float]:
     """Return the lines that stand out of the spectrum of any run, the sharpest first."""
     found: list[tuple[float, float, float]] = []
+    near, far = SEARCH.line_near, SEARCH.line_far
     for gap, run in zip(gaps, runs, strict=True):
         centred = gap - gap.mean(axis=1, keepdims=True)
         power = np.sum(np.abs(np.fft.rfft(centred * np.hanning(run.n_samples))) ** 2, axis=0)
         frequency = np.asarray(np.fft.rfftfreq(run.n_samples, run.period_s), dtype=np.float64)
-        power[(frequency < LOWEST_HZ) | (frequency > HIGHEST_OF_NYQUIST * frequency[-1])] = 0.0
-        side = np.lib.stride_tricks.sliding_window_view(np.pad(power, FAR, mode="edge"), FAR - NEAR + 1).max(axis=1)
-        height = power / np.maximum(np.maximum(side[: len(power)], side[FAR + NEAR :]), 1e-30)
-        for peak in np.flatnonzero(height > STANDS_OUT).tolist():
-            found.append((float(height[peak]), _parabola(frequency, power, peak), NEAR * float(frequency[1])))
+        power[(frequency < SEARCH.lowest_line_Hz) | (frequency > MODEL.highest_of_nyquist * frequency[-1])] = 0.0
+        side = np.lib.stride_tricks.sliding_window_view(np.pad(power, far, mode="edge"), far - near + 1).max(axis=1)
+        height = power / np.maximum(np.maximum(side[: len(power)], side[far + near :]), 1e-30)
+        for peak in np.flatnonzero(height > SEARCH.stands_out).tolist():
+            found.append((float(height[peak]), _parabola(frequency, power, peak), near * float(frequency[1])))
     lines: list[float] = []
     for _, line, width in sorted(found, reverse=True):
         if all(abs(line - other) > width for other in lines):
             lines.append(line)
-    return lines[:LINES]
+    return lines[: SEARCH.lines]
 
 
 def _lines_in_position(gaps: Sequence[FloatArray], runs: Sequence[Run], lead_m: float | None) -> list[float]:
@@ -131,10 +122,10 @@ def _lines_in_position(gaps: Sequence[FloatArray], runs: Sequence[Run], lead_m: 
     """
     lowest = min(float(run.channels["position_m"].min()) for run in runs)
     travel = max(float(run.channels["position_m"].max()) for run in runs) - lowest
-    if travel < 2.0 * SHORTEST_M:
+    if travel < 2.0 * SEARCH.shortest_wave_m:
         return []
-    n_bins = max(64, round(travel / BIN_M))
-    wavenumber = np.asarray(np.fft.rfftfreq(OVERSAMPLING * n_bins, travel / n_bins), dtype=np.float64)
+    n_bins = max(64, round(travel / SEARCH.bin_m))
+    wavenumber = np.asarray(np.fft.rfftfreq(SEARCH.oversampling * n_bins, travel / n_bins), dtype=np.float64)
     power = np.zeros(len(wavenumber))
     for run, gap in zip(runs, gaps, strict=True):
         inside = slice(1, 1 + gap.shape[1])
@@ -146,14 +137,14 @@ def _lines_in_position(gaps: Sequence[FloatArray], runs: Sequence[Run], lead_m: 
                 sums = np.bincount(place[moving], weights=signal[moving], minlength=n_bins)
                 profile = sums / np.sqrt(np.maximum(visits, 1))
                 profile -= visits**0.5 * (sums.sum() / max(visits.sum(), 1))
-                power += np.abs(np.fft.rfft(profile, OVERSAMPLING * n_bins)) ** 2
+                power += np.abs(np.fft.rfft(profile, SEARCH.oversampling * n_bins)) ** 2
     resolved = max(3, round(2.0 / travel / float(wavenumber[1])))
     # Slow changes along the way have more power than any pitch, which stands out of what is around it.
     height = power / _around(power, resolved)
     found: list[float] = []
     for low, high, strength, most in (
-        (PER_TRAVEL / travel, LONG / travel, power, LINES),
-        (LONG / travel, 1.0 / SHORTEST_M, height, PITCHES),
+        (SEARCH.fewest_waves / travel, SEARCH.long_waves / travel, power, SEARCH.lines),
+        (SEARCH.long_waves / travel, 1.0 / SEARCH.shortest_wave_m, height, SEARCH.pitches),
     ):
         band = np.where((wavenumber >= low) & (wavenumber <= high), strength, 0.0)
         for _ in range(most):
@@ -162,11 +153,11 @@ def _lines_in_position(gaps: Sequence[FloatArray], runs: Sequence[Run], lead_m: 
                 break
             found.append(1.0 / _parabola(wavenumber, power, peak))
             band[max(0, peak - resolved) : peak + resolved + 1] = 0.0
-    for pitch_m in () if lead_m is None else [lead_m / order for order in ORDERS]:
+    for pitch_m in () if lead_m is None else [lead_m / order for order in SEARCH.orders]:
         near = np.abs(wavenumber - 1.0 / pitch_m) < 0.5 * wavenumber[resolved]
         if (
-            SHORTEST_M < pitch_m < travel / PER_TRAVEL
-            and height[near].max(initial=0.0) > ABOVE
+            SEARCH.shortest_wave_m < pitch_m < travel / SEARCH.fewest_waves
+            and height[near].max(initial=0.0) > SEARCH.above
             and all(abs(1.0 / pitch_m - 1.0 / other) > wavenumber[resolved] for other in found)
         ):
             found.append(pitch_m)
@@ -175,12 +166,12 @@ def _lines_in_position(gaps: Sequence[FloatArray], runs: Sequence[Run], lead_m: 
 
 def _around(power: FloatArray, resolved: int) -> FloatArray:
     """Return the geometric mean of the power within some resolved wavenumbers of each, and not next to it."""
-    logs = np.pad(np.log(np.maximum(power, 1e-30)), AROUND * resolved, mode="reflect")
+    around = SEARCH.around * resolved
+    logs = np.pad(np.log(np.maximum(power, 1e-30)), around, mode="reflect")
     wide, near = (
-        np.convolve(logs, np.ones(2 * half + 1), "same")[AROUND * resolved : len(power) + AROUND * resolved]
-        for half in (AROUND * resolved, resolved)
+        np.convolve(logs, np.ones(2 * half + 1), "same")[around : len(power) + around] for half in (around, resolved)
     )
-    return np.asarray(np.exp((wide - near) / (2 * (AROUND - 1) * resolved)))
+    return np.asarray(np.exp((wide - near) / (2 * (around - resolved))))
 
 
 def _parabola(axis: FloatArray, power: FloatArray, peak: int) -> float:

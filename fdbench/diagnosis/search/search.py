@@ -14,21 +14,9 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_vector, with_parameters
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.search.periods import located
-from fdbench.diagnosis.search.stage import EFFECTIVE_SAMPLES, Rival, Stage
+from fdbench.diagnosis.search.stage import Rival, Stage
+from fdbench.diagnosis.settings import SEARCH
 from fdbench.effects import Effect
-
-MOST_EFFECTS = 4
-RESCALED = 10  # classes that are simulated again at their fitted size
-SIZES = (1.0, 0.5)  # of that size: large effects are not proportional to it
-REFINED = 3  # classes that are refined in closed loop before one is chosen, at most
-SERIOUS = 0.5  # share of the best gain that makes a class worth refining
-SMALLEST_GAIN = 0.04  # share of the excess misfit that an effect must remove
-NOISE_ALONE = 1.05  # misfit below which nothing is left to explain
-ITERATIONS = 8
-CONVERGED = 3e-4  # fall of the objective in units of its excess over noise below which a refinement ends
-SMALLEST_FALL = 2.0  # and fall that is no evidence of anything
-DAMPINGS = (0.0, 0.03, 0.3, 3.0)  # of the diagonal of the normal matrix
-REVIEWS = 3
 
 
 class Search:
@@ -50,13 +38,13 @@ class Search:
     def run(self, base: Hypothesis) -> tuple[Hypothesis, list[Stage]]:
         """Return the final hypothesis and the stages that led to it."""
         stages: list[Stage] = []
-        while len(base.effects) < MOST_EFFECTS:
+        while len(base.effects) < SEARCH.most_effects:
             self.progress(f"looking for effect {len(base.effects) + 1}")
             stage = self.stage(base)
             if stage is None:
                 break
             stages.append(stage)
-            if stage.present() < 0.5 or stage.gain(stage.rivals[0]) < SMALLEST_GAIN:
+            if stage.present() < 0.5 or stage.gain(stage.rivals[0]) < SEARCH.smallest_gain:
                 break
             base = stage.rivals[0].hypothesis
         return base, stages
@@ -65,11 +53,11 @@ class Search:
         """Rank all classes of effects as the next one; None where the base leaves noise alone."""
         every = candidates(base, located(self.replay, self.split, base), self.split.runs[0].period_s)
         alone, fits = self._screen(base, every, fitted_only=True)
-        if alone.train < NOISE_ALONE:
+        if alone.train < SEARCH.noise_alone:
             return None
         best = self._best_of_class(base, every, fits)
-        order = sorted(best, key=lambda kind: _cost(base, best[kind][1].train, best[kind][1]))[:RESCALED]
-        again = [size for kind in order for size in best[kind][0].sizes(SIZES)]
+        order = sorted(best, key=lambda kind: _cost(base, best[kind][1].train, best[kind][1]))[: SEARCH.rescaled]
+        again = [size for kind in order for size in best[kind][0].sizes(SEARCH.sizes)]
         alone, fits = self._screen(base, again)
         ranked = self._best_of_class(base, again, fits)
         order = sorted(ranked, key=lambda kind: _cost(base, ranked[kind][1].misfit, ranked[kind][1]))
@@ -78,7 +66,7 @@ class Search:
         for place, kind in enumerate(order):
             candidate, fit = ranked[kind]
             hypothesis = base.with_effect(candidate.members[0], candidate.replaces).moved(fit.coefficients)
-            serious = place < REFINED and alone.misfit - fit.misfit >= SERIOUS * most > 0.0
+            serious = place < SEARCH.refined and alone.misfit - fit.misfit >= SEARCH.serious * most > 0.0
             if serious:
                 self.progress(f"refining {kind.name}")
                 hypothesis = self.refine(hypothesis)
@@ -108,7 +96,7 @@ class Search:
             penalty=base.prior_penalty(),
             test_count=float(np.sum(evidence.counts[outside])),
             rivals=tuple(rivals),
-            effective=min(EFFECTIVE_SAMPLES, float(len(np.unique(evidence.group[outside])))),
+            effective=min(SEARCH.effective_samples, float(len(np.unique(evidence.group[outside])))),
         )
         rivals.sort(key=lambda rival: -stage.log_evidence(rival.misfit, rival.penalty))
         return dataclasses.replace(stage, rivals=tuple(rivals))
@@ -124,7 +112,7 @@ class Search:
         """
         origin = {rival.kind: stage for stage in reversed(stages) for rival in stage.rivals}
         contests = self._contests(final, origin)
-        for _ in range(REVIEWS):
+        for _ in range(SEARCH.reviews):
             weak = [item for item in contests if item.present() < 0.5]
             beaten = [
                 contest
@@ -185,12 +173,14 @@ class Search:
         By damped Gauss-Newton steps (Levenberg 1944, Marquardt 1963): the normal matrix has its diagonal raised by
         several factors at once, all of these steps are simulated together, and the best is taken.
         """
-        for _ in range(ITERATIONS):
+        for _ in range(SEARCH.steps):
             numbers = adjustables_of(hypothesis)
             evidence = self.probed(hypothesis)
             scores = Scores(evidence, dict(enumerate(hypothesis.shifts, start=1)))
             values, scale = parameter_vector(hypothesis), np.array([item.step for item in numbers])
-            steps = (scores.fit(range(1, 1 + len(numbers)), damping).coefficients * scale for damping in DAMPINGS)
+            steps = (
+                scores.fit(range(1, 1 + len(numbers)), damping).coefficients * scale for damping in SEARCH.dampings
+            )
             trials = [with_parameters(hypothesis, values + step) for step in steps]
             judged = gather(self.replay, self.split, hypothesis, trials, fitted_only=True)
             inside = ~judged.held_out
@@ -201,7 +191,7 @@ class Search:
             excess = before - float((judged.weights * judged.counts)[inside].sum())
             if after[best] < before:
                 hypothesis = trials[best]
-            if before - after[best] < max(CONVERGED * excess, SMALLEST_FALL):
+            if before - after[best] < max(SEARCH.converged * excess, SEARCH.smallest_fall):
                 break
         return hypothesis
 
@@ -226,4 +216,4 @@ class Search:
 
 def _cost(base: Hypothesis, misfit: float, fit: Fit) -> float:
     """Return minus twice the tempered log evidence of a linear fit: its misfit, and how far nominal parameters move."""
-    return EFFECTIVE_SAMPLES * math.log(max(misfit, 1e-9)) + base.moved(fit.coefficients).prior_penalty()
+    return SEARCH.effective_samples * math.log(max(misfit, 1e-9)) + base.moved(fit.coefficients).prior_penalty()

@@ -1,12 +1,11 @@
 """One round of the search: rival effects beside a base, and their tempered evidence."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.settings import SEARCH
 from fdbench.effects import Effect
-
-EFFECTIVE_SAMPLES = 60.0  # independent samples that a misfit is worth at most, as far as probabilities go
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,7 +57,7 @@ class Stage:
     penalty: float
     test_count: float
     rivals: tuple[Rival, ...]
-    effective: float = EFFECTIVE_SAMPLES
+    effective: float = field(default_factory=lambda: SEARCH.effective_samples)
 
     def gain(self, rival: Rival) -> float:
         """Return the share of the excess misfit that a rival removes."""

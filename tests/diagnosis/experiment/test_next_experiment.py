@@ -23,7 +23,7 @@ from fdbench.diagnosis.experiment.expected_information import (
     VerdictReader,
 )
 from fdbench.diagnosis.experiment.menu import Limits, menu, menu_of
-from fdbench.diagnosis.experiment.proposal import SURE, design, most_open
+from fdbench.diagnosis.experiment.proposal import design, most_open
 from fdbench.diagnosis.experiment.trajectory import Trajectory, moves
 from fdbench.diagnosis.judge.probability_models import ProbabilityModel, models
 from fdbench.diagnosis.model.hypothesis import start
@@ -32,6 +32,7 @@ from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import Run
 from fdbench.diagnosis.search.stage import Rival, Stage
+from fdbench.diagnosis.settings import EXPERIMENT
 from fdbench.effects import Effect, effects
 from fdbench.reading import read_record
 from fdbench.scenario import load_scenario
@@ -145,7 +146,7 @@ def test_effects_that_hardly_compete_beside_a_found_one_are_no_doubt() -> None:
 
 def test_a_stage_that_decides_more_surely_than_such_claims_have_earned_is_open() -> None:
     poor = stage((GAP, 1.25), alone=1.6, size=0.1)
-    assert max(poor.probabilities()) > SURE > READER.probabilities(poor)["backlash"]
+    assert max(poor.probabilities()) > EXPERIMENT.sure > READER.probabilities(poor)["backlash"]
     assert sum(READER.probabilities(poor).values()) < 1.0
     assert most_open([poor], READER) is poor
 
@@ -253,7 +254,7 @@ def test_what_is_in_doubt_depends_on_the_models_that_are_given() -> None:
 
 def test_nothing_found_is_no_nothing_where_an_unknown_cause_is_probable() -> None:
     empty = stage((GAP, 1.5), alone=1.0)
-    assert READER.probabilities(empty)[NOTHING] > SURE
+    assert READER.probabilities(empty)[NOTHING] > EXPERIMENT.sure
     assert most_open([empty], READER) is None
     doubtful = VerdictReader(unknown=0.8)
     assert doubtful.probabilities(empty)[NOTHING] == pytest.approx(0.2)

@@ -5,7 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from fdbench.diagnosis.judge.reduction import RESAMPLES, Reductions, shapley
+from fdbench.diagnosis.judge.reduction import Reductions, shapley
+from fdbench.diagnosis.settings import JUDGE
 
 
 def reductions() -> Reductions:
@@ -29,7 +30,7 @@ def test_means_are_weighted_by_samples() -> None:
 def test_a_stretch_of_time_is_drawn_whole() -> None:
     found = reductions()
     draws = found.draws()
-    assert draws.shape == (RESAMPLES, 4)
+    assert draws.shape == (JUDGE.resamples, 4)
     np.testing.assert_array_equal(draws[:, 0], draws[:, 1])
     np.testing.assert_array_equal(draws[:, 2], draws[:, 3])
     assert (draws[:, 0] + draws[:, 2] == 2.0).all()

@@ -1,0 +1,294 @@
+"""Tuned numbers of the diagnosis, each with its meaning and origin.
+
+Numbers that are definitions, sizes of arrays, or what a division needs so as not to be one by zero, stand where they
+are used. Defaults of [uncertainty] in a model file are in `fdbench.diagnosis.model.nominal.Uncertainty`.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from fdbench.errors import SpecError, did_you_mean
+
+CHOSEN = "chosen, not derived"
+CONVENTION = "convention"
+LEARNED = "the probability models were learned with it"
+
+
+def number(value: Any, meaning: str, origin: str = CHOSEN) -> Any:
+    """Return the field of a number; its unit is the suffix of its name, without one it is a ratio or a count."""
+    return field(default=value, metadata={"meaning": meaning, "origin": origin})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Records:
+    """How records become runs, and what their noise is."""
+
+    same_command: float = number(1e-5, "largest difference between the commands of repeats, relative to their range")
+    same_motion: float = number(1e-3, "the same between measured motions")
+    sudden_bend: float = number(20.0, "times the next bend of a command that counts as a step of its rate")
+    shortest_lap_s: float = number(0.5, "after which a command may repeat itself within a record")
+    longest_lap: float = number(0.7, "share of a record that one lap may take")
+    start_samples: int = number(5, "first samples through which a line gives position and velocity of the start")
+    assumed_quantile: float = number(0.25, "of the power of all pieces of a record, read as noise without repeats")
+    piece_samples: int = number(256, "length of the pieces of a record that spectra of noise are means over")
+    long_piece_samples: int = number(1024, "the same where repeats differ, if records are as long")
+    neighbouring_frequencies: int = number(4, "on either side, over which an assumed spectrum of noise is smoothed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plausible:
+    """When a record is refused, or warned of, before anybody explains it by physics."""
+
+    largest_value: float = number(1e9, "that no column of a machine reaches in SI units")
+    force_peak: float = number(50.0, "times the force that 99 % of the samples stay below")
+    position_step: float = number(50.0, "times the distance between two samples at the velocity limit")
+    unmoved: float = number(0.01, "share of the travel that a position may move under a command that stands still")
+    motion: float = number(20.0, "times the noise of a position that is a motion")
+    fewest_samples: int = number(256, "samples that a record must have")
+    shortest_s: float = number(1.0, "time that a record must last")
+    outside: float = number(1.5, "times the travel or the velocity limit that a command may reach")
+    constant_speed: float = number(1e-3, "relative spread of a speed, below which only its mean tells its unit")
+    other_unit: float = number(8.0, "ratio of two lengths or speeds that only a wrong unit gives")
+    other_zero: float = number(0.5, "share of the command's range by which position and command may differ throughout")
+    swapped: float = number(-0.5, "correlation below which a sign is swapped")
+    unrelated: float = number(0.3, "correlation below which two columns do not belong together")
+    alike: float = number(0.8, "correlation above which two forces have the same shape")
+    wrong_gain: float = number(2.0, "ratio of two forces of the same shape that is warned of")
+    useless_gain: float = number(10.0, "ratio of two forces of the same shape that is refused")
+    at_limit: float = number(0.3, "share of samples at the greatest force, which only an unstable loop reaches")
+    longest_delay_s: float = number(1.0, "by which a channel may come late or early, where that is looked for")
+    delayed: float = number(0.5, "share of the distance that a shift in time must remove")
+    common_delay: float = number(0.02, "relative difference of two delays that are one, beside one sample")
+    speed_samples: int = number(5, "samples that a speed is taken over, where delays are compared")
+    impossible_force: float = number(20.0, "times the force that 99.9 % stay below, which a jump would need")
+    bend_noise: float = number(12.0, "times the noise of a second difference of the position that is a jump")
+    rare: float = number(0.01, "share of samples beyond which jumps are no damage but a wrong unit")
+    encoder_steps: float = number(6.0, "steps of the encoder that are a jump")
+    frozen_samples: int = number(50, "samples without any change that a logger did not write")
+    frozen_s: float = number(0.05, "time without any change that a logger did not write")
+    frozen_jump: float = number(0.05, "share of the range by which the position jumps into such a stretch")
+    frozen_command: float = number(0.02, "share of the range by which the command moves in such a stretch")
+    copied_samples: int = number(50, "rows that no machine repeats to the last digit")
+    spike: float = number(4.0, "times the force that 99.5 % of the samples stay below")
+    spike_samples: int = number(3, "longest spike")
+    unfelt: float = number(0.3, "share of its impulse that a real force would at least leave in the speed")
+    beside_spike_samples: int = number(8, "samples before and after a spike that the speed is taken over")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """Hypotheses, the effects that are tried, how they are simulated, and the virtual controller."""
+
+    smallest_mass: float = number(0.05, "of the nominal mass, below which re-calibration does not go")
+    freedom: float = number(3.0, "degrees of freedom of Student's t of a nominal parameter: a few are far off")
+    line_step: float = number(3e-4, "relative step of a period in a fit", "a record holds hundreds of periods")
+    step: float = number(0.1, "relative step of any other number of an effect in a fit")
+    phase_step_rad: float = number(0.3, "step of a phase in a fit")
+    least_replacement: float = number(0.1, "of a known effect that another one in its place must have in a linear fit")
+    most_replacement: float = number(3.0, "of a known effect that another one in its place may have in a linear fit")
+    largest_change: float = number(4.0, "times the tried size that one linear fit may make of an effect")
+    highest_of_nyquist: float = number(0.8, "frequency of a mode or line that samples still show")
+    coarser_substeps: tuple[int, ...] = number((3, 4, 5, 6, 8), "substeps that are tried where the model has more")
+    substeps_error: float = number(0.1, "of the noise, root mean square, by which coarser substeps may move a reading")
+    slower: float = number(0.8, "factor of the bandwidth of a virtual controller that rings or is loud")
+    lowest_Hz: float = number(1.0, "bandwidth of a virtual controller that has to hold the axis")
+    quietest_Hz: float = number(5.0, "bandwidth of a virtual controller that is slow enough for any noise")
+    highest_peak: float = number(1.5, "of the complementary sensitivity of its loop")
+    reaction: float = number(0.02, "of the measured force that the noise of the position may cause by it")
+    smoothed: float = number(3.0, "times its bandwidth up to which velocity and acceleration are kept")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Baseline:
+    """Standard deviations of nominal parameters of one machine, from one day to another; see `Uncertainty`."""
+
+    mass: float = number(0.005, "relative")
+    viscous: float = number(0.05, "viscous friction, relative")
+    known_effects: float = number(0.04, "amplitudes of known effects, relative")
+    transition_velocity: float = number(0.2, "natural logarithm of the speed over which friction turns its sign")
+    friction_form: float = number(0.01, "form of friction at low speeds, relative to the known friction")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What counts as evidence."""
+
+    model_error: float = number(
+        0.03, "of the gap in the weights of segments", "chosen: 3 % error of a response is none"
+    )
+    explained_error: float = number(1e-3, "of what effects explain, which are not exactly of the library's form")
+    segment_s: float = number(0.25, "stretches of time whose sums are weighted, and drawn whole by the bootstrap")
+    held_out: float = number(1.0 / 3.0, "share of a record that is judged on, without repeats, laps or other records")
+    smallest_artefact: float = number(0.04, "mean square of a sensor artefact, in units of the noise, that is a cause")
+    held_moves: float = number(5.0, "times the noise that the model moves by where a repeated sample is no coincidence")
+    grid_fewest: int = number(40, "differences of readings that show a grid")
+    grid_nearest: float = number(0.5, "steps of a grid: smallest differences of readings that are looked at")
+    grid_furthest: float = number(3.5, "steps of a grid: largest differences of readings that are looked at")
+    grid_coarsest_m: float = number(1e-4, "coarsest step of an encoder that is tried")
+    grid_ratio: float = number(1.015, "of neighbouring steps that are tried; also the bounds of the step that is found")
+    grid_steps: int = number(700, "steps that are tried")
+    grid_cells: int = number(50, "for each step; of many differences in one cell one counts: a steady speed is no grid")
+    grid_exact: float = number(1e-6, "of a step by which a reading on the grid may move when it is rounded again")
+    on_grid: float = number(0.4, "distance from the grid, relative to that of numbers that know nothing of it")
+    grid_slope: float = number(20.0, "of the logistic that makes a probability of that distance")
+    rounds: int = number(3, "in which changes from run to run and noise are separated")
+    smallest_change: float = number(0.1, "standard deviation over a whole run, in units of its noise, of a direction")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search:
+    """The search for effects."""
+
+    most_effects: int = number(4, "effects that are added at most")
+    rescaled: int = number(10, "classes that are simulated again at their fitted size")
+    sizes: tuple[float, ...] = number((1.0, 0.5), "of that size: large effects are not proportional to it")
+    refined: int = number(3, "classes that are refined in closed loop before one is chosen, at most")
+    serious: float = number(0.5, "share of the best gain that makes a class worth refining")
+    smallest_gain: float = number(0.04, "share of the excess misfit that an effect must remove")
+    noise_alone: float = number(1.05, "misfit below which nothing is left to explain")
+    effective_samples: float = number(60.0, "independent samples that a misfit is worth at most, for probabilities")
+    steps: int = number(8, "Gauss-Newton steps of a refinement at most")
+    converged: float = number(3e-4, "fall of the objective, relative to its excess over noise, that ends a refinement")
+    smallest_fall: float = number(2.0, "fall of the objective that is no evidence of anything")
+    dampings: tuple[float, ...] = number((0.0, 0.03, 0.3, 3.0), "of the diagonal of the normal matrix, tried together")
+    reviews: int = number(3, "rounds in which effects may be replaced by rivals or go")
+    lines: int = number(2, "lines over time, and long waves over the way, that are tried")
+    pitches: int = number(3, "short waves over the way that are tried")
+    lowest_line_Hz: float = number(2.0, "slowest line")
+    line_near: int = number(4, "bins beside a line that belong to it")
+    line_far: int = number(24, "bins beside a line that are its surroundings")
+    stands_out: float = number(15.0, "power of a line against the highest of its surroundings")
+    shortest_wave_m: float = number(4e-4, "shortest wave over the way")
+    fewest_waves: float = number(0.9, "waves over the travel, of the longest one")
+    long_waves: float = number(10.0, "waves over the travel, below which a wave is long")
+    bin_m: float = number(1e-4, "of the profile over the way")
+    oversampling: int = number(8, "of its spectrum")
+    orders: tuple[float, ...] = number((1.0, 2.0, 6.0, 12.0, 24.0), "of a turn, where screws, couplings, poles repeat")
+    around: int = number(8, "resolved wavenumbers around a pitch that its power is compared with")
+    above: float = number(3.0, "power above theirs that makes a known order worth a try")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judge:
+    """What is said of what was found."""
+
+    smallest_type: float = number(0.01, "probability of a type of cause that is worth a line")
+    force_balance_Hz: float = number(60.0, "above which derivatives of the position are noise")
+    force_balance_margin_s: float = number(0.05, "at either end of a run, which the filter does not know")
+    hidden: float = number(0.05, "of its typical size: standard deviation of an effect that is not named")
+    resamples: int = number(1000, "draws of a bootstrap", CONVENTION)
+    measurable: float = number(1.5, "mean squared gap, in units of the floor, that has an explained fraction")
+    rest_speed: float = number(1e-3, "of the largest commanded speed, below which an axis rests")
+    reversal_s: float = number(0.05, "time before and after a change of direction that belongs to it")
+    steady: float = number(0.02, "of the largest commanded acceleration, below which a speed is steady")
+    beyond_doubt: float = number(1.5, "standard deviations of a nominal parameter below which it is no cause")
+    named: float = number(0.5, "probability above which causes stand first", "more likely than not")
+    enough: float = number(0.5, "share of the gap that everything named must explain to be believed")
+    unrepeated: float = number(10.0, "ratio to the floor of three repeats that one run may reach by chance")
+    alike: float = number(0.9, "of what the best removes, removed by a rival that is indistinguishable")
+    fewest: float = number(0.01, "probability of a rival that is worth mentioning")
+    level: float = number(0.9, "probability with which the cause is one of a set", CONVENTION)
+    rest_cells: int = number(24, "of a function that the rest may depend on")
+    rest_shrinkage: float = number(50.0, "samples that such a cell counts for too few by")
+    rest_smallest: float = number(0.02, "share of the rest that is worth mentioning")
+    rest_noise: float = number(0.1, "mean square beyond the noise, in units of it, below which there is no rest")
+    smallest_size: float = number(1e-3, "of an effect, where its logarithm is a feature", LEARNED)
+    smallest_misfit: float = number(0.3, "where its logarithm is a feature", LEARNED)
+    smallest_distance: float = number(0.1, "standard deviations, where their logarithm is a feature", LEARNED)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """The proposal of a next experiment."""
+
+    sure: float = number(0.9, "probability from which on a verdict needs no further experiment")
+    smallest_gain: float = number(0.02, "probability that the truth must be expected to win")
+    most_rivals: int = number(6, "rivals that compete at most")
+    smallest_probability: float = number(0.02, "of a rival that competes")
+    overlooked: float = number(
+        0.1, "least probability that the cause is one that the records gave no reason to consider"
+    )
+    price_per_s: float = number(3e-4, "probability that a second of machine time has to bring")
+    split_log_odds: float = number(3.0, "expected log odds of two causes that a motion separates", "20 to 1")
+    followed: float = number(0.1, "share of the stroke by which the simulated axis may miss the command")
+    used_travel: float = number(0.5, "share of the travel that a stroke may take where the records do not show more")
+    used_velocity: float = number(0.8, "share of the velocity limit that motions are made for")
+    used_force: float = number(
+        0.5, "share of the greatest force that accelerates; the rest is for friction and control"
+    )
+    fade_s: float = number(0.25, "time in which multisines and sines begin and end")
+
+
+RECORDS, PLAUSIBLE, MODEL, BASELINE = Records(), Plausible(), Model(), Baseline()
+EVIDENCE, SEARCH, JUDGE, EXPERIMENT = Evidence(), Search(), Judge(), Experiment()
+STAGES = (RECORDS, PLAUSIBLE, MODEL, BASELINE, EVIDENCE, SEARCH, JUDGE, EXPERIMENT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """One number: where it is, what it means and where it comes from."""
+
+    stage: Any
+    name: str
+    meaning: str
+    origin: str
+
+    @property
+    def value(self) -> Any:
+        """The number as it is now."""
+        return getattr(self.stage, self.name)
+
+    def set(self, value: Any) -> None:
+        """Set the number, which nothing else may do: see `changed`."""
+        object.__setattr__(self.stage, self.name, value)
+
+
+def settings() -> dict[str, Setting]:
+    """Return every number by its name ``stage.number``.
+
+    >>> settings()["search.smallest_gain"].meaning
+    'share of the excess misfit that an effect must remove'
+    """
+    return {
+        f"{type(stage).__name__.lower()}.{item.name}": Setting(stage=stage, name=item.name, **item.metadata)
+        for stage in STAGES
+        for item in fields(stage)
+    }
+
+
+@contextmanager
+def changed(numbers: Mapping[str, Any]) -> Iterator[None]:
+    """Diagnose with other numbers for a while, in all threads of this process but in no other process.
+
+    Parameters
+    ----------
+    numbers : mapping
+        Values by names as ``search.smallest_gain``.
+
+    Raises
+    ------
+    SpecError
+        If there is no number of such a name.
+
+    Examples
+    --------
+    >>> with changed({"search.smallest_gain": 0.02}):
+    ...     SEARCH.smallest_gain
+    0.02
+    >>> SEARCH.smallest_gain
+    0.04
+    """
+    known = settings()
+    for name in numbers:
+        if name not in known:
+            raise SpecError(f"settings: there is no number {name!r}.{did_you_mean(name, known)}")
+    before = {name: known[name].value for name in numbers}
+    try:
+        for name, value in numbers.items():
+            known[name].set(value)
+        yield
+    finally:
+        for name, value in before.items():
+            known[name].set(value)
