@@ -17,7 +17,6 @@ from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.expected_information import (
     NOTHING,
     OTHER,
-    OVERLOOKED,
     Forecast,
     Forecaster,
     VerdictReader,
@@ -276,7 +275,7 @@ def test_other_effects_count_as_large_as_they_may_be_hidden(lab: Lab) -> None:
     assert len(set(kinds)) == len(kinds) > 15
     assert set(found.names[2:-1]) == {OTHER}
     assert found.now.sum() == pytest.approx(1.0)
-    assert found.now[2:-1].sum() >= OVERLOOKED / (1.0 + OVERLOOKED)
+    assert found.now[2:-1].sum() >= EXPERIMENT.overlooked / (1.0 + EXPERIMENT.overlooked)
     # A force of one period stands out of a slow run; a saturation needs more force than one has.
     sizes = dict(zip(kinds, found.sizes, strict=True))
     assert sizes["cogging"] < 0.5
