@@ -34,6 +34,8 @@ class Records:
     assumed_quantile: float = number(0.25, "of the power of all pieces of a record, read as noise without repeats")
     piece_samples: int = number(256, "length of the pieces of a record that spectra of noise are means over")
     long_piece_samples: int = number(1024, "the same where repeats differ, if records are as long")
+    beyond: float = number(5.0, "times the noise within a condition by which the force of another one differs")
+    resting: float = number(1e-3, "share of the greatest speed below which friction has no sign")
     neighbouring_frequencies: int = number(4, "on either side, over which an assumed spectrum of noise is smoothed")
 
 
@@ -177,6 +179,10 @@ class Judge:
     smallest_type: float = number(0.01, "probability of a type of cause that is worth a line")
     force_balance_Hz: float = number(60.0, "above which derivatives of the position are noise")
     force_balance_margin_s: float = number(0.05, "at either end of a run, which the filter does not know")
+    sure_of_force: float = number(3.0, "standard deviations beyond which a process force is there", CONVENTION)
+    force_line: float = number(0.25, "share of the squares of a process force at one frequency that is worth saying")
+    force_periods: float = number(3.0, "periods of that frequency that a record must hold")
+    force_points: int = number(400, "of the course of a process force that are handed on, at most")
     hidden: float = number(0.05, "of its typical size: standard deviation of an effect that is not named")
     resamples: int = number(1000, "draws of a bootstrap", CONVENTION)
     measurable: float = number(1.5, "mean squared gap, in units of the floor, that has an explained fraction")

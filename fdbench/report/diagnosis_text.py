@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from fdbench.diagnosis.answer import EFFECT, Answer, Cause, Cell, Quantity
+from fdbench.diagnosis.settings import JUDGE
 from fdbench.units import split_unit
 from fdbench.wording import (
     less,
@@ -27,7 +28,6 @@ UNEXPLAINED = 0.2  # share of the gap that is worth a sentence
 DISSENT = 0.1  # by which the force balances must prefer another effect
 NOISE_ALONE = 1.1  # mean squared gap in units of the floor that passes for noise
 MOVED = 3.0  # standard deviations by which a nominal parameter may move without a remark
-SURE_OF_FORCE = 3.0  # standard deviations beyond which a force is there
 MOST_CELLS, SMALLEST_SHARE, EVEN = 4, 0.05, 1.5
 PARTITIONS = ("motion", "frequency", "position", "velocity", "time", "channel")
 
@@ -144,7 +144,7 @@ def process_forces(answer: Answer) -> Iterator[str]:
             "repeats": "beside the records of the same command",
             "model": "beside the final model, whose own error is in it",
         }[force.beside]
-        within = SURE_OF_FORCE * force.standard_deviation_N
+        within = JUDGE.sure_of_force * force.standard_deviation_N
         if force.rms_N <= within:
             yield (
                 f"{force.record}{condition}: no more than {si_text(within, 'N')} acts {beside}; the record is left "

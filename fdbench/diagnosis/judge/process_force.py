@@ -11,14 +11,9 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.conditions import Apart
 from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.settings import JUDGE
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
-
-MARGIN_S = 0.05  # at either end, which the filter does not know
-SURE = 3.0  # standard deviations beyond which the force is there
-LINE = 0.25  # share of the squares at one frequency that makes it worth saying
-PERIODS = 3.0  # that a record must hold of it
-POINTS = 400  # of the course that are handed on, at most
 
 Channels = Mapping[str, FloatArray]
 
@@ -57,11 +52,11 @@ def _process_force(
         between = _rms(np.concatenate(lefts))
     force = force_on_axis(run, run.channels, usual, drive)
     error = _quiet(force) if between is None else between
-    time = MARGIN_S + np.arange(len(force)) * run.period_s
-    there = np.flatnonzero(np.abs(force) > SURE * error)
+    time = JUDGE.force_balance_margin_s + np.arange(len(force)) * run.period_s
+    there = np.flatnonzero(np.abs(force) > JUDGE.sure_of_force * error)
     first, last = (there[0], there[-1]) if len(there) else (0, len(force) - 1)
     frequency, amplitude = _line(force, run.period_s)
-    every = max(1, math.ceil(len(force) / POINTS))
+    every = max(1, math.ceil(len(force) / JUDGE.force_points))
     return ProcessForce(
         record=run.name,
         condition=run.condition,
@@ -90,7 +85,7 @@ def force_on_axis(run: Run, channels: Channels, usual: Channels, drive: FeedDriv
     acceleration = (x[3:] - x[2:-1] - x[1:-2] + x[:-3]) / (2.0 * h**2)
     speed = (x[2:-1] - x[1:-2]) / h
     found = drive.mass_kg * acceleration + drive.viscous_friction_N_s_per_m * speed - force[1:-2]
-    margin = round(MARGIN_S / h)
+    margin = round(JUDGE.force_balance_margin_s / h)
     return np.asarray(smoothed(found, h)[margin : len(found) - margin])
 
 
@@ -121,7 +116,7 @@ def _line(force: FloatArray, period_s: float) -> tuple[float | None, float | Non
     power = np.abs(np.fft.rfft((force - force.mean()) * np.hanning(n))) ** 2
     peak = int(np.argmax(power))
     share = float(power[max(0, peak - 2) : peak + 3].sum() / max(power.sum(), 1e-300))
-    if peak < PERIODS or share < LINE:
+    if peak < JUDGE.force_periods or share < JUDGE.force_line:
         return None, None
     near = slice(max(0, peak - 2), peak + 3)
     frequency = float(np.average(np.arange(n // 2 + 1)[near], weights=power[near])) / (n * period_s)

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdbench.diagnosis.records.runs import Run, deviations, same_command
+from fdbench.diagnosis.settings import RECORDS
 from fdbench.record import FloatArray
 
 FORCE = "motor_force_N"
-BEYOND = 5.0  # times the noise within a condition by which the force of another one differs
-RESTING = 1e-3  # share of the greatest speed below which friction has no sign
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,7 +53,7 @@ def _largest_of_one_condition(group: Sequence[Run]) -> list[Run]:
         floors.append(float(differences[np.triu_indices(len(group), 1)].min()))
     if not floors:
         return list(group)
-    near = differences <= BEYOND * min(floors)
+    near = differences <= RECORDS.beyond * min(floors)
     parts: list[list[int]] = []
     for index in range(len(group)):
         part = next((part for part in parts if any(near[index, other] for other in part)), None)
@@ -72,7 +71,7 @@ def _force(run: Run) -> FloatArray:
 def _unlike(a: Run, b: Run) -> FloatArray:
     """Return the difference of two forces without what other friction, mass and offset explain of it."""
     difference, speed = _force(a) - _force(b), a.reference[:, 1]
-    turning = np.sign(np.where(np.abs(speed) > RESTING * np.abs(speed).max(), speed, 0.0))
+    turning = np.sign(np.where(np.abs(speed) > RECORDS.resting * np.abs(speed).max(), speed, 0.0))
     columns = np.column_stack((np.ones_like(speed), turning, speed, a.reference[:, 2]))
     return np.asarray(difference - columns @ np.linalg.lstsq(columns, difference, rcond=None)[0])
 
