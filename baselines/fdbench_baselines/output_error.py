@@ -19,7 +19,7 @@ from fdbench_baselines._turned_drive import rigid_parameters, weighed_settings
 from fdbench_baselines._whitened_step import whitened_step
 
 LAGS = 40
-DIFFERENCE, LARGEST, SMALLEST = 1e-3, 0.5, 1e-5  # of a setting: for a sensitivity, and of steps
+DIFFERENCE, LARGEST, SMALLEST = 1e-3, 0.5, 1e-4  # of a setting: for a sensitivity, and of steps
 HALVINGS, LISTENED = 6, 2  # of a step that diverges; passes in which the period is sought anew
 
 
@@ -42,6 +42,8 @@ class OutputError(BatchEstimator):
 
     def fit(self, context: Context, record: Record) -> Estimate:
         """Simulate, compare and turn the knobs, until they stay where they are."""
+        from scipy.signal import lfilter
+
         drive = context.plant
         if not isinstance(drive, FeedDrive) or context.model not in CONFOUNDED:
             raise SpecError(f"output_error: {self.skip(context)}.")
@@ -56,8 +58,11 @@ class OutputError(BatchEstimator):
         now = target(settings)
         left = regression.target - now
         for turn in range(self.iterations):
+            pole = rigid_parameters(context, drive, knobs, settings)[1] if context.model == LOOP else 0.0
             if turn < LISTENED:
-                beside = self._beside(context, regression, left)
+                process = self._process(context, regression, lfilter([1.0, -pole], [1.0], left))
+            beside = lfilter([1.0], [1.0, -pole], process, axis=0)
+            if turn < LISTENED:
                 waves = beside @ np.linalg.lstsq(beside, left, rcond=None)[0]
             S = np.column_stack([(target(settings + DIFFERENCE * unit) - now) / DIFFERENCE for unit in np.eye(len(knobs))])
             step = whitened_step(S, beside, left, left - waves, settings, precision, LAGS)
@@ -104,18 +109,15 @@ class OutputError(BatchEstimator):
         velocity = regression.regressors[:, VELOCITIES[context.model]].sum(axis=1)
         return regression.target + curve.at(velocity)
 
-    def _beside(self, context: Context, regression: Regression, left: FloatArray) -> FloatArray:
-        from scipy.signal import lfilter
-
+    def _process(self, context: Context, regression: Regression, equation: FloatArray) -> FloatArray:
+        """Return columns (n, m) of a process force in the equation, from what the simulation leaves of it."""
         columns = process_columns(regression)
-        if columns.shape[1]:
-            columns = lfilter([1.0], [1.0, -context.nominal["beta_2"]], columns, axis=0)
         time_s, period_s = regression.time_s, context.disturbance_period_s
         if period_s is None or self.harmonics == 0:
-            return np.asarray(columns)
+            return columns
         if context.model == LOOP:
             feed, harmonics = regression.regressors[:, 0], self.harmonics
         else:
             feed = regression.regressors[:, VELOCITIES[context.model]].sum(axis=1)
             harmonics = below_half(time_s, period_s, self.harmonics)
-        return np.hstack((columns, process_waves(turns(time_s, left, period_s), feed, harmonics)))
+        return np.hstack((columns, process_waves(turns(time_s, equation, period_s), feed, harmonics)))
