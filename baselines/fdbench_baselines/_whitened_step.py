@@ -1,0 +1,77 @@
+r"""One step of Gauss and Newton in the parameters of a simulation, its errors whitened by an autoregression.
+
+.. math::
+    y - \hat y(\theta) - X_w c = n, \quad A(q) n = \varepsilon, \qquad
+    (\hat d, \hat c) = \arg\min \sum_k \frac{1}{\ell_k}
+        \big(A(q) (y - \hat y(\theta) - S d - X_w c)_k\big)^2 + \sigma^2 (\theta + d)^T P (\theta + d)
+
+with :math:`S = \partial \hat y / \partial \theta`, A from what the last step left, :math:`\ell_k \ge 1` for rows that
+stand out (`_robust`) and P the precision of what is known of :math:`\theta` beforehand. The covariance lets errors go
+together within blocks of rows, as that of `_aitken`.
+
+References
+----------
+Ljung, System Identification, 2nd ed. 1999, sections 4.2 (output error), 7.2 (prefilters) and 10.2 (Gauss-Newton).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fdbench.estimator import FloatArray
+from fdbench_baselines._aitken import BLOCK, autoregression
+from fdbench_baselines._robust import loudness
+
+
+class Step(NamedTuple):
+    """Change d (q,) of the parameters, its covariance (q, q), coefficients c beside, long-run variance of the errors.
+
+    The long-run variance is that of n times the number of rows over which it goes on.
+    """
+
+    change: FloatArray
+    covariance: FloatArray
+    beside: FloatArray
+    long_run_variance: float
+
+
+def whitened_step(
+    S: FloatArray, beside: FloatArray, left: FloatArray, noise: FloatArray, settings: FloatArray, P: FloatArray, lags: int
+) -> Step:
+    """Return the step.
+
+    Parameters
+    ----------
+    S, beside : (n, q), (n, m) arrays
+        Sensitivities, and columns X_w.
+    left, noise : (n,) arrays
+        What the simulation leaves of the record, and what is left of that by the columns beside.
+    settings, P : (q,), (q, q) arrays
+        The parameters and their precision beforehand.
+    lags : int
+        Order of A.
+    """
+    from scipy.signal import fftconvolve
+
+    q = S.shape[1]
+    taps = autoregression(noise, lags)
+    table = np.hstack((S, beside, left[:, None], noise[:, None]))
+    white = fftconvolve(table, taps[:, None], axes=0)[lags : len(left)]
+    X, y, errors = white[:, :-2], white[:, -2], white[:, -1]
+    loud = loudness(errors)
+    variance = float(np.mean(errors**2 / loud))
+    scale = np.sqrt(np.mean(X**2, axis=0))
+    scale[scale == 0.0] = 1.0
+    known = np.zeros((X.shape[1], X.shape[1]))
+    known[:q, :q] = variance * P
+    known /= np.outer(scale, scale)
+    weighted, scaled = X / scale / loud[:, None], X / scale
+    bread = np.linalg.pinv(weighted.T @ scaled + known)
+    pull = weighted.T @ y - known[:, :q] @ (settings * scale[:q])
+    solution = bread @ pull / scale
+    pulls = np.zeros((-(-len(y) // BLOCK) * BLOCK, X.shape[1]))
+    pulls[: len(y)] = weighted * (y - X @ solution)[:, None]
+    sums = pulls.reshape(-1, BLOCK, X.shape[1]).sum(axis=1)
+    covariance = (bread @ (sums.T @ sums + variance * known) @ bread.T / np.outer(scale, scale))[:q, :q]
+    long_run = variance / float(taps.sum()) ** 2
+    return Step(solution[:q], 0.5 * (covariance + covariance.T), solution[q:], long_run)
