@@ -64,6 +64,15 @@ class HybridRLS(OnlineEstimator):
     Chou, Duan, Okwudire, A linear hybrid model for enhanced servo error pre-compensation of feed drives with unmodeled
     nonlinear dynamics, CIRP Annals, eqs. (3) to (6). The size of the regularisation is ours: the paper states none. So
     is the model of a drive; its recursion is that of Hastings-James and Sage (1969).
+
+    Examples
+    --------
+    The mass is 1.25 times that of the data sheet, so that beta_1 is 0.4.
+
+    >>> from fdbench_baselines._example import example_drive
+    >>> found = HybridRLS().fit(*example_drive(mass_ratio=1.25))
+    >>> {name: round(value, 3) for name, value in found.parameters.items()}
+    {'beta_1': 0.4, 'beta_2': 0.6}
     """
 
     made_for: ClassVar[tuple[str, ...] | None] = ("servo_response", STATE_SPACE, *DRIVES)

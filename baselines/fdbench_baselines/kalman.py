@@ -86,6 +86,17 @@ class Kalman(OnlineEstimator):
     Kalman, A new approach to linear filtering and prediction problems, J. Basic Engineering 82 (1960); Salehi, thesis,
     2013, eqs. (3.5) to (3.12) and chapter 4, where F lacks the process noise without which its gain dies out; Harvey,
     Forecasting, Structural Time Series Models and the Kalman Filter, 1989, section 2.3 (oscillators).
+
+    Examples
+    --------
+    A drive that is as its data sheet says, beside a shaker of 5 N: a sine of 65 ms, at the first rows and the last.
+
+    >>> from fdbench_baselines._example import example_drive
+    >>> found = Kalman().fit(*example_drive(wave_N=5.0, period_s=0.065))
+    >>> {name: round(value, 3) for name, value in found.parameters.items()}
+    {'beta_1': 0.5, 'beta_2': 0.5}
+    >>> [round(float(force), 2) for force in found.disturbance_N[[0, 1, -1]]]  # 5 sin(2 pi t / 65 ms)
+    [0.0, 4.11, 4.96]
     """
 
     made_for: ClassVar[tuple[str, ...] | None] = (

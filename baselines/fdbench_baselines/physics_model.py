@@ -23,6 +23,14 @@ class PhysicsModel(BatchEstimator):
     ----------
     Chou, Duan, Okwudire, A linear hybrid model for enhanced servo error pre-compensation of feed drives with unmodeled
     nonlinear dynamics, CIRP Annals, eq. (2), for the response.
+
+    Examples
+    --------
+    A machine that is as its data sheet says, under a force of 5 N.
+
+    >>> from fdbench_baselines._example import example_drive
+    >>> PhysicsModel().fit(*example_drive(force_N=5.0)).disturbance_N[:3].round(9).tolist()
+    [5.0, 5.0, 5.0]
     """
 
     def skip(self, context: Context) -> str | None:

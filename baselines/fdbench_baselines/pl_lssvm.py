@@ -183,6 +183,15 @@ class PLLSSVM(BatchEstimator):
     to choose them; Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, eq. 5.8 (likelihood), 5.12
     (leave-one-out); Suykens, De Brabanter, Lukas and Vandewalle, Weighted least squares support vector machines,
     Neurocomputing 48 (2002), 85-105 (rows that stand out).
+
+    Examples
+    --------
+    The mass is 1.25 times that of the data sheet, so that beta_1 is 0.4, beside a shaker of 5 N.
+
+    >>> from fdbench_baselines._example import example_drive
+    >>> found = PLLSSVM().fit(*example_drive(mass_ratio=1.25, wave_N=5.0, period_s=0.065))
+    >>> {name: round(value, 3) for name, value in found.parameters.items()}
+    {'beta_1': 0.4, 'beta_2': 0.6}
     """
 
     def __init__(

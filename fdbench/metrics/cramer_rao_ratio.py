@@ -33,6 +33,19 @@ class CramerRaoRatio(Metric):
     Source: Ljung, System Identification (1999), chapter 9, for the bound; Bar-Shalom, Li, Kirubarajan, Estimation with
     Applications to Tracking and Navigation (2001), section 5.4, for the normalised estimation error squared, of which
     this is the part on the diagonal.
+
+    Examples
+    --------
+    Two errors, of one and of three standard deviations of the bound: (1 + 9) / 2.
+
+    >>> from fdbench.estimator import Estimate
+    >>> from fdbench.metrics import example_outcome
+    >>> true = {"beta_1": 0.8, "beta_2": 0.19}
+    >>> bound = 2e-5  # noise of 2e-5 m/s, one row for each parameter
+    >>> claim = Estimate(parameters={"beta_1": 0.8 + bound, "beta_2": 0.19 - 3 * bound})
+    >>> rows = [[1.0, 0.0], [0.0, 1.0]]
+    >>> round(CramerRaoRatio().score(example_outcome(claim, target=[0, 0], regressors=rows, parameters=true)), 6)
+    5.0
     """
 
     unit = ""
