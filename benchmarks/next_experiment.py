@@ -70,7 +70,7 @@ class Machine:
         for _ in range(tiers.MOST_DRAWS):
             name = str(rng.choice(names))
             axis = bench.axis({name: bench.draw(name, rng)})
-            visible = detectability.mean_square(axis, beside_paper=True) >= tiers.SMALLEST_SIGNATURE
+            visible = detectability.mean_square(axis, beside_nominal_errors=True) >= tiers.SMALLEST_SIGNATURE
             if visible and (detectability.noise_amplification(axis, rng) <= tiers.MOST_NOISE_AMPLIFICATION).all():
                 return name, axis
         raise FdbenchError(f"{tiers.MOST_DRAWS} draws gave no effect that shows in the motions of a trial.")

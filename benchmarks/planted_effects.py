@@ -29,7 +29,7 @@ from fdbench.record import FloatArray, Record
 EXAMPLE = Path(__file__).parent.parent / "examples" / "emps"
 LEVEL = 25.0  # mean square of what is planted, in units of the floor; the axis's own gap is 52
 LARGEST = 4.0  # times the typical size
-OFF_PAPER = 5.0  # standard deviations of a nominal parameter, where that is what is planted
+OFF_NOMINAL = 5.0  # standard deviations of a nominal parameter, where that is what is planted
 ROUNDS = 4  # of scaling, as not every effect is linear in its size
 HALF = 2  # laps
 
@@ -81,7 +81,7 @@ class Axis:
         if kind.calibrates:
             own = [item for item in nominal_parameters(self.nominal) if item.cause(self.nominal) == kind.name]
             step = math.hypot(*(item.size(self.nominal.drive) for item in own))
-            return effect.changed(**{kind.amplitude: OFF_PAPER * step}) if own else None
+            return effect.changed(**{kind.amplitude: OFF_NOMINAL * step}) if own else None
         scale = 1.0
         for _ in range(ROUNDS):
             scale *= math.sqrt(LEVEL / max(self.visible(effect), 1e-12))
@@ -141,7 +141,7 @@ def planted_table(axis: Axis, native: Mapping[str, Any]) -> None:
     own = list(causes(native))
     documented = max(native["causes"], key=lambda cause: cause["share"])["effect"]
     print(f"\nWith nothing planted: {words(own)}.")
-    print(f"Planted: {LEVEL:g} times the floor; nominal parameters off by {OFF_PAPER:g} standard deviations.\n")
+    print(f"Planted: {LEVEL:g} times the floor; nominal parameters off by {OFF_NOMINAL:g} standard deviations.\n")
     print("| planted | size | visible | p | found | named | native cause kept | other causes | unknown | CPU s |")
     print("| --- | --- | ---: | ---: | --- | --- | --- | --- | ---: | ---: |")
     hits, alike, kept = [], [], []

@@ -86,7 +86,7 @@ class FrequencyLeastSquares(BatchEstimator):
         self.iterations = iterations
 
     def skip(self, context: Context) -> str | None:
-        """Decline plants whose model on paper is no transfer function."""
+        """Decline plants whose nominal model is no transfer function."""
         if isinstance(context.plant, TransferFunctionPlant):
             return None
         return "the plant offers no transfer function between measured signals"

@@ -53,7 +53,7 @@ class Kalman(OnlineEstimator):
 
     at the harmonics of the nominal period, which may slip by 1.5 %; m is the process force that grows with the feed of
     a velocity loop whose data sheet states how exact it is; of inverse dynamics under such a sheet, rows off the
-    straight line of the friction on paper count as missing. Noises and memory are those of greatest likelihood
+    straight line of the nominal friction count as missing. Noises and memory are those of greatest likelihood
     (`_kalman_regression`); rows that stand out beyond four deviations count less, and where the filter is surprised
     by six the force begins anew, as where a tool enters. ``disturbance_N`` is smoothed over
     the record, ``parameters`` have their covariance, ``output`` is the target as predicted before it. A stream's

@@ -25,8 +25,8 @@ class CramerRaoRatio(Metric):
     on each seed; efficiency is the reciprocal of the mean over seeds. A mean below 1 is that of a biased
     estimator, one that knows something beforehand; ``ideal`` is 0, reached by one that knows the truth.
 
-    Validity: white Gaussian equation noise only and a model that is exact, which is a velocity loop without friction
-    on paper, unmodelled effects and reading noise; skipped elsewhere. A missing parameter counts as zero.
+    Validity: white Gaussian equation noise only and a model that is exact, which is a velocity loop without nominal
+    friction, unmodelled effects and reading noise; skipped elsewhere. A missing parameter counts as zero.
 
     ``worst`` is a standard deviation a thousand times that of the bound.
 

@@ -17,7 +17,7 @@ from fdbench.catalogue import PACKAGE, scenario_folder
 from fdbench.sandbox import landlock
 from fdbench.sandbox.memory import limit_memory
 
-# Of this package: what holds scenarios, draws and scores. The simulator of the model on paper stays in reach.
+# Of this package: what holds scenarios, draws and scores. The simulator of the nominal model stays in reach.
 BARRED = (
     *("benchmark", "checks", "commands", "envs", "gap", "metrics", "report", "reproduce"),
     *("cli", "draw", "scenario"),

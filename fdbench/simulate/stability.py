@@ -115,7 +115,7 @@ def gain_margin(A: FloatArray, B: FloatArray, C: FloatArray) -> float:
 
 
 def check_loop(A: FloatArray, B: FloatArray, C: FloatArray, period_s: float) -> None:
-    """Raise an UnstableLoop where the control loop A - B C of a plant on paper is unstable; it says by how much.
+    """Raise an UnstableLoop where the control loop A - B C of a nominal plant is unstable; it says by how much.
 
     Parameters
     ----------

@@ -152,7 +152,7 @@ class LibraryBench(Bench):
             phases = {item.name: float(rng.uniform(-math.pi, math.pi)) for item in kind.parameters() if item.phase}
             most = kind.typical(**phases).scaled(BACKGROUND)
             values = {item.name: float(getattr(most, item.name)) for item in kind.parameters()}
-            visible = detectability.mean_square(self.axis({kind.name: values}), beside_paper=False)
+            visible = detectability.mean_square(self.axis({kind.name: values}), beside_nominal_errors=False)
             background[kind.name] = most.scaled(float(rng.uniform()) * min(1.0, math.sqrt(TRACE / max(visible, 1e-12))))
         self.background = background
 

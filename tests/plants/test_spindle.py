@@ -44,7 +44,7 @@ def spindle() -> Spindle:
     return plant
 
 
-# ---- the spindle on paper ----
+# ---- the nominal spindle ----
 
 
 def test_static_compliance() -> None:

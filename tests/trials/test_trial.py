@@ -49,7 +49,7 @@ def nominal() -> Nominal:
 
 
 def bench_apart() -> IndependentBench:
-    """Return a machine of the second implementation that is as on paper, without latency."""
+    """Return a machine of the second implementation that is as its nominal model, without latency."""
     bench = IndependentBench(nominal(), NO_ERRORS, PERIOD_S, np.random.default_rng(0))
     bench.sensors = bench.sensors._replace(latency=0.0)
     bench.sliding = 1.0
@@ -159,7 +159,7 @@ def test_every_effect_of_the_library_can_be_drawn_within_its_bounds() -> None:
         assert effect != effects.get(name).typical(), name
 
 
-def test_values_on_paper_are_drawn_beyond_their_uncertainty() -> None:
+def test_nominal_values_are_drawn_beyond_their_uncertainty() -> None:
     model, rng = nominal(), np.random.default_rng(0)
     bench = LibraryBench(model, NO_ERRORS, PERIOD_S)
     for _ in range(20):

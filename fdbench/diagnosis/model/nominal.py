@@ -108,7 +108,7 @@ def _is_located(kind: type[Effect]) -> bool:
 
 
 def nominal_of(scenario: Scenario) -> Nominal:
-    """Return the model on paper of a scenario; what the machine really is is not looked at."""
+    """Return the nominal model of a scenario; what the machine really is is not looked at."""
     substeps = SUBSTEPS if scenario.timing is None else scenario.timing.substeps
     return Nominal(plant=scenario.plant, simulation=Simulation(substeps=substeps))
 
