@@ -88,7 +88,7 @@ def effect(name: str) -> str:
     cls, parts = effects.get(name), sheet(effects.get(name))
     facts = [f"Port `{cls.port.name}`"]
     facts += [f"no effect at {' = '.join(f'`{item}`' for item in (cls.amplitude, *cls.further_amplitudes))} = 0"]
-    facts += [f"hidden states {', '.join(f'`{state}`' for state in cls.states)}"] if cls.states else []
+    facts += [f"internal states {', '.join(f'`{state}`' for state in cls.states)}"] if cls.states else []
     facts += ["random"] if cls.random else []
     facts += ["a process force, to be estimated"] if cls.disturbance else []
     facts += ["property of an elastic screw"] if cls.needs_screw else []
@@ -108,8 +108,8 @@ def effects_page() -> str:
     names = sorted(effects.modules())  # those of packages, not of files
     introduction = (
         "What a real drive has beside the nominal model. One file each in `fdbench/effects/`; a scenario or a model "
-        'names one by `kind = "..."` in a table `[[plant.effects]]` (in the nominal model) or `[[reality.effects]]` (not '
-        "known). *typical* is the size on a small axis. An example calls the kernel with "
+        'names one by `kind = "..."` in a table `[[plant.effects]]` (modelled) or `[[reality.effects]]` (not '
+        "modelled). *typical* is the size on a small axis. An example calls the kernel with "
         "`(t, h, x, v, u, parameters, states)`: time, substep, position, velocity, what passes the port."
     )
     ports = (inspect.getdoc(Port) or "").split("\n\n")[1]

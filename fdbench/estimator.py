@@ -49,8 +49,8 @@ class Context:
     disturbance_period_s : float or None
         Nominal period of the spindle or shaker, where one runs; a spindle slips.
     covariance : (n_parameters, n_parameters) array or None
-        How far the parameters of the model may be from their nominal values, in the order of ``nominal``; None where the
-        data sheet does not say.
+        How far the parameters may be from their nominal values, in the order of ``nominal``; None where the data sheet
+        does not say.
     """
 
     sampling_time_s: float

@@ -316,13 +316,13 @@ def simulate(scenario: Scenario, seed: int) -> tuple[Record, Truth]:
     time_s = np.arange(system.n_samples, dtype=np.float64) * period
     columns: dict[str, FloatArray] = {"time_s": time_s, **system.commanded}
     columns |= {name: rows[:, index] for index, name in enumerate(system.columns)}
-    hidden = {name: rows[:, len(system.columns) + index] for index, name in enumerate(system.truth_columns)}
-    if "held_sample" in hidden and hidden["held_sample"].any():
-        columns["held_sample"] = hidden["held_sample"]
+    withheld = {name: rows[:, len(system.columns) + index] for index, name in enumerate(system.truth_columns)}
+    if "held_sample" in withheld and withheld["held_sample"].any():
+        columns["held_sample"] = withheld["held_sample"]
     provenance = {"scenario": scenario.id, "digest": scenario.digest, "seed": seed, "version": __version__}
     record = Record(columns, provenance, f"{scenario.id} seed {seed}")
     parameters = scenario.linear_model.nominal_parameters(period)
-    return record, Truth(parameters=parameters, disturbance_N=hidden.get("disturbance_N"))
+    return record, Truth(parameters=parameters, disturbance_N=withheld.get("disturbance_N"))
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:

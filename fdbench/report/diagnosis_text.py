@@ -192,7 +192,8 @@ def shrinkage(answer: Answer) -> Iterator[str]:
     """Yield the mean squared gap after each step, with intervals."""
     nominal, size = answer.sizes()
     shrunk = answer.shrinkage
-    yield f"re-calibration alone: {number(nominal)} to {number(size)}, {less(1.0 - size / nominal if nominal > 0.0 else 0.0)}"
+    closed = 1.0 - size / nominal if nominal > 0.0 else 0.0
+    yield f"re-calibration alone: {number(nominal)} to {number(size)}, {less(closed)}"
     for step in shrunk.steps:
         change = f"{less(step.reduction)} ({share_interval_text(step.ci95)})"
         yield f"+ {step.added}: {number(step.before)} to {number(step.after)}, {change}"
@@ -226,8 +227,8 @@ def doubts(answer: Answer) -> Iterator[str]:
     nominal, size = answer.sizes()
     if size > 1.05 * nominal:
         yield (
-            f"Re-calibration enlarges the gap that is judged on ({less(1.0 - size / nominal)}): the effects are measured "
-            "from there, not from the nominal model."
+            f"Re-calibration enlarges the gap that is judged on ({less(1.0 - size / nominal)}): the effects are "
+            "measured from there, not from the nominal model."
         )
     alone, beside = (math.hypot(*by.values()) for by in (moved, answer.parametric.moved_beside_effects))
     named = [cause for cause in answer.causes if cause.kind == EFFECT]

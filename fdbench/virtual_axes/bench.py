@@ -44,7 +44,7 @@ class Axis(Protocol):
 
 
 class Bench(ABC):
-    """One machine, whose values differ from its nominal model, and what may be planted in it.
+    """One machine, whose values differ from its nominal model, and what may be injected in it.
 
     Class attributes
     ----------------
@@ -56,7 +56,7 @@ class Bench(ABC):
 
     @abstractmethod
     def names(self, listed: bool) -> list[str]:
-        """Return what can be planted: effects that a diagnosis may name, or others."""
+        """Return what can be injected: effects that a diagnosis may name, or others."""
 
     @abstractmethod
     def draw(self, name: str, rng: np.random.Generator) -> dict[str, float]:
@@ -64,7 +64,7 @@ class Bench(ABC):
 
     @abstractmethod
     def clash(self, name: str, other: str) -> bool:
-        """Return whether two imperfections cannot be planted together."""
+        """Return whether two imperfections cannot be injected together."""
 
     @abstractmethod
     def is_nominal_parameter(self, name: str) -> bool:

@@ -1,8 +1,8 @@
 """The oracle of a case: what would be left of the held-out gap if a diagnosis said the exact truth.
 
-The oracle is the machine that recorded the case with the planted effects that may be named, at their true parameters,
+The oracle is the machine that recorded the case with the injected effects that may be named, at their true parameters,
 and with the true values of the nominal parameters. What no diagnosis can say is left out: noise of sensors and process,
-friction that differs from run to run, background effects, and planted effects that the library lacks. What a second
+friction that differs from run to run, background effects, and injected effects that the library lacks. What a second
 implementation has anyhow (its formulae, the latency) stays, so there the oracle is beyond the reach of the library.
 """
 

@@ -116,7 +116,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     shares = Shares(recalibrated, interpolated)
     repaired = np.array([reductions.of_channel(place)[-1] for place in range(len(noise_models))])
     belief = plausibility_discount(Shares(as_given, interpolated).of(np.maximum(repaired - JUDGE.unrepeated, 0.0)))
-    beside_twins = found.final.nominal.beside_twins
+    with_equivalents = found.final.nominal.with_equivalents
     closed = [reductions.of_channel(place)[0] - reductions.of_channel(place) for place in range(len(noise_models))]
     by_subset = {
         subset: np.array([gains[index] for gains in closed]) for index, subset in enumerate(reductions.subsets)
@@ -146,9 +146,9 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
                 share_of_channel=dict(zip(noise_models, shares.by_channel(own).tolist(), strict=True)),
                 unique_share=shares.of(np.maximum(by_subset[everything] - by_subset[alone], 0.0)),
                 parameters=parameters(effect, bounds[index]),
-                indistinguishable_from=tuple(beside_twins([effect.name, *same])[1:]),
+                indistinguishable_from=tuple(with_equivalents([effect.name, *same])[1:]),
                 alternatives={name: p for name, p in chances.items() if name != effect.name},
-                one_of=tuple(beside_twins(one_of(chances))),
+                one_of=tuple(with_equivalents(one_of(chances))),
                 instead=instead(contest, type(effect), same),
                 force_balances=force_balances(removed, type(effect), same),
                 typical=tuple(not_fitted(effect)),

@@ -10,7 +10,7 @@ import numpy as np
 
 from fdbench.record import FloatArray, Record
 from fdbench.virtual_axes.bench import NOTHING, Bench, Detectability, Injected, between
-from fdbench.virtual_axes.cases import Case, Tier, described, plant
+from fdbench.virtual_axes.cases import Case, Tier, described, inject
 from fdbench.virtual_axes.foreign import loops, mechanics
 from fdbench.virtual_axes.foreign.kinds import (
     CONSTANT_ERROR,
@@ -237,7 +237,7 @@ def draw_foreign_case(tier: Tier, number: int, effects: Sequence[str], rng: np.r
     numbers = NUMBERS[int(rng.choice(len(NUMBERS), p=chances))]
     sides = ("motor_position_m", "table_position_m")
     seen = sides if kind.columns == "both_positions" else sides[-1:] if kind.feedback == "table" else sides[:1]
-    injected, sizes = plant(bench, numbers, effects, list(commands.values()), seen, rng)
+    injected, sizes = inject(bench, numbers, effects, list(commands.values()), seen, rng)
     axis = bench.axis(injected)
     repeats = int(rng.integers(1, 4))
     records = {
