@@ -36,22 +36,22 @@ from fdbench.virtual_axes.library_axis import LibraryBench, as_logged
 KINDS = {"one": "One effect alone", "pair": "Pairs that are no look-alikes", "none": "Nothing", "time": "Time"}
 LENGTHS_S = (10.0, 16.0, 22.0, 28.0, 34.0, 40.0)  # of the records of a verdict that is timed; the last two are held out
 # An axis whose loop is not stable is drawn anew: healthy, by the noise of its force against the sensor's; with what is
-# planted, by its noise against that of the healthy axis.
+# injected, by its noise against that of the healthy axis.
 LOUD, UNSTABLE, MOST_AXES = 2.0, 30.0, 20
 BAR_S = 15.0  # CPU time of such a verdict on one core
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Case:
-    """What is planted in which axis; ``seed`` draws the axis, its records and its noise."""
+    """What is injected in which axis; ``seed`` draws the axis, its records and its noise."""
 
     kind: str
-    planted: tuple[str, ...]
+    injected: tuple[str, ...]
     seed: int
 
     @property
     def key(self) -> str:
-        return ":".join((self.kind, "+".join(self.planted), str(self.seed)))
+        return ":".join((self.kind, "+".join(self.injected), str(self.seed)))
 
 
 # ---- what is run ----
@@ -62,13 +62,13 @@ def plan(rounds: int, n_pairs: int, n_empty: int) -> list[Case]:
     bench = LibraryBench(model(np.random.default_rng(0)), ERRORS, protocol.PERIOD_S)
     logged = [name for name in effects.names() if effects.get(name).port is Port.LOGGING]
     names = [*bench.names(listed=True), *logged]
-    cases = [Case(kind="one", planted=(name,), seed=seed) for seed in range(rounds) for name in names]
+    cases = [Case(kind="one", injected=(name,), seed=seed) for seed in range(rounds) for name in names]
     pairs = [pair for pair in itertools.combinations(names, 2) if not alike(*pair) and not bench.clash(*pair)]
     order = np.random.default_rng(0).permutation(len(pairs)).tolist()
-    cases += [Case(kind="pair", planted=pairs[place], seed=seed) for seed, place in enumerate(order[:n_pairs])]
-    cases += [Case(kind="none", planted=(), seed=seed) for seed in range(n_empty)]
+    cases += [Case(kind="pair", injected=pairs[place], seed=seed) for seed, place in enumerate(order[:n_pairs])]
+    cases += [Case(kind="none", injected=(), seed=seed) for seed in range(n_empty)]
     searched = [pairs[place] for place in reversed(order) if all(is_searched(name) for name in pairs[place])]
-    return cases + [Case(kind="time", planted=searched[0][:count], seed=count) for count in range(3)]
+    return cases + [Case(kind="time", injected=searched[0][:count], seed=count) for count in range(3)]
 
 
 def is_searched(name: str) -> bool:
@@ -109,7 +109,7 @@ class Recorded:
     nominal: Nominal
     records: Sequence[Record]
     holdouts: Sequence[Record]
-    planted: Injected
+    injected: Injected
     visible: Mapping[str, float]
 
 
@@ -118,10 +118,10 @@ def record(case: Case, rng: np.random.Generator) -> Recorded | None:
     nominal = model(rng)
     errors = {name: size * float(np.clip(rng.standard_normal(), -2.0, 2.0)) for name, size in ERRORS.items()}
     bench = LibraryBench(nominal, errors, protocol.PERIOD_S)
-    sized = {name: bench.typical(name) for name in case.planted}
-    planted = {name: dataclasses.asdict(effect) for name, effect in sized.items()}
+    sized = {name: bench.typical(name) for name in case.injected}
+    injected = {name: dataclasses.asdict(effect) for name, effect in sized.items()}
     loggers = [effect for effect in sized.values() if effect.port is Port.LOGGING]
-    simulated = {name: planted[name] for name, effect in sized.items() if effect.port is not Port.LOGGING}
+    simulated = {name: injected[name] for name, effect in sized.items() if effect.port is not Port.LOGGING}
     if case.kind == "time":
         *fitted, before_last, last = long_motions(rng)
         judged, repeats = [before_last, last], 1
@@ -148,7 +148,7 @@ def record(case: Case, rng: np.random.Generator) -> Recorded | None:
         nominal=nominal,
         records=[recorded(f"{index}_{turn}", part) for index, part in enumerate(fitted) for turn in range(repeats)],
         holdouts=[recorded(f"held_out_{index}", part) for index, part in enumerate(judged)],
-        planted=planted,
+        injected=injected,
         visible={
             name: detectability.mean_square(bench.axis({name: values}), not bench.is_nominal_parameter(name))
             for name, values in simulated.items()
@@ -157,8 +157,8 @@ def record(case: Case, rng: np.random.Generator) -> Recorded | None:
 
 
 def run(case: Case) -> dict[str, Any]:
-    """Record an axis with what is planted, diagnose it, and return the line of the file."""
-    rng = np.random.default_rng([list(KINDS).index(case.kind), case.seed, *"+".join(case.planted).encode()])
+    """Record an axis with what is injected, diagnose it, and return the line of the file."""
+    rng = np.random.default_rng([list(KINDS).index(case.kind), case.seed, *"+".join(case.injected).encode()])
     drawn = (record(case, rng) for _ in range(MOST_AXES))
     made = next(item for item in drawn if item is not None)
     compiled(made.nominal, made.holdouts[0])
@@ -170,7 +170,7 @@ def run(case: Case) -> dict[str, Any]:
     return {
         "key": case.key,
         "kind": case.kind,
-        "planted": made.planted,
+        "planted": made.injected,
         "visible": made.visible,
         "causes": answer["causes"],
         "suspects": answer.get("suspects", []),
@@ -243,17 +243,17 @@ def size_error(line: Mapping[str, Any], name: str) -> tuple[float, bool | None] 
     cause = causes(line).get(name)
     if cause is None:
         return None
-    kind, planted = effects.get(name), line["planted"][name]
+    kind, injected = effects.get(name), line["planted"][name]
     found = cause["parameters"]
     if "change" in found:  # of a nominal parameter
-        true, given = planted[kind.amplitude], found["change"]
+        true, given = injected[kind.amplitude], found["change"]
     else:
-        own = [item for item in (kind.amplitude, *kind.further_amplitudes) if item in found and planted[item] != 0.0]
+        own = [item for item in (kind.amplitude, *kind.further_amplitudes) if item in found and injected[item] != 0.0]
         typical_size = kind.typical()
-        best = max(own, key=lambda item: abs(planted[item] / (getattr(typical_size, item) or 1.0)), default="")
+        best = max(own, key=lambda item: abs(injected[item] / (getattr(typical_size, item) or 1.0)), default="")
         if not best:
             return None
-        true, given = planted[best], found[best]
+        true, given = injected[best], found[best]
     bounds = given["ci95"]
     return given["value"] / true - 1.0, None if bounds is None else bounds[0] <= true <= bounds[1]
 
@@ -276,13 +276,13 @@ def alone_table(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         named = causes(line)
         order = list(named)
         error = size_error(line, name)
-        twins = named[name]["indistinguishable_from"] if name in named else []
+        alike = named[name]["indistinguishable_from"] if name in named else []
         cells = [
             name,
             f"{line['visible'][name]:.3g}" if name in line["visible"] else "-",
             str(order.index(name) + 1) if name in named else "-",
             f"{probability(line, name):.2f}",
-            words(twins),
+            words(alike),
             words([other for other in order if other != name]),
             f"{line['unknown']:.2f}",
             "-" if error is None else f"{100 * error[0]:+.0f} %",
@@ -335,7 +335,7 @@ def empty_table(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 def time_table(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     yield f"{len(LENGTHS_S)} records of {min(LENGTHS_S):g} to {max(LENGTHS_S):g} s at 1 kHz, two of them held out."
     yield ""
-    yield "| planted | CPU s | wall s | named |"
+    yield "| injected | CPU s | wall s | named |"
     yield "| --- | ---: | ---: | --- |"
     for line in lines:
         cells = words(list(line["planted"])), line["seconds"], line["seconds_wall"], words(list(causes(line)))

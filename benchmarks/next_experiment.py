@@ -62,15 +62,15 @@ class Machine:
         limits = Limits.of(self.nominal.drive, self.speeds[:, 0])
         others = [item.reference for item in one_of_each_kind(menu(limits, protocol.PERIOD_S))]
         bench.add_background(Detectability(bench, [self.speeds, *others], self.sides, rng), rng)
-        self.planted, self.axis = self._plant(bench, detectability, rng)
+        self.injected, self.axis = self._inject(bench, detectability, rng)
 
     @staticmethod
-    def _plant(bench: LibraryBench, detectability: Detectability, rng: np.random.Generator) -> tuple[str, LibraryAxis]:
+    def _inject(bench: LibraryBench, detectability: Detectability, rng: np.random.Generator) -> tuple[str, LibraryAxis]:
         names = [name for name in bench.names(listed=True) if not bench.is_nominal_parameter(name)]
         for _ in range(tiers.MOST_DRAWS):
             name = str(rng.choice(names))
             axis = bench.axis({name: bench.draw(name, rng)})
-            visible = detectability.mean_square(axis, beside_paper=True) >= tiers.SMALLEST_SIGNATURE
+            visible = detectability.mean_square(axis, beside_nominal_errors=True) >= tiers.SMALLEST_SIGNATURE
             if visible and (detectability.noise_amplification(axis, rng) <= tiers.MOST_NOISE_AMPLIFICATION).all():
                 return name, axis
         raise FdbenchError(f"{tiers.MOST_DRAWS} draws gave no effect that shows in the motions of a trial.")
@@ -102,12 +102,12 @@ def one_of_each_kind(every: Sequence[Trajectory]) -> list[Trajectory]:
 
 
 def case(seed: int, number: int) -> dict[str, Any]:
-    """Return the planted effect and what is said of it after the first motion and, if in doubt, after two."""
+    """Return the injected effect and what is said of it after the first motion and, if in doubt, after two."""
     machine = Machine(seed, number)
     records = machine.records("speeds", machine.speeds, 0)
     found = diagnose(machine.nominal, records)
     first = chances(found)
-    row: dict[str, Any] = {"seed": seed, "case": number, "planted": machine.planted, FIRST: first}
+    row: dict[str, Any] = {"seed": seed, "case": number, "planted": machine.injected, FIRST: first}
     if max(first.values()) >= AMBIGUOUS:
         return row
     every = menu_of(found.split, found.final.nominal)
@@ -130,19 +130,19 @@ def case(seed: int, number: int) -> dict[str, Any]:
     }
 
 
-def top_1(verdict: Verdict, planted: str) -> float:
-    """Return 1 if no other effect is as probable as the planted one, as on the board of the trials."""
-    rest = max((p for name, p in verdict.items() if name not in (planted, NO_GAP)), default=0.0)
-    return float(of_truth(verdict, planted) > rest)
+def top_1(verdict: Verdict, injected: str) -> float:
+    """Return 1 if no other effect is as probable as the injected one, as on the board of the trials."""
+    rest = max((p for name, p in verdict.items() if name not in (injected, NO_GAP)), default=0.0)
+    return float(of_truth(verdict, injected) > rest)
 
 
-def surest(verdict: Verdict, planted: str) -> float:
-    """Return 1 if the planted effect is more probable than any other, and than no gap."""
-    return top_1(verdict, planted) * float(of_truth(verdict, planted) > verdict[NO_GAP])
+def surest(verdict: Verdict, injected: str) -> float:
+    """Return 1 if the injected effect is more probable than any other, and than no gap."""
+    return top_1(verdict, injected) * float(of_truth(verdict, injected) > verdict[NO_GAP])
 
 
-def of_truth(verdict: Verdict, planted: str) -> float:
-    return verdict.get(planted, 0.0)
+def of_truth(verdict: Verdict, injected: str) -> float:
+    return verdict.get(injected, 0.0)
 
 
 def table(rows: Sequence[dict[str, Any]]) -> None:

@@ -88,7 +88,7 @@ def effect(name: str) -> str:
     cls, parts = effects.get(name), sheet(effects.get(name))
     facts = [f"Port `{cls.port.name}`"]
     facts += [f"no effect at {' = '.join(f'`{item}`' for item in (cls.amplitude, *cls.further_amplitudes))} = 0"]
-    facts += [f"hidden states {', '.join(f'`{state}`' for state in cls.states)}"] if cls.states else []
+    facts += [f"internal states {', '.join(f'`{state}`' for state in cls.states)}"] if cls.states else []
     facts += ["random"] if cls.random else []
     facts += ["a process force, to be estimated"] if cls.disturbance else []
     facts += ["property of an elastic screw"] if cls.needs_screw else []
@@ -107,9 +107,9 @@ def effects_page() -> str:
     """Return the page of effects."""
     names = sorted(effects.modules())  # those of packages, not of files
     introduction = (
-        "What a real drive has beside the model on paper. One file each in `fdbench/effects/`; a scenario or a model "
-        'names one by `kind = "..."` in a table `[[plant.effects]]` (known on paper) or `[[reality.effects]]` (not '
-        "known). *typical* is the size on a small axis. An example calls the kernel with "
+        "What a real drive has beside the nominal model. One file each in `fdbench/effects/`; a scenario or a model "
+        'names one by `kind = "..."` in a table `[[plant.effects]]` (modelled) or `[[reality.effects]]` (not '
+        "modelled). *typical* is the size on a small axis. An example calls the kernel with "
         "`(t, h, x, v, u, parameters, states)`: time, substep, position, velocity, what passes the port."
     )
     ports = (inspect.getdoc(Port) or "").split("\n\n")[1]
@@ -158,7 +158,7 @@ def estimators_page() -> str:
     names = sorted(estimators.modules())
     introduction = (
         "The reference estimators, one file each in `baselines/fdbench_baselines/`, written as yours would be. "
-        "Each is given a `Context` (what is known on paper) and a `Record`, and returns an `Estimate` of `parameters`, "
+        "Each is given a `Context` (what is known before) and a `Record`, and returns an `Estimate` of `parameters`, "
         "`disturbance_N` and `output`, or those of them that it claims. A scenario may set arguments in "
         "`[estimation.hyperparameters.<name>]`. The row `oracle` of the results is no estimator: it is told the truth."
     )
@@ -200,7 +200,7 @@ def scenario(name: str) -> str:
     if case.measured:
         rows += [("record", f"measured, `{case.measured.file}`, from {case.measured.obtain}")]
     known = getattr(case.plant, "effects", ())
-    for label, found in (("known on paper", known), ("not known", case.reality.effects)):
+    for label, found in (("nominal effects", known), ("unmodelled effects", case.reality.effects)):
         rows += [(label, ", ".join(f"[`{item.name}`](effects.md#{item.name})" for item in found))] if found else []
     noises = {field.name: getattr(case.reality.noise, field.name) for field in dataclasses.fields(case.reality.noise)}
     shown = ", ".join(f"`{key}` {value:.3g}" for key, value in noises.items() if value)

@@ -92,7 +92,7 @@ class LogUniform:
 @final
 @dataclass(frozen=True, kw_only=True)
 class Uniform:
-    """One number for all values, uniform between two bounds, whatever is on paper.
+    """One number for all values, uniform between two bounds, whatever the nominal ones are.
 
     Parameters
     ----------

@@ -36,21 +36,21 @@ __all__ = [
 class Context:
     """What a user of a real drive would know before the record is taken.
 
-    The machine under the record is another one: its values lie about those on paper, as its data sheet says.
+    The machine under the record is another one: its values lie about the nominal ones, as its data sheet says.
 
     Attributes
     ----------
     sampling_time_s : float
         Clock of the record.
     plant : Plant
-        The nominal plant, with the parameters on paper.
+        The nominal plant, with the nominal parameters.
     model : str
         Which linear model of the plant is to be identified, such as ``"velocity_loop"``.
     disturbance_period_s : float or None
         Nominal period of the spindle or shaker, where one runs; a spindle slips.
     covariance : (n_parameters, n_parameters) array or None
-        How far the parameters of the model may be from those on paper, in the order of ``nominal``; None where the data
-        sheet does not say.
+        How far the parameters may be from their nominal values, in the order of ``nominal``; None where the data sheet
+        does not say.
     """
 
     sampling_time_s: float

@@ -1,4 +1,4 @@
-"""Scenarios: what a machine is on paper, what it really is, how it is moved, measured and scored.
+"""Scenarios: what a machine is nominally, what it really is, how it is moved, measured and scored.
 
 One strict TOML file for each versioned id; see the ``scenarios`` folder.
 """
@@ -31,7 +31,7 @@ SUITES = ("quick", "full")
 
 @dataclass(frozen=True, kw_only=True)
 class Reality:
-    """What the machine really is: effects that the model on paper does not know, and noises."""
+    """What the machine really is: effects that the nominal model does not know, and noises."""
 
     effects: tuple[Effect, ...] = ()
     noise: Noise = field(default_factory=Noise)
@@ -150,7 +150,7 @@ class Scenario:
     """One versioned benchmark case; the fields are the tables of its TOML file.
 
     A file may take over another one, ``extends = "ShakerConstant-v0"``, and say only what differs; lists are replaced
-    whole. With ``draw`` every seed is another machine; without it the machine is the one on paper, as in a published
+    whole. With ``draw`` every seed is another machine; without it the machine is the nominal one, as in a published
     trial.
     """
 
@@ -206,7 +206,7 @@ class Scenario:
 
     @cached_property
     def _covariance(self) -> FloatArray | None:
-        """How far the model's parameters may be from those on paper: to first order, each draw moved both ways.
+        """How far the model's parameters may be from the nominal ones: to first order, each draw moved both ways.
 
         None where the machine is not drawn, or where what is drawn moves no parameter of the model.
         """
@@ -223,7 +223,7 @@ class Scenario:
         return np.asarray(changes.T @ changes) if changes.any() else None
 
     def drawn(self, seed: int) -> "Scenario":
-        """Return the scenario with the machine of a seed on paper and in reality; itself where nothing is drawn."""
+        """Return the scenario with the machine of a seed, nominally and in reality; itself where nothing is drawn."""
         if not self.draw:
             return self
         return _named(replace(drawn(self, self.draw, seed), draw=()), self.id, self.digest)
@@ -316,13 +316,13 @@ def simulate(scenario: Scenario, seed: int) -> tuple[Record, Truth]:
     time_s = np.arange(system.n_samples, dtype=np.float64) * period
     columns: dict[str, FloatArray] = {"time_s": time_s, **system.commanded}
     columns |= {name: rows[:, index] for index, name in enumerate(system.columns)}
-    hidden = {name: rows[:, len(system.columns) + index] for index, name in enumerate(system.truth_columns)}
-    if "held_sample" in hidden and hidden["held_sample"].any():
-        columns["held_sample"] = hidden["held_sample"]
+    withheld = {name: rows[:, len(system.columns) + index] for index, name in enumerate(system.truth_columns)}
+    if "held_sample" in withheld and withheld["held_sample"].any():
+        columns["held_sample"] = withheld["held_sample"]
     provenance = {"scenario": scenario.id, "digest": scenario.digest, "seed": seed, "version": __version__}
     record = Record(columns, provenance, f"{scenario.id} seed {seed}")
     parameters = scenario.linear_model.nominal_parameters(period)
-    return record, Truth(parameters=parameters, disturbance_N=hidden.get("disturbance_N"))
+    return record, Truth(parameters=parameters, disturbance_N=withheld.get("disturbance_N"))
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:

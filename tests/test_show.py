@@ -56,7 +56,7 @@ def test_published_velocity_loop() -> None:
     )
 
 
-def test_every_plant_that_is_linear_on_paper_is_shown() -> None:
+def test_every_plant_that_is_linear_nominally_is_shown() -> None:
     for name in (
         "DriveCurrentOpen-v0",
         "ServoSpiral-v0",

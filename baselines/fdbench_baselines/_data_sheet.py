@@ -13,7 +13,7 @@ class Sheet(NamedTuple):
     Attributes
     ----------
     nominal : (p,) array
-        The parameters on paper, in the order of the regression.
+        The nominal parameters, in the order of the regression.
     root : (p, p) array
         L.
     """
@@ -36,20 +36,20 @@ def sheet(context: Context, regression: Regression) -> Sheet:
     True
     """
     Z, y, names = regression.regressors, regression.target, regression.names
-    on_paper = list(context.nominal)
+    in_order = list(context.nominal)
     nominal = np.array([context.nominal[name] for name in names], dtype=np.float64)
     size = np.sqrt(np.mean(Z**2, axis=0))
     size[size == 0.0] = 1.0
     if context.covariance is None:
         return Sheet(nominal, np.diag(np.sqrt(np.mean(y**2)) / size))
-    place = [on_paper.index(name) for name in names]
+    place = [in_order.index(name) for name in names]
     return Sheet(nominal, _root(context.covariance[np.ix_(place, place)], size))
 
 
 def sheet_beforehand(context: Context) -> Sheet:
     """Return the same before there is a record, in the order of ``context.nominal``.
 
-    Where the data sheet states no covariance a parameter may be off by as much as it is on paper; one of 0 stays so.
+    Where the data sheet states no covariance a parameter may be off by as much as its nominal value; one of 0 stays so.
     """
     nominal = np.array(list(context.nominal.values()), dtype=np.float64)
     if context.covariance is None:

@@ -7,7 +7,7 @@ r"""Kalman filter and smoother of a linear model whose disturbance is a random w
     \begin{pmatrix} c_h \\ s_h \end{pmatrix} + \zeta_h
 
 The force has a part that grows with the feed, as that of a cut does; a walk; and waves. Here b, standard normal at the
-start, are the parameters about those on paper, in units of what the data sheet leaves open, so that all states have
+start, are the parameters about the nominal ones, in units of what the data sheet leaves open, so that all states have
 about the size of y. The smoother is that of de Jong, which inverts no covariance.
 
 References

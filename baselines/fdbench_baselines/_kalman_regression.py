@@ -118,7 +118,7 @@ def observe(context: Context, regression: Regression, harmonics: int) -> Estimat
     Z, y, gain = regression.regressors, regression.target, regression.disturbance_gain
     paper: Sheet = sheet(context, regression)
     residual, loud = robust_residual(Z, y)
-    if applies(context):  # a row off the straight line of the friction on paper is as if it were missing
+    if applies(context):  # a row off the straight line of the nominal friction is as if it were missing
         trusted = straight(context, Z)
         loud = np.where(trusted | (context.model == "velocity_loop"), loud, MISSING)
     unit = float(np.sqrt(np.mean(residual**2 / loud))) or 1.0

@@ -63,8 +63,8 @@ def mixed(context: Context, regression: Regression, record: Found) -> Found:
     """
     if context.covariance is None:
         return record
-    on_paper = list(context.nominal)
-    place = [on_paper.index(name) for name in regression.names]
+    in_order = list(context.nominal)
+    place = [in_order.index(name) for name in regression.names]
     nominal = np.array(list(context.nominal.values()))[place]
     sheet = context.covariance[np.ix_(place, place)]
     size = np.sqrt(np.mean(regression.regressors**2, axis=0))

@@ -1,4 +1,4 @@
-"""What the equation of a plant on paper leaves of each reading: the linear model of a drive that has no parameters."""
+"""What the equation of a nominal plant leaves of each reading: the linear model of a drive that has no parameters."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Rows of a drive's linear model on which its friction on paper is the straight line that the model takes it for."""
+"""Rows of a drive's linear model on which its nominal friction is the straight line that the model takes it for."""
 
 from functools import lru_cache
 
@@ -19,7 +19,7 @@ REVERSING = 0.9  # a filtered sign of the velocity below this is that of a rever
 
 
 def straight(context: Context, regressors: FloatArray) -> NDArray[np.bool_]:
-    r"""Return which rows (n,) lie on the straight part of the friction on paper: not slow, not within a reversal.
+    r"""Return which rows (n,) lie on the straight part of the nominal friction: not slow, not within a reversal.
 
     .. math:: |v| \ge v_0, \qquad |F(v) - B v - F_c \operatorname{sign} v - F_0| \le 10^{-3} F_c
               \;\text{ for all } |v| \ge v_0
@@ -62,7 +62,7 @@ def force_left(context: Context, regressors: FloatArray, residual: FloatArray) -
 
 @lru_cache(maxsize=16)
 def straight_from(plant: Plant) -> float:
-    """Return the speed (m/s) from which friction on paper is a straight line; 0 where it has no other part."""
+    """Return the speed (m/s) from which nominal friction is a straight line; 0 where it has no other part."""
     effects: tuple[Effect, ...] = getattr(plant, "effects", ())
     sources = tuple(e for e in effects if e.port in (Port.MOTOR_FORCE, Port.TABLE_FORCE) and not e.disturbance)
     limit: float | None = getattr(plant, "velocity_limit_m_per_s", None)

@@ -19,13 +19,13 @@ LOOP_WITHOUT_FRICTION = ("beta_1", "beta_2")
 class StreamedParameters:
     r"""Corrections :math:`\Delta\beta` to the data sheet and weights on errors; see `_generalised_least_squares`.
 
-    Where the sheet says how exact it is, rows off the straight line of the friction on paper are predicted but not
+    Where the sheet says how exact it is, rows off the straight line of the nominal friction are predicted but not
     learnt from, a process force at constant feed has a coefficient of its own in a loop without friction, and
     `found` weighs record and sheet once more as `_mixed_estimation` does.
     """
 
     def __init__(self, context: Context, error_lags: int) -> None:
-        self._context, self._paper = context, sheet_beforehand(context)
+        self._context, self._sheet = context, sheet_beforehand(context)
         self._names, self._applies = tuple(context.nominal), applies(context)
         self._has_process = self._applies and self._names == LOOP_WITHOUT_FRICTION
         p = len(self._names)
@@ -39,8 +39,8 @@ class StreamedParameters:
 
     def take(self, regressors: FloatArray, target: FloatArray) -> FloatArray:
         """Predict rows, then take them in; return prediction, its part that errors foretell, and variance, (n, 3)."""
-        physics = regressors @ self._paper.nominal
-        columns = regressors @ self._paper.root
+        physics = regressors @ self._sheet.nominal
+        columns = regressors @ self._sheet.root
         if self._has_process:
             columns = np.hstack((columns, np.sign(regressors[:, :1])))
         learnt = straight(self._context, regressors) if self._applies else np.ones(len(target), dtype=np.bool_)
@@ -58,7 +58,7 @@ class StreamedParameters:
 
     def found(self) -> Found:
         """Return the parameters by now, with their covariance."""
-        p, (nominal, root) = len(self._names), self._paper
+        p, (nominal, root) = len(self._names), self._sheet
         theta, P = self._state.theta[:p], self._state.P[:p, :p]
         if self._applies and self._rows > 0:
             # The sheet is in theta and P already; what is left without it is what the record says.

@@ -20,7 +20,7 @@ DRIVES = ("velocity_loop", "inverse_dynamics", "directional_inverse_dynamics")
 
 @final
 class HybridRLS(OnlineEstimator):
-    r"""Physics on paper and a learnt correction: on a servo stage of its response, on a drive of its equation.
+    r"""Nominal physics and a learnt correction: on a servo stage of its response, on a drive of its equation.
 
     On a stage, prediction of the position a batch ahead, from the command and the errors before the batch:
 
@@ -29,7 +29,7 @@ class HybridRLS(OnlineEstimator):
         \varphi_k = (1, x_{pb,k} \ldots x_{pb,k-q}, e_{k-1} \ldots e_{k-p}), \qquad e = x - x_{pb}, \qquad
         w = \arg\min \sum_{i < j N_p} (e_i - w^T \varphi_i)^2 + \lambda |w|^2
 
-    :math:`x_{pb}` is the response of the plant on paper to the command, w the weights of batch j, learnt from all
+    :math:`x_{pb}` is the response of the nominal plant to the command, w the weights of batch j, learnt from all
     batches before it. Within a batch, errors that are not measured yet are replaced by predicted ones. Before the first
     sample all signals are zero. ``output`` is :math:`\hat x`. Rows of a second axis, which start at an earlier time,
     are learnt anew. In a free run the weights are those of the whole record, and all errors are predicted ones.
@@ -64,6 +64,15 @@ class HybridRLS(OnlineEstimator):
     Chou, Duan, Okwudire, A linear hybrid model for enhanced servo error pre-compensation of feed drives with unmodeled
     nonlinear dynamics, CIRP Annals, eqs. (3) to (6). The size of the regularisation is ours: the paper states none. So
     is the model of a drive; its recursion is that of Hastings-James and Sage (1969).
+
+    Examples
+    --------
+    The mass is 1.25 times that of the data sheet, so that beta_1 is 0.4.
+
+    >>> from fdbench_baselines._example import example_drive
+    >>> found = HybridRLS().fit(*example_drive(mass_ratio=1.25))
+    >>> {name: round(value, 3) for name, value in found.parameters.items()}
+    {'beta_1': 0.4, 'beta_2': 0.6}
     """
 
     made_for: ClassVar[tuple[str, ...] | None] = ("servo_response", STATE_SPACE, *DRIVES)

@@ -32,11 +32,11 @@ class IdimIv(BatchEstimator):
 
     where the tilde is the filter of the errors, of a velocity loop alone (`_aitken`). A few iterations
     do, as the loop makes the simulated motion nearly the same for any parameters. A velocity loop is simulated by its
-    own equation; of an axis in a cascade, masses and viscous friction are those of the estimate, all else is as on
-    paper.
+    own equation; of an axis in a cascade, masses and viscous friction are those of the estimate, all else is
+    nominal.
 
     Beside Z stand harmonics of a process force that grows with the feed, of a spindle or shaker that slips and drifts
-    (`_process_force`), and rows off the straight line of the friction on paper are left out. Last, the data sheet is
+    (`_process_force`), and rows off the straight line of the nominal friction are left out. Last, the data sheet is
     weighed with what the record says, a process force of unknown mean among it (`_mixed_estimation`): without a stated
     covariance the record alone counts. ``covariance`` is that of all this; ``disturbance_N`` is what the parameters
     leave of the target, 0 on rows of inverse dynamics that are left out, and ``output`` is :math:`Z \hat\beta`.
@@ -65,13 +65,13 @@ class IdimIv(BatchEstimator):
 
     Examples
     --------
-    A shaker of 1.2 N in the loop biases least squares; the parameters without it are 0.8335 and 0.1632.
+    The mass is 1.25 times that of the data sheet, so that beta_1 is 0.4; a shaker biases least squares.
 
-    >>> from fdbench.scenario import load_scenario
-    >>> scenario = load_scenario("ShakerConstant-v0")
-    >>> found = IdimIv().fit(scenario.context(), scenario.record(100)).parameters
-    >>> round(found["beta_1"], 3), round(found["beta_2"], 3)
-    (0.834, 0.163)
+    >>> from fdbench_baselines.least_squares import LeastSquares
+    >>> from fdbench_baselines._example import example_drive
+    >>> shaken = example_drive(mass_ratio=1.25, wave_N=5.0, period_s=0.065)
+    >>> [round(method().fit(*shaken).parameters["beta_1"], 3) for method in (LeastSquares, IdimIv)]
+    [0.399, 0.4]
     """
 
     made_for: ClassVar[tuple[str, ...] | None] = tuple(CONFOUNDED)
@@ -140,7 +140,7 @@ def simulated(context: Context, record: Record, parameters: Mapping[str, float])
 
 
 def at_estimate(plant: FeedDrive, mass_kg: float, viscous_N_s_per_m: float) -> FeedDrive:
-    """Return the drive on paper with another total mass and viscous friction, shared between both sides as on paper.
+    """Return the nominal drive with another total mass and viscous friction, shared between both sides as before.
 
     >>> from fdbench.scenario import load_scenario
     >>> moved = at_estimate(load_scenario("BallScrewAxis-v1").plant, 200.0, 500.0)
@@ -148,8 +148,8 @@ def at_estimate(plant: FeedDrive, mass_kg: float, viscous_N_s_per_m: float) -> F
     (200.0, 500.0)
     """
     heavier = mass_kg / plant.mass_kg
-    on_paper = plant.viscous_friction_N_s_per_m
-    thicker = max(viscous_N_s_per_m, 0.0) / on_paper if on_paper > 0.0 else 1.0
+    nominal = plant.viscous_friction_N_s_per_m
+    thicker = max(viscous_N_s_per_m, 0.0) / nominal if nominal > 0.0 else 1.0
     motor: LinearMotor | RotaryMotor = plant.motor
     viscous = motor.viscous_friction_N_s_per_m * thicker
     if isinstance(motor, LinearMotor):

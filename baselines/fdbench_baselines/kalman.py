@@ -53,7 +53,7 @@ class Kalman(OnlineEstimator):
 
     at the harmonics of the nominal period, which may slip by 1.5 %; m is the process force that grows with the feed of
     a velocity loop whose data sheet states how exact it is; of inverse dynamics under such a sheet, rows off the
-    straight line of the friction on paper count as missing. Noises and memory are those of greatest likelihood
+    straight line of the nominal friction count as missing. Noises and memory are those of greatest likelihood
     (`_kalman_regression`); rows that stand out beyond four deviations count less, and where the filter is surprised
     by six the force begins anew, as where a tool enters. ``disturbance_N`` is smoothed over
     the record, ``parameters`` have their covariance, ``output`` is the target as predicted before it. A stream's
@@ -86,6 +86,17 @@ class Kalman(OnlineEstimator):
     Kalman, A new approach to linear filtering and prediction problems, J. Basic Engineering 82 (1960); Salehi, thesis,
     2013, eqs. (3.5) to (3.12) and chapter 4, where F lacks the process noise without which its gain dies out; Harvey,
     Forecasting, Structural Time Series Models and the Kalman Filter, 1989, section 2.3 (oscillators).
+
+    Examples
+    --------
+    A drive that is as its data sheet says, beside a shaker of 5 N: a sine of 65 ms, at the first rows and the last.
+
+    >>> from fdbench_baselines._example import example_drive
+    >>> found = Kalman().fit(*example_drive(wave_N=5.0, period_s=0.065))
+    >>> {name: round(value, 3) for name, value in found.parameters.items()}
+    {'beta_1': 0.5, 'beta_2': 0.5}
+    >>> [round(float(force), 2) for force in found.disturbance_N[[0, 1, -1]]]  # 5 sin(2 pi t / 65 ms)
+    [0.0, 4.11, 4.96]
     """
 
     made_for: ClassVar[tuple[str, ...] | None] = (

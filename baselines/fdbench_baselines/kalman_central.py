@@ -23,6 +23,14 @@ class KalmanCentral(FusionFilter):
     References
     ----------
     Salehi, thesis, 2013, eqs. (5.1) to (5.6); the covariance here in the form of Joseph.
+
+    Examples
+    --------
+    A constant force on a spindle and a drive, read without noise for 0.2 s.
+
+    >>> from fdbench_baselines._example import example_network
+    >>> round(float(KalmanCentral().fit(*example_network(force_N=10.0)).disturbance_N[-1]), 6)
+    10.0
     """
 
     def claims(self, net: Network, y: FloatArray) -> tuple[FloatArray, FloatArray | None]:

@@ -35,6 +35,14 @@ class KalmanParallel(FusionFilter):
     Speyer, Computation and transmission requirements for a decentralized linear-quadratic-Gaussian control problem,
     IEEE Trans. Automatic Control 24 (1979); Salehi, thesis, 2013, eqs. (5.13) to (5.18), which lack the state
     update and the weights.
+
+    Examples
+    --------
+    A constant force on a spindle and a drive, read without noise for 0.2 s.
+
+    >>> from fdbench_baselines._example import example_network
+    >>> round(float(KalmanParallel().fit(*example_network(force_N=10.0)).disturbance_N[-1]), 6)
+    10.0
     """
 
     def __init__(

@@ -94,6 +94,15 @@ class KalmanWeighted(FusionFilter):
     ----------
     Alriksson, Rantzer, Distributed Kalman filtering using weighted averaging, 17th MTNS (2006); Salehi, thesis, 2013,
     eqs. (5.35) to (5.47), where (5.42) lacks an expectation and (5.43) a transpose.
+
+    Examples
+    --------
+    A constant force on a spindle and a drive, read without noise for 0.2 s.
+
+    >>> from fdbench_baselines._example import example_network
+    >>> filtered = KalmanWeighted(sweeps=200, ridge=1e-3).fit(*example_network(force_N=10.0))
+    >>> round(float(filtered.disturbance_N[-1]), 3)
+    10.0
     """
 
     def __init__(

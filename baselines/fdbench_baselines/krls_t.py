@@ -77,6 +77,15 @@ class KRLST(OnlineEstimator):
     Van Vaerenbergh, Lázaro-Gredilla and Santamaría, Kernel recursive least-squares tracker for time-varying regression,
     IEEE Trans. Neural Networks and Learning Systems 23 (2012); McPherson, thesis, 2024, eq. 2.11 to 2.22 with
     :math:`(v - \hat v)^2` in eq. 2.20, and table 4.5 (defaults: shaker trials; the budget is ours).
+
+    Examples
+    --------
+    The mass is 1.25 times that of the data sheet, so that beta_1 is 0.4, beside a shaker of 5 N.
+
+    >>> from fdbench_baselines._example import example_drive
+    >>> found = KRLST().fit(*example_drive(mass_ratio=1.25, wave_N=5.0, period_s=0.065))
+    >>> {name: round(value, 3) for name, value in found.parameters.items()}
+    {'beta_1': 0.4, 'beta_2': 0.6}
     """
 
     def __init__(

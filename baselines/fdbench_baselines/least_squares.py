@@ -75,6 +75,15 @@ class LeastSquares(BatchEstimator):
     References
     ----------
     C. F. Gauss, Theoria combinationis observationum, 1821; McPherson, thesis, 2024, eq. 2.8.
+
+    Examples
+    --------
+    The mass is 1.25 times that of the data sheet, so that beta_1 is 0.4.
+
+    >>> from fdbench_baselines._example import example_drive
+    >>> found = LeastSquares().fit(*example_drive(mass_ratio=1.25))
+    >>> {name: round(value, 3) for name, value in found.parameters.items()}
+    {'beta_1': 0.4, 'beta_2': 0.6}
     """
 
     def __init__(self, window_s: float = 0.05) -> None:

@@ -37,6 +37,14 @@ class LrNfb(BatchEstimator):
     ----------
     Qu and Vogl (2021), Estimating dynamic cutting forces of machine tools from measured vibrations using sparse
     regression with nonlinear function basis, eq. 8, and section 4.3 for the cosine.
+
+    Examples
+    --------
+    Forces of twice the square of the acceleration; the withheld one is a cosine of 18 N in eight samples.
+
+    >>> from fdbench_baselines._example import example_spectra
+    >>> LrNfb().fit(*example_spectra(power=2)).disturbance_N[::4].round(6).tolist()
+    [18.0, -18.0]
     """
 
     made_for: ClassVar[tuple[str, ...] | None] = ("inverse_frequency_response",)

@@ -15,6 +15,14 @@ class Null(BatchEstimator):
     .. math:: \hat\beta = \beta_0, \quad \hat d = 0, \quad \hat y_k = y_{k-1}, \quad \hat y_0 = y_0
 
     Its free run is that of the data sheet. An estimator that scores below this one does harm.
+
+    Examples
+    --------
+    The mass is 1.25 times that of the data sheet, whose parameters are claimed all the same.
+
+    >>> from fdbench_baselines._example import example_drive
+    >>> Null().fit(*example_drive(mass_ratio=1.25)).parameters
+    {'beta_1': 0.5, 'beta_2': 0.5}
     """
 
     def fit(self, context: Context, record: Record) -> Estimate:

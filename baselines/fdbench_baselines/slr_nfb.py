@@ -61,6 +61,15 @@ class SlrNfb(BatchEstimator):
     Qu and Vogl (2021), Estimating dynamic cutting forces of machine tools from measured vibrations using sparse
     regression with nonlinear function basis, section 2.3, which does not state gamma; Brunton, Proctor, Kutz (2016),
     PNAS 113. The functions for drives are ours.
+
+    Examples
+    --------
+    Forces of twice the square of the acceleration: all other functions of it are removed, and the sine is 0 exactly.
+
+    >>> from fdbench_baselines._example import example_spectra
+    >>> found = SlrNfb().fit(*example_spectra(power=2)).disturbance_N
+    >>> found[::4].round(6).tolist(), float(found[2])
+    ([18.0, -18.0], 0.0)
     """
 
     made_for: ClassVar[tuple[str, ...] | None] = (SPECTRA, STATE_SPACE, *VELOCITY_COLUMNS)

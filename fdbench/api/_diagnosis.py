@@ -157,7 +157,7 @@ def diagnose(
     Parameters
     ----------
     model : path, Nominal or Scenario
-        A model TOML or a scenario file; of a scenario the plant on paper is taken, never what it really is.
+        A model TOML or a scenario file; of a scenario the nominal plant is taken, never what it really is.
     records, holdouts : paths, Records or DataFrames, one or several
         Fitted on, and judged on. The columns of a DataFrame have the names that a CSV file has.
     effects : sequence of paths

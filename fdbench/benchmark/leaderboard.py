@@ -59,7 +59,7 @@ the parameter's unit."""
 ERRATA: tuple[tuple[str, str], ...] = (
     (
         "0.2.0",
-        "until then the machine of every seed was the one on paper, which estimators were told; scores were linear "
+        "until then the machine of every seed was the nominal one, which estimators were told; scores were linear "
         "between null and oracle; output was in sample. The scenarios of that time are the published trials now.",
     ),
 )

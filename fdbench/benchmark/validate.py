@@ -14,7 +14,7 @@ from fdbench.sandbox.claims import SERIES
 
 
 def plant_parameters(context: Context) -> frozenset[str]:
-    """Return the names of the parameters of the model on paper, and of the physical ones that follow from them."""
+    """Return the names of the parameters of the nominal model, and of the physical ones that follow from them."""
     model, period_s = context.plant.linear_model(context.model), context.sampling_time_s
     own = model.nominal_parameters(period_s)
     return frozenset({*own, *model.physical_parameters(own, period_s)})

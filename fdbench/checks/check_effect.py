@@ -144,7 +144,7 @@ class Case:
         return points
 
     def calls(self, generator: np.random.Generator) -> list[tuple[np.float64, ...]]:
-        """Return random arguments of the kernel, hidden states as they are after a few substeps."""
+        """Return random arguments of the kernel, internal states as they are after a few substeps."""
         h = self.bench.timing.substep_s
         wide = INPUT_RANGE.get(self.cls.port, FORCE_RANGE_N)
         kernel, n_values = self.cls.kernel, 2 if self.cls.port.is_force else 1

@@ -125,6 +125,15 @@ def has_docstring(case: Case) -> None:
         raise PluginError("the class has no docstring; say in it what is estimated, by which equation, and the source.")
 
 
+def has_right_examples(case: Case) -> None:
+    """Expect right examples in the docstring: at least one of an installed estimator, any number in a file."""
+    if case.source.file is None and not case.declaration.has_example:
+        raise PluginError("the docstring has no worked example ('>>> '); show one whose result is known.")
+    wrong = case.begun().wrong_examples()
+    if wrong:
+        raise PluginError(f"an example in the docstring is wrong: {wrong}")
+
+
 def returns_estimate(case: Case) -> None:
     """Expect an Estimate with finite numbers and one value for each row."""
     check_estimate(case.first, case.regression, plant_parameters(case.context))
@@ -218,6 +227,7 @@ CHECKS: tuple[Callable[[Case], None], ...] = (
     can_be_pickled,
     streams_as_it_fits,
     refuses_update_before_start,
+    has_right_examples,
     has_docstring,
 )
 

@@ -82,8 +82,8 @@ def says_what_it_is(case: Case) -> None:
 
 
 def is_documented(case: Case) -> None:
-    """Require equation and worst value in the docstring, and right examples where there are some."""
-    check_data_sheet(case.cls, (".. math::", "``worst``"))
+    """Require equation, worst value and a worked example, which is right, in the docstring."""
+    check_data_sheet(case.cls, (".. math::", "``worst``", ">>> "))
 
 
 def gives_a_number(case: Case) -> None:

@@ -37,7 +37,7 @@ def show(
     json_: Json = False,
     effect: Effects = None,
 ) -> None:
-    """Show the linear model of a machine on paper: modes, bandwidths, margins, Bode, Nyquist and step."""
+    """Show the linear model of a nominal machine: modes, bandwidths, margins, Bode, Nyquist and step."""
     from fdbench.plants import LinearisedPlant
 
     add_effects(effect)

@@ -31,7 +31,7 @@ def trial_make(
         str | None, typer.Option(help="Hexadecimal digits of an opened key, to make a trial again.")
     ] = None,
 ) -> None:
-    """Draw axes with withheld effects, record them, and seal what was planted."""
+    """Draw axes with withheld effects, record them, and seal what was injected."""
     from rich.console import Console
 
     from fdbench.trials.make import make

@@ -491,10 +491,10 @@ class Answer:
 
     def sizes(self) -> Pair:
         """Return the mean squared gap in units of the noise floor, of the nominal model and re-calibrated."""
-        paper = self.shrinkage.on_paper
+        nominal = self.shrinkage.on_paper
         if self.shrinkage.steps:
-            return paper, self.shrinkage.steps[0].before
-        return paper, paper * (1.0 - self.parametric.closed_by_recalibration)
+            return nominal, self.shrinkage.steps[0].before
+        return nominal, nominal * (1.0 - self.parametric.closed_by_recalibration)
 
     def unexplained(self) -> float:
         """Return the share of the mean squared gap after re-calibration that is neither explained nor noise."""

@@ -96,12 +96,12 @@ def diagnose(
     if baseline:
         nominal, healthy = calibrated_on(nominal, baseline, progress)
     ready = aligned(nominal, records, holdouts, healthy)
-    nominal, split, paper = ready.nominal, ready.split, start(ready.nominal)
+    nominal, split, given = ready.nominal, ready.split, start(ready.nominal)
     drive, replay = nominal.drive, ready.replay.coarsened(split.runs, split.noise_models)
     search = Search(replay, split, progress)
-    raw = float(channel_gaps(replay, split, paper).mean())
+    raw = float(channel_gaps(replay, split, given).mean())
     search.progress("re-calibrating the nominal parameters")
-    calibrated = search.refine(paper)
+    calibrated = search.refine(given)
     split = search.split = with_run_to_run_covariance(replay, ready, calibrated)
     replay = search.replay = ready.replay.coarsened(split.runs, split.noise_models)
     base = search.refine(calibrated)
@@ -110,13 +110,13 @@ def diagnose(
     final, contests = search.review(final, stages)
     final = settled(Search(replay, split.plain), calibrated, final)
     reductions = reductions_of(replay, split.plain, calibrated, final)
-    hypotheses = [item.variant() for item in (paper, calibrated, final)]
+    hypotheses = [item.variant() for item in (given, calibrated, final)]
     every = [replay.simulate(run, hypotheses) for run in split.runs]
     simulated = [[{name: values[i] for name, values in own.items()} for own in every] for i in range(3)]
     seen = [mark for mark in ready.marks if mean_energy(mark, split.plain.noise_models) > EVIDENCE.smallest_artefact]
     findings = Findings(
         search=search,
-        paper=paper,
+        given=given,
         base=base,
         final=final,
         stages=stages,

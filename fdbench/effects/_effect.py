@@ -1,4 +1,4 @@
-"""What an effect is: a port, parameters with units and bounds, hidden states, and one kernel.
+"""What an effect is: a port, parameters with units and bounds, internal states, and one kernel.
 
 The simulator and the diagnosis call the same kernel. Nothing outside this package names an effect.
 """
@@ -67,8 +67,8 @@ def kernel(function: Callable[..., Any]) -> Any:
 
     Signature ``(t, h, x, v, u, [r,] *parameters, *states)``: time at the middle of the substep (s), substep (s),
     position (m) and velocity (m/s) of the port's side there (COMMAND: at the start of the substep), what passes the
-    port (see `Port`), a standard uniform number if the effect is random, the parameters by symbol, the hidden states
-    at the start of the substep. It returns the port's value and the hidden states at the end of the substep, in that
+    port (see `Port`), a standard uniform number if the effect is random, the parameters by symbol, the internal states
+    at the start of the substep. It returns the port's value and the internal states at the end of the substep, in that
     order. A global that it uses is part of it: what that may be says `fdbench.compilation`.
     """
     return followed(njit(error_model="numpy", forceinline=True)(function))
@@ -175,7 +175,7 @@ class Effect(ABC):
     ----------------
     port : Port
     states : tuple of str
-        Symbols of the hidden states, which start at zero.
+        Symbols of the internal states, which start at zero.
     amplitude : str
         Name of the parameter that scales the effect: at zero there is none.
     further_amplitudes : tuple of str

@@ -1,4 +1,4 @@
-"""Axial compliance: the screw is softer than on paper."""
+"""Axial compliance: the screw is softer than nominal."""
 
 from dataclasses import dataclass
 from typing import final
@@ -14,7 +14,7 @@ class AxialCompliance(Effect):
     .. math:: k' = (1 - s/100)\, k, \quad c' = (1 - s/100)\, c \qquad \Leftrightarrow \qquad
               g = s\, u / 100, \quad u = x_m - x_t
 
-    with s in per cent. The screw's stiffness k and damping c on paper act on the motor side's position x_m minus the
+    with s in per cent. The screw's nominal stiffness k and damping c act on the motor side's position x_m minus the
     table's x_t; g is the part of that stretch which they do not see. On a rigid axis there is no stiffness to lose.
 
     Source: Kamalzadeh, Erkorkmaz (2007), CIRP Annals 56(1), on the axial mode of a ball screw drive.

@@ -14,7 +14,7 @@ class CoulombFriction(Effect):
 
     .. math:: F(v) = F_c \tanh(v / v_0)
 
-    A negative value means that the friction known on paper is too large. The slope handed to the integrator is the
+    A negative value means that the nominal friction is too large. The slope handed to the integrator is the
     secant F/v, so that the axis creeps to a stop and never chatters.
 
     Source: Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7); smoothing: Andersson, Soderberg,

@@ -14,7 +14,7 @@ class DirectionDependentFriction(Effect):
 
     .. math:: F(v) = B_a v \tanh(v / v_0) + C_a \tanh^2(v / v_0)
 
-    Beside friction B v + C sgn v on paper the axis has B + B_a and C + C_a forwards, B - B_a and C - C_a backwards.
+    Beside a nominal friction B v + C sgn v the axis has B + B_a and C + C_a forwards, B - B_a and C - C_a backwards.
     Unlike a constant force it is none at rest.
 
     Source: Janot, Gautier, Brunot (2019), Data Set and Reference Models of EMPS, the model with direction-dependent

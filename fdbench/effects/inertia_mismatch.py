@@ -1,4 +1,4 @@
-"""Inertia mismatch: the table is heavier or lighter than on paper, as with a workpiece."""
+"""Inertia mismatch: the table is heavier or lighter than nominal, as with a workpiece."""
 
 from dataclasses import dataclass
 from typing import final

@@ -11,7 +11,7 @@ from fdbench.effects.coulomb_friction import CoulombFriction
 @final
 @dataclass(frozen=True, kw_only=True)
 class LugreFriction(Effect):
-    r"""Mean bristle deflection z as a hidden state.
+    r"""Mean bristle deflection z as an internal state.
 
     .. math::
         \dot z = v - \frac{\sigma_0 |v|}{g(v)} z, \qquad

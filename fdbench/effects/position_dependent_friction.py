@@ -17,7 +17,7 @@ class PositionDependentFriction(Effect):
 
     .. math:: F(x, v) = a \sin(2 \pi x / L + \varphi) \tanh(v / v_0)
 
-    x: position of the table. Validity: a below the Coulomb force on paper, or the guideway would push.
+    x: position of the table. Validity: a below the nominal Coulomb force, or the guideway would push.
 
     Source: Armstrong-Helouvry (1991), Control of Machines with Friction; one harmonic is our choice.
 

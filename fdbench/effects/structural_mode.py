@@ -14,7 +14,7 @@ MODES_HZ = (20.0, 30.0, 42.0, 60.0, 85.0, 120.0, 170.0)
 @final
 @dataclass(frozen=True, kw_only=True)
 class StructuralMode(Effect):
-    r"""Appended mode: relative displacement q and absolute velocity p of a mass m at the table are hidden states.
+    r"""Appended mode: relative displacement q and absolute velocity p of a mass m at the table are internal states.
 
     .. math::
         \dot q = p - v, \qquad \dot p = -2 \zeta \omega (p - v) - \omega^2 q, \qquad F = m \dot p,

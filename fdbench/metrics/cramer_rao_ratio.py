@@ -25,14 +25,27 @@ class CramerRaoRatio(Metric):
     on each seed; efficiency is the reciprocal of the mean over seeds. A mean below 1 is that of a biased
     estimator, one that knows something beforehand; ``ideal`` is 0, reached by one that knows the truth.
 
-    Validity: white Gaussian equation noise only and a model that is exact, which is a velocity loop without friction
-    on paper, unmodelled effects and reading noise; skipped elsewhere. A missing parameter counts as zero.
+    Validity: white Gaussian equation noise only and a model that is exact, which is a velocity loop without nominal
+    friction, unmodelled effects and reading noise; skipped elsewhere. A missing parameter counts as zero.
 
     ``worst`` is a standard deviation a thousand times that of the bound.
 
     Source: Ljung, System Identification (1999), chapter 9, for the bound; Bar-Shalom, Li, Kirubarajan, Estimation with
     Applications to Tracking and Navigation (2001), section 5.4, for the normalised estimation error squared, of which
     this is the part on the diagonal.
+
+    Examples
+    --------
+    Two errors, of one and of three standard deviations of the bound: (1 + 9) / 2.
+
+    >>> from fdbench.estimator import Estimate
+    >>> from fdbench.metrics import example_outcome
+    >>> true = {"beta_1": 0.8, "beta_2": 0.19}
+    >>> bound = 2e-5  # noise of 2e-5 m/s, one row for each parameter
+    >>> claim = Estimate(parameters={"beta_1": 0.8 + bound, "beta_2": 0.19 - 3 * bound})
+    >>> rows = [[1.0, 0.0], [0.0, 1.0]]
+    >>> round(CramerRaoRatio().score(example_outcome(claim, target=[0, 0], regressors=rows, parameters=true)), 6)
+    5.0
     """
 
     unit = ""

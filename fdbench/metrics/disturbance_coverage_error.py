@@ -25,6 +25,17 @@ class DisturbanceCoverageError(Metric):
     ``worst`` is that of intervals that hold nothing.
 
     Source: Gneiting, Balabdaoui, Raftery (2007), J. R. Statist. Soc. B 69, for coverage as a sign of calibration.
+
+    Examples
+    --------
+    Of four intervals two hold: 50 % in place of 95 %.
+
+    >>> import numpy as np
+    >>> from fdbench.estimator import Estimate
+    >>> from fdbench.metrics import example_outcome
+    >>> claim = Estimate(disturbance_N=np.zeros(4), disturbance_variance_N2=np.ones(4))
+    >>> DisturbanceCoverageError().score(example_outcome(claim, disturbance_N=[1.0, -1.0, 3.0, -3.0]))
+    45.0
     """
 
     unit = "%"

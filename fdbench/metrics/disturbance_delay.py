@@ -33,6 +33,18 @@ class DisturbanceDelay(Metric):
     ``worst``, 1 s, is the longest delay that can be found.
 
     Source: Knapp, Carter (1976), IEEE Trans. Acoustics, Speech and Signal Processing 24, for the correlation.
+
+    Examples
+    --------
+    A wave that is claimed two samples of 3.003 ms too late.
+
+    >>> from fdbench.estimator import Estimate
+    >>> from fdbench.metrics import example_outcome
+    >>> k = np.arange(400)
+    >>> claim = Estimate(disturbance_N=np.sin(0.9 * (k - 2)))
+    >>> late_s = DisturbanceDelay().score(example_outcome(claim, disturbance_N=np.sin(0.9 * k)))
+    >>> round(late_s / 0.003003003, 2)
+    2.0
     """
 
     unit = "s"

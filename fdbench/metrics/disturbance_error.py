@@ -25,6 +25,17 @@ class DisturbanceError(Metric):
     ``worst`` is ten times the error of claiming nothing.
 
     Source: definition; the case is that of McPherson, thesis, 2024, chapter 4.
+
+    Examples
+    --------
+    Half of the amplitude is missing; the mean of 7 N does not count.
+
+    >>> import numpy as np
+    >>> from fdbench.estimator import Estimate
+    >>> from fdbench.metrics import example_outcome
+    >>> claim = Estimate(disturbance_N=np.array([1.0, -1.0, 1.0, -1.0]))
+    >>> DisturbanceError().score(example_outcome(claim, disturbance_N=[9.0, 5.0, 9.0, 5.0]))
+    50.0
     """
 
     unit = "%"

@@ -25,6 +25,17 @@ class DisturbanceErrorScaled(Metric):
     ``worst`` is ten times the error of claiming nothing, as for ``disturbance_error``.
 
     Source: definition.
+
+    Examples
+    --------
+    Half of the amplitude is missing, which a gain of 2 mends; a wrong sign is not mended.
+
+    >>> from fdbench.estimator import Estimate
+    >>> from fdbench.metrics import example_outcome
+    >>> wave = np.array([1.0, -1.0, 1.0, -1.0])
+    >>> claims = (Estimate(disturbance_N=sign * wave) for sign in (1.0, -1.0))
+    >>> [DisturbanceErrorScaled().score(example_outcome(claim, disturbance_N=2.0 * wave)) for claim in claims]
+    [0.0, 100.0]
     """
 
     unit = "%"

@@ -22,6 +22,14 @@ class ForceMeanAbsoluteError(Metric):
 
     Source: Qu and Vogl (2021), Estimating dynamic cutting forces of machine tools from measured vibrations using sparse
     regression with nonlinear function basis, section 4.2, MAE.
+
+    Examples
+    --------
+    The right size with the wrong sign in half of the samples.
+
+    >>> from fdbench.metrics import example_segments
+    >>> ForceMeanAbsoluteError().score(example_segments([3.0, 3.0, -3.0, -3.0], [3.0, -3.0, 3.0, -3.0]))
+    3.0
     """
 
     unit = "N"

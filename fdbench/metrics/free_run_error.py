@@ -22,6 +22,16 @@ class FreeRunError(Metric):
     ``worst`` is ten times the error of predicting the mean.
 
     Source: Ljung, System Identification (1999), section 16.6, simulation on validation data.
+
+    Examples
+    --------
+    A response of 1 m/s about its mean, predicted with 0.9 m/s.
+
+    >>> from fdbench.estimator import Estimate
+    >>> from fdbench.metrics import example_outcome
+    >>> outcome = example_outcome(Estimate(), response=[3.0, 1.0], predicted_response=[2.9, 1.1])
+    >>> round(FreeRunError().score(outcome), 9)
+    10.0
     """
 
     unit = "%"

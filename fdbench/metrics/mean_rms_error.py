@@ -20,6 +20,14 @@ class MeanRmsError(Metric):
 
     Source: Qu and Vogl (2021), Estimating dynamic cutting forces of machine tools from measured vibrations using sparse
     regression with nonlinear function basis, section 4.2, M-RMSE.
+
+    Examples
+    --------
+    Effective forces of 4 N and 5 N, claimed as 4 N of the other sign and as nothing.
+
+    >>> from fdbench.metrics import example_segments
+    >>> MeanRmsError().score(example_segments([-4.0] * 4 + [0.0] * 4, [4.0] * 4 + [5.0] * 4))
+    2.5
     """
 
     unit = "N"

@@ -24,6 +24,20 @@ class ParameterError(Metric):
     ``worst`` is ten times the error of learning nothing.
 
     Source: definition. For uncorrelated regressors the numerator is the mean square of the error in the output.
+
+    Examples
+    --------
+    The second regressor is four times the first: what an error of it costs is four times as much.
+
+    >>> from fdbench.estimator import Estimate
+    >>> from fdbench.metrics import example_outcome
+    >>> true, rows = {"beta_1": 3.0, "beta_2": 1.0}, [[1.0, 4.0], [-1.0, 4.0]]
+    >>> claims = ({"beta_1": 3.5, "beta_2": 1.0}, {"beta_1": 3.0, "beta_2": 1.5}, {"beta_1": 3.0})
+    >>> for claim in (Estimate(parameters=claim) for claim in claims):
+    ...     print(ParameterError().score(example_outcome(claim, target=[0, 0], regressors=rows, parameters=true)))
+    10.0
+    40.0
+    80.0
     """
 
     unit = "%"

@@ -23,6 +23,19 @@ class PhysicalParameterError(Metric):
     ``worst`` is ten times the error of learning nothing.
 
     Source: McPherson, thesis, 2024, eqs. 2.1 to 2.6, for the conversion.
+
+    Examples
+    --------
+    A mass that is 3 % wrong, beside a friction that is right: 3 % over the root of two.
+
+    >>> from fdbench.estimator import Estimate
+    >>> from fdbench.metrics import example_outcome
+    >>> true = {"beta_1": 0.8, "beta_2": 0.19}
+    >>> right = example_outcome(Estimate(parameters=true), target=[0, 0], parameters=true)
+    >>> mass_kg = physical_parameters(right, true)["mass_kg"]
+    >>> claim = Estimate(parameters={**true, "mass_kg": 1.03 * mass_kg})
+    >>> round(PhysicalParameterError().score(example_outcome(claim, target=[0, 0], parameters=true)), 6)
+    2.12132
     """
 
     unit = "%"

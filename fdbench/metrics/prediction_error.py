@@ -24,6 +24,16 @@ class PredictionError(Metric):
     ``worst`` is ten times the error of predicting the mean.
 
     Source: Ljung, System Identification (1999), chapter 16, for the fit.
+
+    Examples
+    --------
+    A target of 1 m/s about its mean, of which 0.2 m/s is not predicted.
+
+    >>> from fdbench.estimator import Estimate
+    >>> from fdbench.metrics import example_outcome
+    >>> claim = Estimate(output=np.array([2.8, 1.2]))
+    >>> round(PredictionError().score(example_outcome(claim, target=[3.0, 1.0])), 9)
+    20.0
     """
 
     unit = "%"

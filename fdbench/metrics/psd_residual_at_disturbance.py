@@ -30,6 +30,18 @@ class PsdResidualAtDisturbance(Metric):
     ``worst`` is a residual of 1e5 times the noise's amplitude.
 
     Source: Welch (1967), IEEE Trans. Audio Electroacoustics 15; McPherson, thesis, 2024, figs. 4.9 and 4.10.
+
+    Examples
+    --------
+    A wave of 55 Hz whose power is 1e4 times that of the noise in the three bins.
+
+    >>> from fdbench.estimator import Estimate
+    >>> from fdbench.metrics import example_outcome
+    >>> rate_Hz, floor = 333.0, 2.0 * 2e-5**2 / 333.0  # noise of 2e-5 m/s
+    >>> amplitude = (1e4 * 6.0 * floor * rate_Hz / 1024) ** 0.5
+    >>> wave = amplitude * np.sin(2.0 * np.pi * 55.0 * np.arange(2048) / rate_Hz)
+    >>> round(PsdResidualAtDisturbance().score(example_outcome(Estimate(output=np.zeros(2048)), target=wave)), 1)
+    40.0
     """
 
     unit = "dB"

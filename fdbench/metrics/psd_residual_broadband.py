@@ -32,6 +32,18 @@ class PsdResidualBroadband(Metric):
     ``worst`` is a residual of 1e5 times the noise's amplitude.
 
     Source: Welch (1967), IEEE Trans. Audio Electroacoustics 15.
+
+    Examples
+    --------
+    Twice the residual is 6 dB more.
+
+    >>> from fdbench.estimator import Estimate
+    >>> from fdbench.metrics import example_outcome
+    >>> noise = np.random.default_rng(0).standard_normal(2048)
+    >>> claim = Estimate(output=np.zeros(2048))
+    >>> once, twice = (PsdResidualBroadband().score(example_outcome(claim, target=a * noise)) for a in (1e-4, 2e-4))
+    >>> round(twice - once, 2)
+    6.02
     """
 
     unit = "dB"

@@ -120,7 +120,7 @@ class Following:
     .. math:: F = m \omega \, [v_r - v + \tfrac{\omega}{4} (x_r - x)], \quad \omega = 2 \pi f
 
     The velocity v is the difference of two readings. What is not given is found from model and
-    records: the mass is that on paper, the greatest force the measured one; the bandwidth f is lowered where the loop
+    records: the mass is the nominal one, the greatest force the measured one; the bandwidth f is lowered where the loop
     would ring or be loud.
     """
 

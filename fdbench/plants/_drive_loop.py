@@ -84,7 +84,7 @@ def drive_plant(
     table_mass_kg : float
         Mass that forces on the table move.
     effects : sequence of Effect
-        On paper; each enters by its `Effect.linear_part`, a friction without one by its slope.
+        Of the nominal model; each enters by its `Effect.linear_part`, a friction without one by its slope.
     velocity_limit_m_per_s : float
     """
     n = 2 if mechanics.rigid else 4

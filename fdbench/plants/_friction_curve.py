@@ -21,7 +21,7 @@ class FrictionLine:
 
 
 def steady_force(effect: Effect, velocity: float) -> float:
-    """Return the force of an effect (N) after its hidden states have settled at a constant velocity."""
+    """Return the force of an effect (N) after its internal states have settled at a constant velocity."""
     states = [0.0] * len(effect.states)
     force = 0.0
     for _ in range(SETTLING_STEPS if states else 1):

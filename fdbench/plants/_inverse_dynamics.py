@@ -104,7 +104,7 @@ class RigidDrive(Protocol):
 
     @property
     def friction_line(self) -> FrictionLine:
-        """Friction on paper, at speed."""
+        """Nominal friction, at speed."""
         ...
 
     def motor_force(self, record: Record) -> FloatArray:
@@ -112,7 +112,7 @@ class RigidDrive(Protocol):
         ...
 
     def respond(self, command: Record) -> Record:
-        """Return what the axis on paper would log of a commanded motion, without noise."""
+        """Return what the nominal axis would log of a commanded motion, without noise."""
         ...
 
 
@@ -145,7 +145,7 @@ class InverseDynamicsModel(LinearModel):
         )
 
     def nominal_parameters(self, sampling_time_s: float) -> Mapping[str, float]:
-        """Return mass and friction on paper; effects enter by the straight line of their curve at speed."""
+        """Return mass and nominal friction; effects enter by the straight line of their curve at speed."""
         line = self.drive.friction_line
         viscous, coulomb, offset = line.viscous_N_s_per_m, line.coulomb_N, line.offset_N
         each = (
@@ -154,6 +154,6 @@ class InverseDynamicsModel(LinearModel):
         return dict(zip(NAMES_OF[self.name], (self.drive.mass_kg, *each), strict=True))
 
     def free_run(self, command: Record, parameters: Mapping[str, float]) -> FloatArray:
-        """Return the force for the motion that the axis on paper makes of a command."""
+        """Return the force for the motion that the nominal axis makes of a command."""
         moved = self.regression(self.drive.respond(command))
         return np.asarray(moved.regressors @ np.array([parameters[name] for name in moved.names]))

@@ -1,4 +1,4 @@
-"""A plant on paper and its loops as systems of python-control, with what is read from them."""
+"""A nominal plant and its loops as systems of python-control, with what is read from them."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -60,7 +60,7 @@ class Margins:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearSystem:
-    r"""A plant on paper, linear, and its control loops.
+    r"""A nominal plant, linear, and its control loops.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ class LinearSystem:
 
 @runtime_checkable
 class LinearisedPlant(Protocol):
-    """A plant that is linear on paper, or about its operating point."""
+    """A plant whose nominal model is linear, or about its operating point."""
 
     def linear_system(self, sampling_time_s: float) -> LinearSystem:
         """Return the plant and its loops at a sampling time."""

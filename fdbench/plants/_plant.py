@@ -1,4 +1,4 @@
-"""What a plant is: the nominal system on paper, how it is simulated, and the linear models that estimators identify."""
+"""What a plant is: the nominal system, how it is simulated, and the linear models that estimators identify."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ class LinearModel(ABC):
         """Return the model filled with the samples of a record."""
 
     def nominal_parameters(self, sampling_time_s: float) -> Mapping[str, float]:
-        """Return the parameters that follow from the values on paper; none by default."""
+        """Return the parameters that follow from the nominal values; none by default."""
         return {}
 
     def physical_parameters(self, parameters: Mapping[str, float], sampling_time_s: float) -> Mapping[str, float]:
@@ -84,7 +84,7 @@ class Plant(ABC):
 
 @runtime_checkable
 class RespondingPlant(Protocol):
-    """A plant whose model on paper predicts the measured output from the command alone."""
+    """A plant whose nominal model predicts the measured output from the command alone."""
 
     def nominal_response(self, record: Record) -> FloatArray:
         """Return the predicted output (n_rows,), for the rows of the plant's regression."""
@@ -93,7 +93,7 @@ class RespondingPlant(Protocol):
 
 @runtime_checkable
 class StateSpacePlant(Protocol):
-    """A plant on paper as a linear state-space model for observers; see `StateSpace`."""
+    """A nominal plant as a linear state-space model for observers; see `StateSpace`."""
 
     def state_space(self, sampling_time_s: float) -> "StateSpace":
         """Return the model at a sampling time."""
@@ -111,7 +111,7 @@ class NetworkPlant(StateSpacePlant, Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StateSpace:
-    r"""Continuous model :math:`\dot x = A x + B u + E F, \; y = C x` with disturbance force F, as it is on paper.
+    r"""Nominal continuous model :math:`\dot x = A x + B u + E F, \; y = C x` with disturbance force F.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class StateSpace:
 
 @runtime_checkable
 class TransferFunctionPlant(Protocol):
-    """A plant on paper as a rational transfer function of known orders; see `TransferFunction`."""
+    """A nominal plant as a rational transfer function of known orders; see `TransferFunction`."""
 
     def transfer_function(self, record: Record) -> "TransferFunction":
         """Return the orders and the measured signals."""

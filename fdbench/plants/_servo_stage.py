@@ -22,7 +22,7 @@ class Stage(Plant):
     r"""Servo-controlled axes, each known as a linear response to its commanded position.
 
     The model ``servo_response`` is :math:`y = \gamma\, x_{pb} + \varepsilon`: y the measured position, :math:`x_{pb}`
-    the position that the plant on paper predicts from the command alone, and a gain for each axis that is 1 on paper.
+    the position that the nominal plant predicts from the command alone, and a gain for each axis that is nominally 1.
     The rows of a second axis follow those of the first, with a column of their own.
 
     Parameters
@@ -110,10 +110,10 @@ class ServoResponse(LinearModel):
         )
 
     def nominal_parameters(self, sampling_time_s: float) -> Mapping[str, float]:
-        """Return the gain of each axis, 1 on paper."""
+        """Return the gain of each axis, nominally 1."""
         return {f"{prefix}response_gain": 1.0 for prefix in self.stage.axes()}
 
     def free_run(self, command: Record, parameters: Mapping[str, float]) -> FloatArray:
-        """Return the positions that the response on paper makes of a command, times the gain of each axis."""
+        """Return the positions that the nominal response makes of a command, times the gain of each axis."""
         gains = [parameters[name] for name in self.nominal_parameters(command.sampling_time_s)]
         return np.repeat(gains, command.n_samples) * self.stage.nominal_response(command)

@@ -49,7 +49,7 @@ class VelocityLoopModel(LinearModel):
 
     @property
     def has_friction(self) -> bool:
-        """Whether the model on paper has a Coulomb part to be identified."""
+        """Whether the nominal model has a Coulomb part to be identified."""
         return abs(self.line.coulomb_N) > 1e-9
 
     def nominal_parameters(self, sampling_time_s: float) -> Mapping[str, float]:

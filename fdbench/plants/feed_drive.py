@@ -41,7 +41,7 @@ class FeedDrive(Plant):
         m_m \dot v_m + B_m v_m + k (x_m - x_t) + c (v_m - v_t) = F_m - F_{effects,m}, \qquad
         m_t \dot v_t + B_t v_t - k (x_m - x_t) - c (v_m - v_t) = -F_{effects,t}
 
-    A rigid axis has x_m = x_t and the sums of masses and frictions. ``effects`` are those that the model on paper
+    A rigid axis has x_m = x_t and the sums of masses and frictions. ``effects`` are those that the nominal model
     knows. Models for estimators: ``velocity_loop`` (McPherson 2024, eq. (2.6)), ``inverse_dynamics`` and
     ``directional_inverse_dynamics`` (Janot, Gautier, Brunot 2019), and with ``sensors`` ``state_space``, without linear
     parameters: the target is the velocity (Salehi 2013, chapter 4).
@@ -112,7 +112,7 @@ class FeedDrive(Plant):
         Raises
         ------
         SpecError
-            If a substep is too long for the effects, or the control loop on paper is unstable.
+            If a substep is too long for the effects, or the nominal control loop is unstable.
         """
         noises = ["motor_position_m", "table_position_m", "velocity_m_per_s", "equation_velocity_m_per_s"]
         noises += ["motor_current_A"] if self.motor.logged == "motor_current_A" else []
@@ -152,7 +152,7 @@ class FeedDrive(Plant):
 
     @property
     def friction_line(self) -> FrictionLine:
-        """The straight line that a rigid model sees in all friction on paper, at speed."""
+        """The straight line that a rigid model sees in all nominal friction, at speed."""
         return friction_line(self.effects, self.velocity_limit_m_per_s, self.viscous_friction_N_s_per_m)
 
     def motor_force(self, record: Record) -> FloatArray:
@@ -161,7 +161,7 @@ class FeedDrive(Plant):
         Raises
         ------
         RecordError
-            If the record has no force, torque or current that the motor on paper turns into a force.
+            If the record has no force, torque or current that the nominal motor turns into a force.
         """
         known = self.motor.per_unit()
         for name, newtons in known.items():
@@ -183,7 +183,7 @@ class FeedDrive(Plant):
         )
 
     def respond(self, command: Record) -> Record:
-        """Return what the axis on paper would log of a commanded motion, without noise."""
+        """Return what the nominal axis would log of a commanded motion, without noise."""
         position, period_s = command["reference_position_m"], command.sampling_time_s
         is_known = "reference_velocity_m_per_s" in command
         velocity = command["reference_velocity_m_per_s"] if is_known else np.gradient(position, period_s)
@@ -191,22 +191,22 @@ class FeedDrive(Plant):
         return Record({"time_s": command["time_s"], **columns}, {}, command.source)
 
     def control_loop(self, sampling_time_s: float) -> DriveLoop:
-        """Return the linear part with the effects on paper and the controller; without one that is known, alone."""
+        """Return the linear part with the nominal effects and the controller; without one that is known, alone."""
         table_mass_kg = self._masses[Port.TABLE_FORCE]
         plant = drive_plant(self.mechanics(), table_mass_kg, self.effects, self.velocity_limit_m_per_s)
         is_unknown = isinstance(self.controller, Following) and self.controller.mass_kg is None
         return DriveLoop(plant, {} if is_unknown else self.controller.rows(), sampling_time_s)
 
     def check_loop(self, sampling_time_s: float) -> None:
-        """Raise a SpecError where the control loop on paper is unstable, with words that say by how much."""
+        """Raise a SpecError where the nominal control loop is unstable, with words that say by how much."""
         check_loop(*self.control_loop(sampling_time_s).broken_at_force(), sampling_time_s)
 
     def linear_system(self, sampling_time_s: float) -> LinearSystem:
-        """Return the axis on paper and its loops; see `LinearisedPlant`."""
+        """Return the nominal axis and its loops; see `LinearisedPlant`."""
         return self.control_loop(sampling_time_s).linear_system()
 
     def state_space(self, sampling_time_s: float) -> StateSpace:
-        """Return the linear part for observers; the friction effects on paper are not in it."""
+        """Return the linear part for observers; the nominal friction effects are not in it."""
         if self.sensors is None:
             raise SpecError("sensors: missing table; an observer needs the noise of the readings.")
         motor, reads_table = self.motor, self.controller.uses_table
@@ -224,5 +224,5 @@ def _responded(drive: FeedDrive, period_s: float, position: bytes, velocity: byt
     axis.start([0])
     rows = axis.advance(axis.n_samples)[:, :, 0]
     if bool(axis.diverged[0]) or not np.isfinite(rows).all():
-        raise SimulationDiverged("the axis on paper leaves its travel or velocity limit under this command.")
+        raise SimulationDiverged("the nominal axis leaves its travel or velocity limit under this command.")
     return {name: rows[:, index].copy() for index, name in enumerate(axis.columns)}

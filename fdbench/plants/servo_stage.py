@@ -21,7 +21,7 @@ class ServoStage(Stage):
 
     .. math:: m \ddot x + c \dot x + k x + H = k x_d + c \dot x_d
 
-    H is the sum of the effects, which the model on paper lacks. The model for estimators is ``servo_response``.
+    H is the sum of the effects, which the nominal model lacks. The model for estimators is ``servo_response``.
 
     Parameters
     ----------

@@ -75,8 +75,8 @@ class XYStage(Stage):
     .. math:: x = G_{pb}(s)\, (x_d - H / K), \qquad
               G_{pb}(s) = \sum_{i=1}^M \frac{\alpha_i + \beta_i s}{s^2 + 2 \zeta_i \omega_i s + \omega_i^2}
 
-    H is the sum of the effects at the commanded position and velocity, since no position of the table is known on
-    paper; K is the servo's stiffness. The model for estimators is ``servo_response``, with the rows of x before those
+    H is the sum of the effects at the commanded position and velocity, since the nominal model has no position of the
+    table; K is the servo's stiffness. The model for estimators is ``servo_response``, with the rows of x before those
     of y; its disturbance gain is the mean of both axes.
 
     Both axes of the published stage have zeros in the right half-plane: their inverse is not stable.

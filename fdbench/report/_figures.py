@@ -15,7 +15,7 @@ from fdbench.report._page import Figure, Trace
 from fdbench.report._templates import Html, part
 
 # What is drawn for comparison only and would hide the rest; a click on its name shows it.
-HIDDEN = (NULL,)
+LEGEND_ONLY = (NULL,)
 
 # Place of the first estimator in a legend; what has none of its own comes before.
 FIRST_RANK = 1001

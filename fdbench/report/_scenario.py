@@ -17,8 +17,8 @@ from fdbench.metrics._series import in_window
 from fdbench.regression import FloatArray
 from fdbench.report._figures import (
     FIRST_RANK,
-    HIDDEN,
     INK,
+    LEGEND_ONLY,
     TRUTH,
     Panel,
     Style,
@@ -210,7 +210,7 @@ class _Case:
         return [self._curve(name, *self._thinned(series[name])) for name in order]
 
     def _curve(self, name: str, time_s: FloatArray, values: FloatArray) -> Trace:
-        shown = {"visible": "legendonly"} if name in HIDDEN else {}
+        shown = {"visible": "legendonly"} if name in LEGEND_ONLY else {}
         rank = {"legendrank": FIRST_RANK + list(self.styles).index(name)}
         return line(name, time_s, values, self.styles[name]) | rank | shown
 
@@ -302,4 +302,4 @@ def _background(name: str, time_s: FloatArray, values: FloatArray) -> Trace:
 
 
 def _visible(series: Mapping[str, FloatArray]) -> list[FloatArray]:
-    return [values for name, values in series.items() if name not in HIDDEN]
+    return [values for name, values in series.items() if name not in LEGEND_ONLY]

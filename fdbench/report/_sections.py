@@ -175,10 +175,10 @@ def _interval(value: Quantity) -> str:
 
 
 def _shrinkage(answer: Answer) -> Iterator[Block]:
-    paper, size = answer.sizes()
+    nominal, size = answer.sizes()
     steps = answer.shrinkage.steps
     names = ["nominal", "re-calibrated", *(f"+ {step.added}" for step in steps), "noise alone"]
-    values = np.array([paper, size, *(step.after for step in steps), 1.0])
+    values = np.array([nominal, size, *(step.after for step in steps), 1.0])
     none = (math.nan, math.nan)
     intervals = [(step.before * (1.0 - step.ci95[1]), step.before * (1.0 - step.ci95[0])) for step in steps]
     bounds = np.array([none, none, *intervals, none])

@@ -10,7 +10,7 @@ from fdbench.metrics import Outcome
 from fdbench.metrics._series import no_white_floor
 from fdbench.metrics._spectrum import FEWEST_ROWS, ORDERS, folded, n_rows_in_window, residual_density, segment_length
 from fdbench.regression import FloatArray
-from fdbench.report._figures import FIRST_RANK, HIDDEN, INK, SOFT, Style, axis, layout, line
+from fdbench.report._figures import FIRST_RANK, INK, LEGEND_ONLY, SOFT, Style, axis, layout, line
 from fdbench.report._page import Block, Figure, Trace, note
 from fdbench.report._series import gaps
 from fdbench.scenario import Scenario
@@ -51,7 +51,7 @@ def _figure(scenario: Scenario, outcomes: Mapping[str, Outcome], unit: str, styl
     for name in sorted(outcomes, key=lambda name: (name != ORACLE, name)):
         # Each segment is without its mean, so the bin at 0 Hz holds nothing.
         own = line(name, frequency_Hz[1:], _decibels(residual_density(outcomes[name])[1:]), styles[name])
-        shown = {"visible": "legendonly"} if name in HIDDEN else {}
+        shown = {"visible": "legendonly"} if name in LEGEND_ONLY else {}
         traces.append(own | {"legendrank": FIRST_RANK + list(styles).index(name)} | shown)
     captions = [f"Welch's method: Hann's window, segments of {length} rows, {_span(scenario)}."]
     reason = no_white_floor(first)

@@ -74,7 +74,7 @@ def wrapped(text: str) -> list[str]:
 
 def verdict(answer: Answer) -> Iterator[str]:
     """Yield the answer in one to four sentences."""
-    paper, size = answer.sizes()
+    nominal, size = answer.sizes()
     causes, unknown, none = answer.causes, answer.unknown_probability, answer.no_gap_probability
     if answer.warnings:
         yield "Read the warnings under Doubts first: what they speak of may be what is explained here."
@@ -87,7 +87,7 @@ def verdict(answer: Answer) -> Iterator[str]:
     if none >= LIKELY:
         if size > NOISE_ALONE:
             yield f"Too small to attribute: the mean squared gap is {size:.2f} times the noise, no more."
-        elif paper > max(NOISE_ALONE, 1.2 * size):
+        elif nominal > max(NOISE_ALONE, 1.2 * size):
             yield "No gap beyond the noise once the nominal parameters are re-calibrated: no effect is missing."
         else:
             yield "No gap beyond the noise: these records show nothing that the model lacks."
@@ -190,9 +190,10 @@ def title(answer: Answer) -> str:
 
 def shrinkage(answer: Answer) -> Iterator[str]:
     """Yield the mean squared gap after each step, with intervals."""
-    paper, size = answer.sizes()
+    nominal, size = answer.sizes()
     shrunk = answer.shrinkage
-    yield f"re-calibration alone: {number(paper)} to {number(size)}, {less(1.0 - size / paper if paper > 0.0 else 0.0)}"
+    closed = 1.0 - size / nominal if nominal > 0.0 else 0.0
+    yield f"re-calibration alone: {number(nominal)} to {number(size)}, {less(closed)}"
     for step in shrunk.steps:
         change = f"{less(step.reduction)} ({share_interval_text(step.ci95)})"
         yield f"+ {step.added}: {number(step.before)} to {number(step.after)}, {change}"
@@ -223,15 +224,15 @@ def doubts(answer: Answer) -> Iterator[str]:
             f"Re-calibration moved {', '.join(far)} standard deviations: the nominal value or its "
             "[uncertainty] is doubtful."
         )
-    paper, size = answer.sizes()
-    if size > 1.05 * paper:
+    nominal, size = answer.sizes()
+    if size > 1.05 * nominal:
         yield (
-            f"Re-calibration enlarges the gap that is judged on ({less(1.0 - size / paper)}): the effects are measured "
-            "from there, not from the nominal model."
+            f"Re-calibration enlarges the gap that is judged on ({less(1.0 - size / nominal)}): the effects are "
+            "measured from there, not from the nominal model."
         )
     alone, beside = (math.hypot(*by.values()) for by in (moved, answer.parametric.moved_beside_effects))
     named = [cause for cause in answer.causes if cause.kind == EFFECT]
-    if size < (1.0 - UNEXPLAINED) * paper and beside < 0.5 * alone and named:
+    if size < (1.0 - UNEXPLAINED) * nominal and beside < 0.5 * alone and named:
         yield (
             "Re-calibration alone takes up part of what the effects do: beside them the nominal parameters hardly "
             "move, so the effects explain more of the nominal gap than re-calibration leaves to them."

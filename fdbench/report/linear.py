@@ -57,7 +57,7 @@ def write_linear(
     ]
     lead = [
         paragraph(
-            f"Linear model on paper of {name}, one sample each {1e3 * system.sampling_time_s:.4g} ms, with dead times, "
+            f"Nominal linear model of {name}, one sample each {1e3 * system.sampling_time_s:.4g} ms, with dead times, "
             "sampling and controller. Of friction it has the slope at speed; force limits are left out."
         )
     ]

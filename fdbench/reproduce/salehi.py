@@ -59,7 +59,7 @@ def without_noise(scenario: Scenario) -> Scenario:
 
 
 def with_plant(scenario: Scenario, **changes: Any) -> Scenario:
-    """Return a scenario with another plant on paper and in reality."""
+    """Return a scenario with another plant, nominally and in reality."""
     plant: Any = scenario.plant
     return dataclasses.replace(scenario, plant=dataclasses.replace(plant, **changes))
 

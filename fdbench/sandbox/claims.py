@@ -1,4 +1,4 @@
-"""Of which kind the parts of an estimate must be; their names, shapes and values are `fdbench.benchmark.validate`'s."""
+"""What a class says of itself, and of which kind the parts of an estimate must be; the rest is checked elsewhere."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from fdbench.errors import PluginError
-from fdbench.estimator import Estimate
+from fdbench.estimator import Estimate, OnlineEstimator
 
 SERIES = ("disturbance_N", "disturbance_variance_N2", "output", "output_variance")
 
@@ -50,3 +50,15 @@ def kind_of(value: Any) -> str:
     ('None', 'a list')
     """
     return "None" if value is None else f"a {type(value).__name__}"
+
+
+def declared(cls: type[Any]) -> dict[str, Any]:
+    """Return what a plug-in's class says of itself."""
+    models, document = getattr(cls, "made_for", None), (cls.__doc__ or "").strip()
+    return {
+        "made_for": None if models is None else [str(model) for model in models],
+        "expected_failures": {str(check): str(reason) for check, reason in cls.expected_failures.items()},
+        "has_docstring": bool(document) and document != ((cls.__base__ or object).__doc__ or "").strip(),
+        "has_example": ">>> " in document,
+        "is_online": issubclass(cls, OnlineEstimator),
+    }

@@ -17,14 +17,15 @@ from fdbench.catalogue import PACKAGE, scenario_folder
 from fdbench.sandbox import landlock
 from fdbench.sandbox.memory import limit_memory
 
-# Of this package: what holds scenarios, draws and scores. The simulator of the model on paper stays in reach.
+# Of this package: what holds scenarios, draws and scores. The simulator of the nominal model stays in reach.
 BARRED = (
-    *("benchmark", "checks", "commands", "envs", "gap", "metrics", "report", "reproduce"),
+    *("benchmark", "checks", "commands", "diagnosis", "envs", "metrics", "report", "reproduce"),
+    *("api", "trials", "virtual_axes"),
     *("cli", "draw", "scenario"),
 )
 
 # Compiled files tell what their sources do.
-_HIDDEN = (*BARRED, *(f"{name}.py" for name in BARRED), "_scenarios", "__pycache__")
+_BARRED_PATHS = (*BARRED, *(f"{name}.py" for name in BARRED), "_scenarios", "__pycache__")
 
 _BARRED_MODULES = frozenset(f"fdbench.{name}" for name in BARRED)
 
@@ -88,14 +89,14 @@ def common_reach(path: Sequence[str]) -> Reach:
     # Another copy of this package may lie beside the one that runs.
     homes = {*installed, *path, f"{sysconfig.get_path('stdlib')}/site-packages", str(PACKAGE.parent)}
     packages = [Path(home, PACKAGE.name) for home in homes]
-    hidden = {os.path.realpath(package / part) for package in packages for part in _HIDDEN}
-    hidden.add(os.path.realpath(scenario_folder()))
+    barred = {os.path.realpath(package / part) for package in packages for part in _BARRED_PATHS}
+    barred.add(os.path.realpath(scenario_folder()))
     installed |= {*site.getsitepackages(), f"{sys.base_prefix}/lib", f"{sys.prefix}/lib", f"{sys.prefix}/pyvenv.cfg"}
     roots = {os.path.realpath(root) for root in (*SYSTEM, *installed)}
     folders = sorted({os.path.realpath(entry) for entry in path})
     elsewhere = [folder for folder in folders if not any(_is_below(folder, root) for root in roots)]
     roots |= {part for folder in elsewhere for part in _importable(folder)}
-    return Reach(tuple(sorted({part for root in roots for part in _without(root, hidden)})), tuple(folders))
+    return Reach(tuple(sorted({part for root in roots for part in _without(root, barred)})), tuple(folders))
 
 
 def _importable(folder: str) -> Iterator[str]:
@@ -108,9 +109,9 @@ def _importable(folder: str) -> Iterator[str]:
             yield os.path.realpath(entry.path)
 
 
-def _without(root: str, hidden: Iterable[str]) -> Iterator[str]:
-    """Yield paths that together are all of ``root`` but what is hidden."""
-    inside = [path for path in hidden if _is_below(path, root)]
+def _without(root: str, barred: Iterable[str]) -> Iterator[str]:
+    """Yield paths that together are all of ``root`` but what is barred."""
+    inside = [path for path in barred if _is_below(path, root)]
     if not inside:
         yield root
     elif root not in inside:

@@ -137,6 +137,7 @@ class Worker:
                 made_for=None if models is None else tuple(models),
                 expected_failures={_clean(check): _clean(reason) for check, reason in announced.items()},
                 has_docstring=header.get("has_docstring") is True,
+                has_example=header.get("has_example") is True,
                 is_online=header.get("is_online") is True,
             )
         return self._declaration
@@ -182,6 +183,10 @@ class Worker:
     def random_state(self, seed: int | None = None) -> str:
         """Seed NumPy's global generator where a seed is given, and return a digest of its state."""
         return str(self._ask({"do": "random_state", "seed": seed}).header.get("digest"))
+
+    def wrong_examples(self) -> str:
+        """Return what is wrong with the examples in the docstring, on one line; nothing if all are right."""
+        return _clean(str(self._ask({"do": "examples"}).header.get("wrong")))
 
     def end(self, wait_s: float = 0.0) -> int | None:
         """End the process; return the status with which it had ended by itself."""

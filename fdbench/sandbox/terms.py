@@ -61,14 +61,15 @@ class Declaration:
         Of its registry.
     made_for : tuple of str or None
     expected_failures : mapping of str to str
-    has_docstring, is_online : bool
-        Whether it has a docstring of its own, and whether it is an OnlineEstimator.
+    has_docstring, has_example, is_online : bool
+        Whether it has a docstring of its own, an example in it, and whether it is an OnlineEstimator.
     """
 
     kind: str
     made_for: tuple[str, ...] | None
     expected_failures: Mapping[str, str]
     has_docstring: bool
+    has_example: bool
     is_online: bool
 
 

@@ -39,7 +39,7 @@ from fdbench.motions import motions
 from fdbench.plants import plants
 from fdbench.record import FloatArray, Record
 from fdbench.registry import Registry, add_file
-from fdbench.sandbox.claims import ARRAYS, check_kinds, check_real
+from fdbench.sandbox.claims import ARRAYS, check_kinds, check_real, declared
 from fdbench.sandbox.confine import Reach, Refused, confine
 from fdbench.sandbox.fault import LONGEST_TEXT, described
 from fdbench.sandbox.memory import PeakMemory
@@ -96,6 +96,7 @@ class Worker:
             "copy": self.copy,
             "update": self.update_first,
             "random_state": self.random_state,
+            "examples": self.examples,
         }
         while True:
             try:
@@ -158,7 +159,7 @@ class Worker:
             add_file(file, registries)
         for kind, registry in zip(kinds, registries, strict=True):
             if name in registry.names():
-                return Reply(header={"kind": kind, **_declared(registry.get(name))})
+                return Reply(header={"kind": kind, **declared(registry.get(name))})
         raise PluginError(f"{name}: no plug-in of this name.")
 
     def begin(self, name: str, arguments: Mapping[str, Any], context: bytes) -> Reply:
@@ -257,6 +258,12 @@ class Worker:
         state = pickle.dumps(np.random.get_state())  # noqa: NPY002
         return Reply(header={"digest": hashlib.sha256(state).hexdigest()})
 
+    def examples(self) -> Reply:
+        """Execute the examples in the docstring of the estimator's class, and tell what is wrong with them."""
+        from fdbench.worked_examples import wrong_examples
+
+        return Reply(header={"wrong": wrong_examples(type(self._estimator))[:LONGEST_TEXT]})
+
 
 class ContextUnpickler(pickle.Unpickler):
     """Finds plug-ins through their registries, which give them their names."""
@@ -283,17 +290,6 @@ def construct(name: str, arguments: Mapping[str, Any]) -> Estimator:
         if argument not in allowed:
             raise PluginError(f"{name} has no argument '{argument}'.{did_you_mean(argument, allowed)}")
     return cls(**arguments)
-
-
-def _declared(cls: type[Any]) -> dict[str, Any]:
-    """Return what a plug-in's class says of itself."""
-    models, document = getattr(cls, "made_for", None), (cls.__doc__ or "").strip()
-    return {
-        "made_for": None if models is None else [str(model) for model in models],
-        "expected_failures": {str(check): str(reason) for check, reason in cls.expected_failures.items()},
-        "has_docstring": bool(document) and document != ((cls.__base__ or object).__doc__ or "").strip(),
-        "is_online": issubclass(cls, OnlineEstimator),
-    }
 
 
 def _exit_refused(status: int) -> NoReturn:

@@ -64,7 +64,7 @@ def cache_folder() -> Path:
 
 @dataclass(frozen=True)
 class Slot:
-    """Where one effect lies in a block: its on-flag, parameters and hidden states, and its random number."""
+    """Where one effect lies in a block: its on-flag, parameters and internal states, and its random number."""
 
     effect: type[Effect]
     flag: int
@@ -78,7 +78,7 @@ class Slot:
 
 @lru_cache(maxsize=256)
 def slots(effects: tuple[type[Effect], ...]) -> tuple[Slot, ...]:
-    """Lay out the effects behind the fixed rows of a block: flags and parameters first, then all hidden states."""
+    """Lay out the effects behind the fixed rows of a block: flags and parameters first, then all internal states."""
     flags = np.cumsum([layout.FIRST_FREE_ROW, *(1 + len(effect.parameters()) for effect in effects)])
     states = np.cumsum([flags[-1], *(len(effect.states) for effect in effects)])
     uniforms = np.cumsum([0, *(int(effect.random) for effect in effects)])

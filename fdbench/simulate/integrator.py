@@ -79,7 +79,7 @@ def integrate_substep(w, active, time_in_period, period, h, uniform):
         (I + S G) (f - f^*) = f(s_{1/2}) - f^*, \quad s^+ = A_h s + B_h f
 
     where f* is the force extrapolated from the last two substeps, S holds the slopes of the two force ports and
-    G = B_{h/2} restricted to the two velocities. The effects' hidden states advance at the predicted velocity. The
+    G = B_{h/2} restricted to the two velocities. The effects' internal states advance at the predicted velocity. The
     table's acceleration in the middle, for added masses, is its mean over the first half, plus a quarter of the change
     of what screw and linear friction contribute to it; hence a slope of 2/h times the added mass.
     Second order, with one evaluation of each kernel a substep.

@@ -1,7 +1,7 @@
 """Rows of a block: every quantity of the simulation, one row each, the instances (lanes) side by side in a row.
 
 One flat block with rows at constant distance is what lets the compiler run lanes side by side; the generated stepper
-defines each name below as the row's first element. Rows of parameters and hidden states of the effects follow.
+defines each name below as the row's first element. Rows of parameters and internal states of the effects follow.
 """
 
 ROWS: tuple[str, ...] = (

@@ -143,7 +143,7 @@ class ModalSystem(System):
     Raises
     ------
     SpecError
-        If an effect is no force on the table, is random or has hidden states.
+        If an effect is no force on the table, is random or has internal states.
     """
 
     truth_columns = ("disturbance_N", "diverged")

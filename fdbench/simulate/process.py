@@ -194,7 +194,7 @@ def added_force(effects: Sequence[Effect], period_s: float, h: float, reference:
     Raises
     ------
     SpecError
-        If an effect is no force on the table, is random, or has hidden states.
+        If an effect is no force on the table, is random, or has internal states.
     """
     check_table_forces(effects, "slot milling")
     total = np.zeros(len(reference))

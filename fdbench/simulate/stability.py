@@ -22,7 +22,7 @@ FACTORS = np.geomspace(1.0, 1e4, 400)  # gains that are tried for a margin
 def stiffness(effect: Effect) -> float:
     """Return the largest stiffness (N/m) with which a force effect answers a small displacement.
 
-    A hidden state is probed by one short step at a small velocity, a force that depends on position by differences
+    A internal state is probed by one short step at a small velocity, a force that depends on position by differences
     along 4 mm.
     """
     kernel, values = type(effect).kernel.py_func, effect.values()
@@ -115,7 +115,7 @@ def gain_margin(A: FloatArray, B: FloatArray, C: FloatArray) -> float:
 
 
 def check_loop(A: FloatArray, B: FloatArray, C: FloatArray, period_s: float) -> None:
-    """Raise an UnstableLoop where the control loop A - B C of a plant on paper is unstable; it says by how much.
+    """Raise an UnstableLoop where the control loop A - B C of a nominal plant is unstable; it says by how much.
 
     Parameters
     ----------

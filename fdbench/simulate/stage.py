@@ -58,7 +58,7 @@ class Response:
 
 
 class StageSystem(System):
-    """Lanes of one stage; every axis feels the same effects, each with hidden states of its own.
+    """Lanes of one stage; every axis feels the same effects, each with internal states of its own.
 
     Parameters
     ----------

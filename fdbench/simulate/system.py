@@ -240,8 +240,8 @@ def check_table_forces(effects: Sequence[Effect], plant: str, *, states: bool = 
     for effect in effects:
         hidden = bool(effect.states) and not states
         if effect.port is not Port.TABLE_FORCE or effect.random or hidden:
-            kind = f"{' at random' if effect.random else ''}{' with hidden states' if hidden else ''}"
+            kind = f"{' at random' if effect.random else ''}{' with internal states' if hidden else ''}"
             raise SpecError(
                 f"reality.effects: {effect.name} acts on a feed drive's {effect.port.value}{kind}; {plant} takes "
-                f"forces on the table{'' if states else ' without hidden states'} only."
+                f"forces on the table{'' if states else ' without internal states'} only."
             )

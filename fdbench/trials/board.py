@@ -89,7 +89,7 @@ def _cell(quantity: Mapping[str, Any] | None) -> str:
 def _by_effect(sheet: Mapping[str, Any]) -> Iterator[str]:
     yield f"What `{sheet['diagnoser']}` makes of each effect:"
     yield ""
-    yield "| planted | cases | named | mean probability | named wrongly where it is missed |"
+    yield "| injected | cases | named | mean probability | named wrongly where it is missed |"
     yield "| --- | ---: | ---: | ---: | --- |"
     for item in sheet["effects"]:
         wrong = _words(item["mistaken_for"])

@@ -21,7 +21,7 @@ from fdbench.trials.score import check_key
 
 RIDGE = 1.0  # prior precision of a weight, per unit of standardised sign
 TRUST = 4.0  # the same of bias and weights about those of a model that is learned further
-HIDDEN_WEIGHT = 0.1  # of a case whose cause the library lacks, as far as named causes go: a stand-in looks the same
+UNLISTED_WEIGHT = 0.1  # of a case whose cause the library lacks, as far as named causes go: a stand-in looks the same
 UNLISTED = 1.0 / 3.0  # how often an axis is taken to have a cause that the library lacks
 ITERATIONS = 50
 KINDS = ("effect", "suspect", "value", "unknown", "none")
@@ -40,13 +40,13 @@ class Claim:
 def claims(features: Mapping[str, Mapping[str, Features]], truth: Mapping[str, Any]) -> Iterator[Claim]:
     """Yield what a diagnosis claims of a case, judged by its truth."""
     listed = {item["name"] for item in truth["listed"]}
-    hidden = bool(truth["unlisted"])
-    weight = HIDDEN_WEIGHT if hidden else 1.0
+    unlisted = bool(truth["unlisted"])
+    weight = UNLISTED_WEIGHT if unlisted else 1.0
     for kind in ("effect", "suspect", "value"):
         for name, own in features[kind].items():
             yield Claim(kind=kind, features=own, right=not listed.isdisjoint(name.split(OR)), weight=weight)
-    yield Claim(kind="unknown", features=features["unknown"]["unknown"], right=hidden)
-    yield Claim(kind="none", features=features["none"]["none"], right=not listed and not hidden, weight=weight)
+    yield Claim(kind="unknown", features=features["unknown"]["unknown"], right=unlisted)
+    yield Claim(kind="none", features=features["none"]["none"], right=not listed and not unlisted, weight=weight)
 
 
 def fitted(found: Sequence[Claim], prior: ProbabilityModel | None = None) -> ProbabilityModel:

@@ -151,11 +151,11 @@ class RecordingSetup:
         other = SIDES[not self.ready.nominal.drive.controller.uses_table]
         sides = ("position_m", other) if DEFLECTION in self.noise_models else ("position_m",)
         motions = [self.command(run) for run in merged(self.ready.runs[: self.n_fitted])]
-        injected, sizes = tiers.plant(bench, tiers.how_many(tiers.Tier.L, rng), names, motions, sides, rng)
-        excluded = tiers.hidden(bench, injected, rng)
+        injected, sizes = tiers.inject(bench, tiers.how_many(tiers.Tier.L, rng), names, motions, sides, rng)
+        excluded = tiers.taken_out(bench, injected, rng)
         records, holdouts = self.recorded(bench.axis(injected), rng)
-        hidden = self.nominal.beside_twins(excluded)
-        nominal = dataclasses.replace(self.nominal, exclude=(*self.nominal.exclude, *hidden))
+        unlisted = self.nominal.with_equivalents(excluded)
+        nominal = dataclasses.replace(self.nominal, exclude=(*self.nominal.exclude, *unlisted))
         truth = tiers.described(injected, sizes, [name for name in names if name not in excluded])
         return {"features": diagnose(nominal, records, holdouts).features, "truth": truth}
 

@@ -34,7 +34,7 @@ def make(
 ) -> dict[str, Any]:
     """Draw and record the cases of a trial, and return its manifest.
 
-    The manifest tells nobody what is planted: it has SHA-256 of the nonce, and SHA-256 of a secret salt and the truth
+    The manifest tells nobody what is injected: it has SHA-256 of the nonce, and SHA-256 of a secret salt and the truth
     of each case. Nonce, salts and truths are the key.
 
     Parameters

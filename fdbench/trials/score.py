@@ -32,9 +32,9 @@ class Table:
     ----------
     effects : list of str
     chances, present : (n_cases, n_effects) arrays
-        Probability of each effect, and 1 where it is planted.
+        Probability of each effect, and 1 where it is injected.
     unknown, none, has_unknown : (n_cases,) arrays
-        Probabilities of an unknown cause and of none, and 1 where an unlisted effect is planted.
+        Probabilities of an unknown cause and of none, and 1 where an unlisted effect is injected.
     closure, oracle_closure : (n_cases,) arrays
         Of the answer and of the oracle; not a number where it is not given.
     """
@@ -60,7 +60,7 @@ class Table:
 
     @property
     def is_empty(self) -> NDArray[np.bool_]:
-        """Which cases have nothing planted."""
+        """Which cases have nothing injected."""
         return np.asarray(self.present.sum(axis=1) + self.has_unknown == 0.0)
 
     @property
@@ -73,7 +73,7 @@ class Table:
 
 
 def top(table: Table, depth: int) -> float:
-    """Return how often the planted effect is among the ``depth`` most probable; ties count as the worst order."""
+    """Return how often the injected effect is among the ``depth`` most probable; ties count as the worst order."""
     single = table.is_single
     if not single.any():
         return float("nan")
@@ -84,7 +84,7 @@ def top(table: Table, depth: int) -> float:
 
 
 def exact_set(table: Table) -> float:
-    """Return how often exactly the planted effects are named, and an unknown cause where there is one.
+    """Return how often exactly the injected effects are named, and an unknown cause where there is one.
 
     An unknown cause beside listed effects is not held against an answer: there are background effects in every case.
     """
@@ -100,7 +100,7 @@ def micro_f1(table: Table) -> float:
 
 
 def probability_of_truth(table: Table) -> float:
-    """Return the mean over cases of the mean probability of what is planted; of none where nothing is."""
+    """Return the mean over cases of the mean probability of what is injected; of none where nothing is."""
     sums = np.sum(table.chances * table.present, axis=1) + table.unknown * table.has_unknown
     counts = table.present.sum(axis=1) + table.has_unknown
     return float(np.mean(np.where(counts > 0.0, sums / np.maximum(counts, 1.0), table.none)))
@@ -130,7 +130,7 @@ def calibration_error(table: Table) -> float:
 
 
 def false_alarms(table: Table) -> float:
-    """Return how often an effect is named where nothing is planted."""
+    """Return how often an effect is named where nothing is injected."""
     empty = table.is_empty
     return float(np.mean(table.named[empty].any(axis=1))) if empty.any() else float("nan")
 
@@ -315,7 +315,7 @@ def bearing(table: Table, name: str) -> int:
 
 
 def per_effect(table: Table) -> list[dict[str, Any]]:
-    """Return recall, mean probability and what it is mistaken for, for each effect that is planted."""
+    """Return recall, mean probability and what it is mistaken for, for each effect that is injected."""
     found = []
     for index, effect in enumerate(table.effects):
         there = table.present[:, index] > 0.0

@@ -44,19 +44,19 @@ class Axis(Protocol):
 
 
 class Bench(ABC):
-    """One machine, whose values differ from its nominal model, and what may be planted in it.
+    """One machine, whose values differ from its nominal model, and what may be injected in it.
 
     Class attributes
     ----------------
-    errors_on_paper : mapping of str to float
+    nominal_errors : mapping of str to float
         Nominal parameters that may be off, and by what standard deviation.
     """
 
-    errors_on_paper: ClassVar[Mapping[str, float]] = ERRORS
+    nominal_errors: ClassVar[Mapping[str, float]] = ERRORS
 
     @abstractmethod
     def names(self, listed: bool) -> list[str]:
-        """Return what can be planted: effects that a diagnosis may name, or others."""
+        """Return what can be injected: effects that a diagnosis may name, or others."""
 
     @abstractmethod
     def draw(self, name: str, rng: np.random.Generator) -> dict[str, float]:
@@ -64,7 +64,7 @@ class Bench(ABC):
 
     @abstractmethod
     def clash(self, name: str, other: str) -> bool:
-        """Return whether two imperfections cannot be planted together."""
+        """Return whether two imperfections cannot be injected together."""
 
     @abstractmethod
     def is_nominal_parameter(self, name: str) -> bool:
@@ -72,7 +72,7 @@ class Bench(ABC):
 
     @abstractmethod
     def axis(self, injected: Injected, change: Mapping[str, float] = NOTHING) -> Axis:
-        """Return the machine with imperfections, and ``change`` added to its errors; see `errors_on_paper`."""
+        """Return the machine with imperfections, and ``change`` added to its errors; see `nominal_errors`."""
 
     @abstractmethod
     def add_background(self, detectability: "Detectability", rng: np.random.Generator) -> None:
@@ -105,8 +105,8 @@ class Detectability:
         self._last: tuple[Axis, list[FloatArray]] | None = None
         self.clean = self._quiet(healthy)
         self.noise = self.noise_amplification(healthy, rng)
-        moved = [self._joined(bench.axis({}, {name: size})) for name, size in bench.errors_on_paper.items()]
-        self.paper, _ = np.linalg.qr(np.stack(moved, axis=1))
+        moved = [self._joined(bench.axis({}, {name: size})) for name, size in bench.nominal_errors.items()]
+        self.nominal_changes, _ = np.linalg.qr(np.stack(moved, axis=1))
 
     def noise_amplification(self, axis: Axis, rng: np.random.Generator) -> FloatArray:
         """Return what noise does to each channel as root mean square in units of that of the healthy axis."""
@@ -114,20 +114,20 @@ class Detectability:
         differences = np.concatenate(noisy, axis=1) - np.concatenate(self._quiet(axis), axis=1)
         return np.asarray(np.sqrt(np.mean(differences**2, axis=1, keepdims=True)) / self.noise)
 
-    def mean_square(self, axis: Axis, beside_paper: bool) -> float:
+    def mean_square(self, axis: Axis, beside_nominal_errors: bool) -> float:
         """Return the largest mean square over the motions of what noise apart differs from the healthy machine.
 
         Parameters
         ----------
         axis : Axis
-        beside_paper : bool
+        beside_nominal_errors : bool
             Whether what other nominal parameters could do as well does not count.
         """
         joined = self._joined(axis)
         if not np.isfinite(joined).all():
             return float("nan")
-        if beside_paper:
-            joined = joined - self.paper @ (self.paper.T @ joined)
+        if beside_nominal_errors:
+            joined = joined - self.nominal_changes @ (self.nominal_changes.T @ joined)
         ends = np.cumsum([len(self.noise) * len(motion) for motion in self.motions])
         return max(float(np.mean(part**2)) for part in np.split(joined, ends[:-1]))
 

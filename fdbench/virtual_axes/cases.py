@@ -22,10 +22,10 @@ from fdbench.virtual_axes.oracle import held_out_gaps
 AXIS = Path(__file__).with_name("axis.toml")
 HOW_MANY = (0.15, 0.45, 0.25, 0.15)  # probabilities of 0, 1, 2, 3 listed effects
 OF_TIER_C = {(0, 1): 0.4, (1, 1): 0.25, (1, 0): 0.35}  # probabilities of (listed, unlisted)
-SMALLEST_SIGNATURE = 1.0  # mean square of a planted effect in some motion, in units of the noise
+SMALLEST_SIGNATURE = 1.0  # mean square of an injected effect in some motion, in units of the noise
 MOST_NOISE_AMPLIFICATION = 4.0  # noise of an axis against that of the healthy one, beyond which it counts as unstable
 MOST_DRAWS = 80
-THIN, HIDDEN = 0.2, 0.3  # of tier L: probabilities of a production cycle alone, and of an effect taken out
+LIMITED_DATA, TAKEN_OUT = 0.2, 0.3  # of tier L: probabilities of a production cycle alone, and of an effect taken out
 FRICTION_CHANGE = (0.0, 0.05)  # of tier L: from run to run, standard deviation
 
 
@@ -76,7 +76,7 @@ def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> C
     ----------
     tier : Tier
     effects : sequence of str
-        Names that a diagnosis may give; only these are planted as listed.
+        Names that a diagnosis may give; only these are injected as listed.
     rng : numpy Generator
 
     Raises
@@ -86,7 +86,7 @@ def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> C
     """
     model = model_tables(rng)
     nominal = read(Nominal, model, "axis.toml: model")
-    thin = tier is Tier.D or (tier is Tier.L and rng.random() < THIN)
+    thin = tier is Tier.D or (tier is Tier.L and rng.random() < LIMITED_DATA)
     motions = protocol.production_cycle(rng) if thin else protocol.full_protocol(rng)
     errors = {name: size * float(np.clip(rng.standard_normal(), -2.0, 2.0)) for name, size in ERRORS.items()}
     bench: Bench
@@ -101,15 +101,15 @@ def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> C
     sides: tuple[str, ...] = ("table_position_m", "motor_position_m")
     sides = sides if nominal.drive.controller.uses_table else sides[::-1]
     sides = sides[:1] if thin else sides
-    injected, sizes = plant(bench, how_many(tier, rng), effects, list(motions.records.values()), sides, rng)
+    injected, sizes = inject(bench, how_many(tier, rng), effects, list(motions.records.values()), sides, rng)
     axis = bench.axis(injected)
 
     def recorded(name: str, reference: FloatArray) -> Record:
         return record_of(name, reference, axis.readings(reference, rng), sides)
 
-    excluded = hidden(bench, injected, rng) if tier is Tier.L else []
+    excluded = taken_out(bench, injected, rng) if tier is Tier.L else []
     if excluded:
-        model["exclude"] = nominal.beside_twins(excluded)
+        model["exclude"] = nominal.with_equivalents(excluded)
     listed = [name for name in bench.names(listed=True) if name not in excluded]
     records = {
         f"{name}_{repeat + 1}": recorded(name, reference)
@@ -131,15 +131,15 @@ def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> C
     return Case(model=model, records=records, holdouts=holdouts, truth=truth)
 
 
-def hidden(bench: Bench, injected: Injected, rng: np.random.Generator) -> list[str]:
-    """Return the name of a planted effect to take out of the library, in some of the cases."""
+def taken_out(bench: Bench, injected: Injected, rng: np.random.Generator) -> list[str]:
+    """Return the name of an injected effect to take out of the library, in some of the cases."""
     listed = bench.names(listed=True)
     names = [name for name in injected if name in listed and not bench.is_nominal_parameter(name)]
-    return [str(rng.choice(names))] if names and rng.random() < HIDDEN else []
+    return [str(rng.choice(names))] if names and rng.random() < TAKEN_OUT else []
 
 
 def described(injected: Injected, sizes: Mapping[str, float], listed: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
-    """Return what is planted as the truth has it: what a diagnosis may name, and what it may not."""
+    """Return what is injected as the truth has it: what a diagnosis may name, and what it may not."""
     result: dict[str, list[dict[str, Any]]] = {"listed": [], "unlisted": []}
     for name, drawn in injected.items():
         item = {"name": name, "parameters": dict(drawn), "mean_square": sizes[name]}
@@ -182,7 +182,7 @@ def how_many(tier: Tier, rng: np.random.Generator) -> tuple[int, int]:
     return int(rng.choice(len(HOW_MANY), p=HOW_MANY)), 0
 
 
-def plant(
+def inject(
     bench: Bench,
     numbers: tuple[int, int],
     effects: Sequence[str],
@@ -190,7 +190,7 @@ def plant(
     sides: tuple[str, ...],
     rng: np.random.Generator,
 ) -> tuple[Injected, dict[str, float]]:
-    """Return what is planted, all of it visible in the motions, and the mean square of each signature.
+    """Return what is injected, all of it visible in the motions, and the mean square of each signature.
 
     ``numbers`` are those of listed and unlisted effects.
     """

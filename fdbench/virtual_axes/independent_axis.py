@@ -42,7 +42,7 @@ class Injectable:
     choices: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     signed: tuple[str, ...] = ()
     excludes: tuple[str, ...] = ()
-    value_on_paper: bool = False
+    wrong_nominal_value: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +143,7 @@ class IndependentBench(Bench):
 
     def is_nominal_parameter(self, name: str) -> bool:
         """Return what ``independent_simulator.toml`` says."""
-        return self.injectables[name].value_on_paper
+        return self.injectables[name].wrong_nominal_value
 
     def axis(self, injected: Injected, change: Mapping[str, float] = NOTHING) -> IndependentAxis:
         """Return the machine with imperfections."""

@@ -1,6 +1,6 @@
 """Tier A: an axis that the package's own simulator moves, with effects of the library at drawn sizes.
 
-Nothing here names an effect: what can be planted, and how large, follows from each effect's declarations.
+Nothing here names an effect: what can be injected, and how large, follows from each effect's declarations.
 """
 
 import copy
@@ -31,7 +31,7 @@ from fdbench.virtual_axes.bench import (
 )
 
 SUBSTEPS = 40
-BACKGROUND = 0.06  # of the typical size of every effect that is not planted, at most
+BACKGROUND = 0.06  # of the typical size of every effect that is not injected, at most
 TRACE = 0.1  # mean square of such an effect in any motion, in units of the noise, at most
 SIZES = (0.4, 2.5)  # of the typical size
 BEYOND_UNCERTAINTY = 2.0  # times the typical size, of effects that correct a nominal parameter
@@ -152,12 +152,12 @@ class LibraryBench(Bench):
             phases = {item.name: float(rng.uniform(-math.pi, math.pi)) for item in kind.parameters() if item.phase}
             most = kind.typical(**phases).scaled(BACKGROUND)
             values = {item.name: float(getattr(most, item.name)) for item in kind.parameters()}
-            visible = detectability.mean_square(self.axis({kind.name: values}), beside_paper=False)
+            visible = detectability.mean_square(self.axis({kind.name: values}), beside_nominal_errors=False)
             background[kind.name] = most.scaled(float(rng.uniform()) * min(1.0, math.sqrt(TRACE / max(visible, 1e-12))))
         self.background = background
 
     def without_background(self) -> "LibraryBench":
-        """Return the machine with nothing of the effects that are not planted."""
+        """Return the machine with nothing of the effects that are not injected."""
         bench = copy.copy(self)
         bench.background = {kind.name: kind.typical().scaled(0.0) for kind in self.kinds}
         return bench

@@ -1,8 +1,8 @@
 """The oracle of a case: what would be left of the held-out gap if a diagnosis said the exact truth.
 
-The oracle is the machine that recorded the case with the planted effects that may be named, at their true parameters,
+The oracle is the machine that recorded the case with the injected effects that may be named, at their true parameters,
 and with the true values of the nominal parameters. What no diagnosis can say is left out: noise of sensors and process,
-friction that differs from run to run, background effects, and planted effects that the library lacks. What a second
+friction that differs from run to run, background effects, and injected effects that the library lacks. What a second
 implementation has anyhow (its formulae, the latency) stays, so there the oracle is beyond the reach of the library.
 """
 
@@ -38,7 +38,7 @@ def held_out_gaps(
         Returns the record of a command (n_samples, 3), without noise.
     """
     replay, split = merged_runs(nominal, records, holdouts)
-    on_paper = channel_gaps(replay, split, start(nominal))
+    as_nominal = channel_gaps(replay, split, start(nominal))
     missed: dict[str, list[FloatArray]] = {name: [] for name in split.noise_models}
     for run, out in zip(split.runs, split.held_out, strict=True):
         if out.any():
@@ -48,18 +48,18 @@ def held_out_gaps(
     return {
         name: {
             "noise_floor": float(floor.rms),
-            "on_paper": float(floor.rms) * math.sqrt(paper),
+            "on_paper": float(floor.rms) * math.sqrt(gap),
             "oracle": math.sqrt(float(np.mean(np.concatenate(missed[name]) ** 2))),
         }
-        for (name, floor), paper in zip(split.noise_models.items(), on_paper.tolist(), strict=True)
+        for (name, floor), gap in zip(split.noise_models.items(), as_nominal.tolist(), strict=True)
     }
 
 
 def oracle_closure(truth: Mapping[str, Any]) -> float | None:
     """Return the share of the held-out excess over the floor that the oracle closes.
 
-    Mean over the channels of squares in units of the floor, as in the closure of an answer. None where the gap on
-    paper is too small, or the truth is of a key that has no oracle.
+    Mean over the channels of squares in units of the floor, as in the closure of an answer. None where the nominal gap
+    is too small, or the truth is of a key that has no oracle.
 
     >>> oracle_closure({"held_out": {"motor_force_N": {"noise_floor": 2.0, "on_paper": 22.0, "oracle": 4.0}}})
     0.975

@@ -77,6 +77,13 @@ def test_a_metric_that_prefers_zeros_is_told_so(monkeypatch: pytest.MonkeyPatch)
         check_metric.says_what_it_is(dataclasses.replace(case))
 
 
+def test_a_metric_without_an_example_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    kind = metrics.get("parameter_error")
+    monkeypatch.setattr(kind, "__doc__", (kind.__doc__ or "").split("Examples")[0])
+    with pytest.raises(PluginError, match="the docstring lacks '>>>'"):
+        check_metric.is_documented(check_metric.Case(kind, None))
+
+
 class Careless(Diagnoser):
     """Names what is no effect, and changes records."""
 

@@ -273,8 +273,8 @@ def test_a_late_force_without_command_is_warned_of() -> None:
     nominal, (run,), (said,) = prepared(load_nominal(MODEL), [Record(no_command(columns) | {"motor_force_N": late})])
     check_record(run, nominal.drive)
     replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
-    on_paper = replay.simulate(run, [start(nominal).variant()])
-    warnings = check_alignment(run, {name: values[0] for name, values in on_paper.items()})
+    as_nominal = replay.simulate(run, [start(nominal).variant()])
+    warnings = check_alignment(run, {name: values[0] for name, values in as_nominal.items()})
     assert "no column reference_position_m" in said
     (delay,) = [float(found) for text in warnings for found in re.findall(r"motor_force_N: ([\d.]+) samples", text)]
     assert delay == pytest.approx(12.0, abs=4.0)

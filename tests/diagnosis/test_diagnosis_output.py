@@ -183,7 +183,7 @@ def test_intervals_hold_the_true_share() -> None:
 # ---- summary ----
 
 
-def test_summary_names_the_planted_effect(found: Diagnosis) -> None:
+def test_summary_names_the_injected_effect(found: Diagnosis) -> None:
     text = summary(found.answer)
     lines = text.splitlines()
     assert 15 <= len(lines) <= 40

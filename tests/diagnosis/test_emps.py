@@ -55,11 +55,11 @@ def test_without_the_file_the_scenario_says_where_to_put_it(monkeypatch, tmp_pat
     assert "nonlinearbenchmark" in str(told.value)
 
 
-def test_an_effect_planted_in_the_record_is_named_beside_the_documented_cause() -> None:
+def test_an_effect_injected_in_the_record_is_named_beside_the_documented_cause() -> None:
     record = read_record(EXAMPLE / "emps.toml", shared_file("data", "emps", "DATA_EMPS.mat").parent)
     nominal = load_nominal(EXAMPLE / "model.toml")
-    drive, planted = nominal.drive, effects.get("cogging").typical(cogging_force_N=5.0, pitch_m=4e-3)
-    variants = [Variant(plant=drive), Variant(plant=drive, extra=(planted,))]
+    drive, injected = nominal.drive, effects.get("cogging").typical(cogging_force_N=5.0, pitch_m=4e-3)
+    variants = [Variant(plant=drive), Variant(plant=drive, extra=(injected,))]
     simulated = Replay(drive, nominal.library, nominal.simulation.substeps).simulate(prepare(record, drive), variants)
     added = {name: values[1] - values[0] for name, values in simulated.items()}
     added["motor_position_m"] = added["position_m"]

@@ -80,11 +80,11 @@ def test_a_drawn_machine_is_found(seed: int) -> None:
     command = scenario.command()
     assert command is not None
     assert truth.response is not None
-    own, on_paper = (
+    own, as_nominal = (
         estimator.predict(context, found, command),
         Null().predict(context, Null().fit(context, record), command),
     )
-    runs = [cast(FloatArray, own), cast(FloatArray, on_paper)]
+    runs = [cast(FloatArray, own), cast(FloatArray, as_nominal)]
     assert rms(runs[0] - truth.response) < 0.2 * rms(runs[1] - truth.response)
 
 

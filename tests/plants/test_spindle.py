@@ -44,7 +44,7 @@ def spindle() -> Spindle:
     return plant
 
 
-# ---- the spindle on paper ----
+# ---- the nominal spindle ----
 
 
 def test_static_compliance() -> None:
@@ -250,7 +250,7 @@ def test_an_adaptive_control_has_a_reference() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda s: with_effect(s, "lugre_friction"), "lugre_friction acts on .* with hidden states"),
+        (lambda s: with_effect(s, "lugre_friction"), "lugre_friction acts on .* with internal states"),
         (lambda s: with_effect(s, "encoder_quantisation"), "encoder_quantisation acts on a feed drive's motor_encoder"),
         (lambda s: replace(s, reality=replace(s.reality, noise=Noise(velocity_m_per_s=1.0))), "noise.velocity_m_per_s"),
     ],

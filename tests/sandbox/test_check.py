@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fdbench.checks import check
-from fdbench.checks.check_estimator import has_a_possible_covariance
+from fdbench.checks.check_estimator import has_a_possible_covariance, has_right_examples
 from fdbench.cli import app
 from fdbench.errors import PluginError
 from fdbench.estimator import Estimate, estimators
@@ -94,6 +94,25 @@ def test_who_seeds_or_draws_from_the_global_generator_is_refused(use: str, tmp_p
     file.write_text(f"{text}        {use}\n        return Estimate()\n", "utf-8")
     with pytest.raises(PluginError, match=r"draws: leaves_global_random_state: fit seeds NumPy's global generator"):
         check(str(file))
+
+
+def test_a_wrong_example_is_told(tmp_path: Path) -> None:
+    file = tmp_path / "shows.py"
+    text = "from fdbench.estimator import BatchEstimator, Estimate\n"
+    text += "class Shows(BatchEstimator):\n"
+    text += "    '''Shows.\n\n    >>> dict(Shows().fit(None, None).parameters)\n    {}\n    '''\n"
+    text += "    def fit(self, context, record):\n        return Estimate()\n"
+    file.write_text(text, "utf-8")
+    assert "has_right_examples: ok" in check(str(file))
+    file.write_text(text.replace("{}", "{1: 2}"), "utf-8")
+    with pytest.raises(PluginError, match=r"shows: has_right_examples: an example .* is wrong: .*\{1: 2\} Got: \{\}"):
+        check(str(file))
+
+
+def test_a_published_estimator_shows_an_example() -> None:
+    case = SimpleNamespace(source=SimpleNamespace(file=None), declaration=SimpleNamespace(has_example=False))
+    with pytest.raises(PluginError, match="no worked example"):
+        has_right_examples(case)  # type: ignore[arg-type]
 
 
 def case(covariance: Any) -> Any:

@@ -147,7 +147,7 @@ LINEAR: list[tuple[str, FeedDrive, tuple[Effect, ...]]] = [
 
 @pytest.mark.parametrize(("drive", "on"), [case[1:] for case in LINEAR], ids=[case[0] for case in LINEAR])
 def test_simulated_axis_follows_as_the_linear_model_says(drive: FeedDrive, on: tuple[Effect, ...]) -> None:
-    """Tracking at 1 to 200 Hz by a multisine, complex, within 1 % of what the loop on paper predicts."""
+    """Tracking at 1 to 200 Hz by a multisine, complex, within 1 % of what the nominal loop predicts."""
     motion = SchroederMultisine(
         mean_velocity_m_per_s=0.0,
         scale_m_per_s=0.02,
@@ -159,7 +159,7 @@ def test_simulated_axis_follows_as_the_linear_model_says(drive: FeedDrive, on: t
     rows = made.advance(made.n_samples)[-1000:]
     command = np.fft.rfft(column(made, rows, "reference_position_m"))[1:201]
     found = np.fft.rfft(column(made, rows, "position_m"))[1:201] / command
-    # The mechanics under test have no friction on paper; what the rig's axes know of it is switched off in both.
+    # The mechanics under test have no nominal friction; what the rig's axes know of it is switched off in both.
     expected = dataclasses.replace(drive, effects=on).linear_system(PERIOD_S).tracking(np.arange(1.0, 201.0))
     assert expected is not None
     np.testing.assert_array_less(np.abs(found - expected), 0.01 * np.abs(expected))

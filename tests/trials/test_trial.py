@@ -49,7 +49,7 @@ def nominal() -> Nominal:
 
 
 def bench_apart() -> IndependentBench:
-    """Return a machine of the second implementation that is as on paper, without latency."""
+    """Return a machine of the second implementation that is as its nominal model, without latency."""
     bench = IndependentBench(nominal(), NO_ERRORS, PERIOD_S, np.random.default_rng(0))
     bench.sensors = bench.sensors._replace(latency=0.0)
     bench.sliding = 1.0
@@ -77,7 +77,7 @@ def test_healthy_axes_of_both_implementations_agree() -> None:
         assert difference < 1e-3 * np.std(library[name]), name
 
 
-def test_every_planted_form_changes_what_is_read_and_stays_finite() -> None:
+def test_every_injected_form_changes_what_is_read_and_stays_finite() -> None:
     bench, rng = bench_apart(), np.random.default_rng(1)
     clean = bench.axis({}).readings(STROKES, None)
     names = [*bench.names(listed=True), *bench.names(listed=False)]
@@ -159,7 +159,7 @@ def test_every_effect_of_the_library_can_be_drawn_within_its_bounds() -> None:
         assert effect != effects.get(name).typical(), name
 
 
-def test_values_on_paper_are_drawn_beyond_their_uncertainty() -> None:
+def test_nominal_values_are_drawn_beyond_their_uncertainty() -> None:
     model, rng = nominal(), np.random.default_rng(0)
     bench = LibraryBench(model, NO_ERRORS, PERIOD_S)
     for _ in range(20):
@@ -250,7 +250,7 @@ def test_the_manifest_has_what_it_promises(trial: Path) -> None:
         assert {Path(file).parts[0] for file in case["files"]} == {"model.toml", "records"}
 
 
-def test_oracle_leaves_the_noise_of_repeats_and_paper_what_is_planted() -> None:
+def test_oracle_leaves_the_noise_of_repeats_and_the_nominal_model_what_is_injected() -> None:
     model = nominal()
     bench = LibraryBench(model, NO_ERRORS, PERIOD_S)
     axis = bench.axis({"quadratic_drag": {"quadratic_drag_N_s2_per_m2": 2500.0}})
@@ -273,8 +273,8 @@ def test_oracle_leaves_the_noise_of_repeats_and_paper_what_is_planted() -> None:
         assert own["oracle"] == pytest.approx(own["on_paper"], rel=0.02)
 
 
-def test_oracle_has_no_clutter_and_no_effect_that_is_not_listed(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in (("THIN", 1.0), ("HIDDEN", 1.0), ("HOW_MANY", (0.0, 1.0, 0.0, 0.0))):
+def test_oracle_has_no_background_effects_and_no_effect_that_is_not_listed(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (("LIMITED_DATA", 1.0), ("TAKEN_OUT", 1.0), ("HOW_MANY", (0.0, 1.0, 0.0, 0.0))):
         monkeypatch.setattr(tiers, name, value)
     asked: list[Callable[[np.ndarray], Record]] = []
     monkeypatch.setattr(tiers, "held_out_gaps", lambda *given: asked.append(given[-1]))

@@ -171,7 +171,7 @@ def test_step_of_force_on_two_masses_is_that_of_scipy(name: str) -> None:
 
 
 @EVERY_KIND
-def test_with_a_right_data_sheet_the_model_on_paper_is_near(kind: Kind) -> None:
+def test_with_a_right_data_sheet_the_nominal_model_is_near(kind: Kind) -> None:
     bench = exact_bench(kind, seed=5)
     tables = model_of(kind, bench.value)
     tables["plant"].setdefault("controller", {"kind": "following"})
@@ -250,7 +250,7 @@ def test_background_is_below_the_noise() -> None:
     bench.add_background(detectability, rng)
     assert len(bench.background) == 3
     for name, drawn in bench.background.items():
-        assert 0.0 < detectability.mean_square(clean.axis({name: drawn}), beside_paper=True) < 0.31, name
+        assert 0.0 < detectability.mean_square(clean.axis({name: drawn}), beside_nominal_errors=True) < 0.31, name
 
 
 # ---- records ----

@@ -9,7 +9,7 @@ FOLLOWED = (Port.COMMAND, Port.MOTOR_FORCE, Port.TABLE_FORCE, Port.TABLE_INERTIA
 
 
 class EffectForces:
-    """The effects of a drive with their hidden states, which advance with every sample.
+    """The effects of a drive with their internal states, which advance with every sample.
 
     Parameters
     ----------

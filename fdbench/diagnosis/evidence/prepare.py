@@ -73,19 +73,19 @@ def aligned(
     fastest = max(float(np.abs(run.reference[:, 1]).max()) for run in raw_runs)
     longest = max(run.n_samples * run.period_s for run in raw_runs)
     nominal = nominal.beside(Covered(fastest_m_per_s=fastest, longest_s=longest))
-    replay, paper = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
+    replay, given = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
     runs, counts = [], []
     for run in raw_runs:
-        on_paper = {name: values[0] for name, values in replay.simulate(run, [paper.variant()]).items()}
-        warnings += check_alignment(run, on_paper)
-        mended, n_held = interpolated(run, on_paper)
+        as_nominal = {name: values[0] for name, values in replay.simulate(run, [given.variant()]).items()}
+        warnings += check_alignment(run, as_nominal)
+        mended, n_held = interpolated(run, as_nominal)
         if baseline is not None:
             mended = baseline.corrected(mended)
             if baseline.of(mended) is None:
                 warnings.append(
                     f"{run.name}: no baseline record has its command, so the error of the model's form does not cancel."
                 )
-        runs.append(mended.beside(on_paper))
+        runs.append(mended.beside(as_nominal))
         counts.append(n_held)
     others = apart(runs)
     left_out = [any(run is item.run for item in others) for run in runs]

@@ -154,7 +154,7 @@ class Forecast:
 
 
 class Forecaster:
-    """Forecasts for the serious rivals of one stage, and for the effects that its records may have hidden.
+    """Forecasts for the shortlisted rivals of one stage, and for the effects that its records may have hidden.
 
     Parameters
     ----------
@@ -166,15 +166,15 @@ class Forecaster:
 
     def __init__(self, replay: Replay, split: Split, stage: Stage, reader: VerdictReader) -> None:
         known = reader.shortlisted(stage)
-        hidden = undetected(known)
+        missed = undetected(known)
         self.replay, self.split, self.reader = replay, split, reader
-        self.stage = replace(known, rivals=(*known.rivals, *hidden))
+        self.stage = replace(known, rivals=(*known.rivals, *missed))
         belief = reader.probabilities(stage)
         own, none = [belief.get(rival.kind.name, 0.0) for rival in known.rivals], belief[NOTHING]
         left = max(1.0 - sum(own) - none, EXPERIMENT.overlooked)
-        weights = np.array([*own, *(left / len(hidden) for _ in hidden), none])
+        weights = np.array([*own, *(left / len(missed) for _ in missed), none])
         self.now = weights / weights.sum()
-        self.names = [*(rival.kind.name for rival in known.rivals), *(OTHER for _ in hidden), NOTHING]
+        self.names = [*(rival.kind.name for rival in known.rivals), *(OTHER for _ in missed), NOTHING]
         shifted = stage.base.moved_in_turn()
         self.n_shifts = len(shifted)
         self.variants = [*shifted, *(rival.hypothesis for rival in self.stage.rivals)]

@@ -26,11 +26,11 @@ def force_balances_removed(replay: Replay, split: Split, contest: Stage) -> dict
     """Return the share of the squared held-out force balances that each rival of a contest removes.
 
     Their sizes and the nominal parameters are fitted anew, to the balances of the training segments and linearly from
-    paper: what a wrong loop made of them does not count. Samples at rest and near reversals do not either, where
-    friction is whatever holds the axis.
+    the nominal model: what a wrong loop made of them does not count. Samples at rest and near reversals do not
+    either, where friction is whatever holds the axis.
     """
-    rivals, on_paper = contest.rivals, (0.0,) * len(contest.base.shifts)
-    base, *others = (replace(item, shifts=on_paper) for item in (contest.base, *(own.hypothesis for own in rivals)))
+    rivals, nominal = contest.rivals, (0.0,) * len(contest.base.shifts)
+    base, *others = (replace(item, shifts=nominal) for item in (contest.base, *(own.hypothesis for own in rivals)))
     shifted = base.moved_in_turn()
     lanes = [base, *shifted, *others]
     sums = np.zeros((2, len(lanes), len(lanes)))

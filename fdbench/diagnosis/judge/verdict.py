@@ -33,7 +33,7 @@ class Findings:
     Attributes
     ----------
     search : Search
-    paper, base, final : Hypothesis
+    given, base, final : Hypothesis
         The model as given, what the search began with, and with effects.
     stages, contests : sequences of Stage
         Of the search, and for each final effect the model without it beside its rivals.
@@ -43,7 +43,7 @@ class Findings:
     """
 
     search: Search
-    paper: Hypothesis
+    given: Hypothesis
     base: Hypothesis
     final: Hypothesis
     stages: Sequence[Stage]
@@ -108,15 +108,15 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     search, reductions = found.search, found.reductions
     plain = search.split.plain
     noise_models = plain.noise_models
-    on_paper = channel_gaps(search.replay, plain, found.paper)
+    as_given = channel_gaps(search.replay, plain, found.given)
     interpolated = sum(
         (energies(mark, noise_models) for mark in found.marks if mark.interpolated), np.zeros(len(noise_models))
     )
     recalibrated = np.array([reductions.of_channel(place)[0] for place in range(len(noise_models))])
     shares = Shares(recalibrated, interpolated)
     repaired = np.array([reductions.of_channel(place)[-1] for place in range(len(noise_models))])
-    belief = plausibility_discount(Shares(on_paper, interpolated).of(np.maximum(repaired - JUDGE.unrepeated, 0.0)))
-    beside_twins = found.final.nominal.beside_twins
+    belief = plausibility_discount(Shares(as_given, interpolated).of(np.maximum(repaired - JUDGE.unrepeated, 0.0)))
+    with_equivalents = found.final.nominal.with_equivalents
     closed = [reductions.of_channel(place)[0] - reductions.of_channel(place) for place in range(len(noise_models))]
     by_subset = {
         subset: np.array([gains[index] for gains in closed]) for index, subset in enumerate(reductions.subsets)
@@ -146,16 +146,16 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
                 share_of_channel=dict(zip(noise_models, shares.by_channel(own).tolist(), strict=True)),
                 unique_share=shares.of(np.maximum(by_subset[everything] - by_subset[alone], 0.0)),
                 parameters=parameters(effect, bounds[index]),
-                indistinguishable_from=tuple(beside_twins([effect.name, *same])[1:]),
+                indistinguishable_from=tuple(with_equivalents([effect.name, *same])[1:]),
                 alternatives={name: p for name, p in chances.items() if name != effect.name},
-                one_of=tuple(beside_twins(one_of(chances))),
+                one_of=tuple(with_equivalents(one_of(chances))),
                 instead=instead(contest, type(effect), same),
                 force_balances=force_balances(removed, type(effect), same),
                 typical=tuple(not_fitted(effect)),
                 at_bound=tuple(at_bound(effect)),
             )
         )
-    corrected = Shares(on_paper, interpolated).of(np.maximum(on_paper - recalibrated, 0.0))
+    corrected = Shares(as_given, interpolated).of(np.maximum(as_given - recalibrated, 0.0))
     values, value_features_of, moved = deviating_parameters(search, found.final, corrected, models)
     causes += [dataclasses.replace(value, probability=belief * value.probability) for value in values]
     causes += [marked(mark, shares.of(energies(mark, noise_models))) for mark in found.marks]

@@ -88,11 +88,13 @@ class Nominal:
         known = [effects.get(name) for name in names if effects.get(name).same_signal_as not in names]
         return tuple(kind for kind in known if not kind.random and (not kind.disturbance or _is_located(kind)))
 
-    def beside_twins(self, names: Sequence[str]) -> list[str]:
+    def with_equivalents(self, names: Sequence[str]) -> list[str]:
         """Return names of effects, each followed by those of effects that give the same signal."""
         allowed = [other for other in effects.names() if other not in self.exclude]
-        twins = {name: [other for other in allowed if effects.get(other).same_signal_as == name] for name in names}
-        return [item for name in names for item in (name, *twins[name])]
+        equivalents = {
+            name: [other for other in allowed if effects.get(other).same_signal_as == name] for name in names
+        }
+        return [item for name in names for item in (name, *equivalents[name])]
 
     @property
     def drive(self) -> FeedDrive:
@@ -108,7 +110,7 @@ def _is_located(kind: type[Effect]) -> bool:
 
 
 def nominal_of(scenario: Scenario) -> Nominal:
-    """Return the model on paper of a scenario; what the machine really is is not looked at."""
+    """Return the nominal model of a scenario; what the machine really is is not looked at."""
     substeps = SUBSTEPS if scenario.timing is None else scenario.timing.substeps
     return Nominal(plant=scenario.plant, simulation=Simulation(substeps=substeps))
 

@@ -22,7 +22,7 @@ def check_damage(run: Run, drive: FeedDrive, noise_m: float) -> None:
     ----------
     run : Run
     drive : FeedDrive
-        The model on paper; its mass tells which jumps no force could make.
+        The nominal model; its mass tells which jumps no force could make.
     noise_m : float
         Noise of the position, standard deviation.
     """

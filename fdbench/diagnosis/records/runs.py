@@ -67,9 +67,9 @@ class Run:
         slope, offset = np.polyfit(np.arange(len(first)) * self.period_s, first, 1)
         return float(offset), float(slope)
 
-    def beside(self, on_paper: Mapping[str, FloatArray]) -> "Run":
+    def beside(self, nominal: Mapping[str, FloatArray]) -> "Run":
         """Return the run with what the nominal model leaves of it."""
-        left = {name: values - on_paper[name] for name, values in self.channels.items()}
+        left = {name: values - nominal[name] for name, values in self.channels.items()}
         return dataclasses.replace(self, left=left)
 
 
@@ -183,8 +183,8 @@ def repeated(runs: Sequence[Run]) -> list[tuple[Run, Run]]:
 def differences(runs: Sequence[Run], channel: str) -> list[FloatArray]:
     """Return what is left of a channel between repeats: records of one command, or else laps within a record.
 
-    Each difference has twice the variance of the noise. Where motions are followed, it is that of what the model on
-    paper leaves: the force that a motion needs differs as the motion does.
+    Each difference has twice the variance of the noise. Where motions are followed, it is that of what the nominal
+    model leaves: the force that a motion needs differs as the motion does.
     """
     pairs = repeated(runs)
     if pairs:

@@ -10,7 +10,7 @@ import numpy as np
 
 from fdbench.record import FloatArray, Record
 from fdbench.virtual_axes.bench import NOTHING, Bench, Detectability, Injected, between
-from fdbench.virtual_axes.cases import Case, Tier, described, plant
+from fdbench.virtual_axes.cases import Case, Tier, described, inject
 from fdbench.virtual_axes.foreign import loops, mechanics
 from fdbench.virtual_axes.foreign.kinds import (
     CONSTANT_ERROR,
@@ -24,7 +24,7 @@ from fdbench.virtual_axes.foreign.kinds import (
     kinds,
     loop_of,
     model_of,
-    paper_values,
+    nominal_values,
     scales,
     space_of,
 )
@@ -132,11 +132,11 @@ class ForeignBench(Bench):
     rng : numpy Generator
     """
 
-    errors_on_paper: ClassVar[Mapping[str, float]] = ERRORS
+    nominal_errors: ClassVar[Mapping[str, float]] = ERRORS
 
     def __init__(self, kind: Kind, tier: Tier, rng: np.random.Generator) -> None:
         self.kind, self.tier = kind, tier
-        self.value = paper_values(kind, tier is Tier.F, rng)
+        self.value = nominal_values(kind, tier is Tier.F, rng)
         sizes = {
             **ERRORS,
             "weight": WEIGHT_ERROR,
@@ -171,7 +171,7 @@ class ForeignBench(Bench):
 
     def is_nominal_parameter(self, name: str) -> bool:
         """Return what ``imperfections.toml`` says."""
-        return self.items[name].value_on_paper
+        return self.items[name].wrong_nominal_value
 
     def add_background(self, detectability: Detectability, rng: np.random.Generator) -> None:
         """Add a little cogging, ripple of the friction and error of screw or encoder, each below the noise."""
@@ -179,7 +179,7 @@ class ForeignBench(Bench):
         # What every axis has is drawn first.
         for name in [item.name for item in sorted(own, key=lambda item: -len(item.background))]:
             drawn = self.draw(name, rng)
-            size = detectability.mean_square(self.axis({name: drawn}), beside_paper=True)
+            size = detectability.mean_square(self.axis({name: drawn}), beside_nominal_errors=True)
             amplitude = next(iter(self.items[name].draw))
             share = np.sqrt(between(rng, *TRACE) / max(size, 1e-12))
             self.background[name] = drawn | {amplitude: drawn[amplitude] * min(1.0, float(share))}
@@ -237,7 +237,7 @@ def draw_foreign_case(tier: Tier, number: int, effects: Sequence[str], rng: np.r
     numbers = NUMBERS[int(rng.choice(len(NUMBERS), p=chances))]
     sides = ("motor_position_m", "table_position_m")
     seen = sides if kind.columns == "both_positions" else sides[-1:] if kind.feedback == "table" else sides[:1]
-    injected, sizes = plant(bench, numbers, effects, list(commands.values()), seen, rng)
+    injected, sizes = inject(bench, numbers, effects, list(commands.values()), seen, rng)
     axis = bench.axis(injected)
     repeats = int(rng.integers(1, 4))
     records = {

@@ -1,4 +1,4 @@
-"""Kinds of foreign axis: what a machine is on paper, how it really is, and the model that its owner would write."""
+"""Kinds of foreign axis: what a machine is nominally, how it really is, and the model that its owner would write."""
 
 import math
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ FORMS = {
     for name in ("cascade", "filtered", "tachometer", "counts", "two_sensors", "torque")
 }
 MOTOR_SHARE, FRICTION_ON_MOTOR, SCREW_DAMPING = 0.35, 0.3, 0.04
-ON_PAPER_WIDTH_M_PER_S, MOST_ON_PAPER_WIDTH_M_PER_S = 1e-3, 0.05
+NOMINAL_WIDTH_M_PER_S, MOST_NOMINAL_WIDTH_M_PER_S = 1e-3, 0.05
 BRISTLE_DAMPING = 0.3
 DEADBAND_COUNTS = 10.0
 
@@ -98,14 +98,14 @@ class Imperfection:
     scale: Mapping[str, str] = field(default_factory=dict)
     signed: tuple[str, ...] = ()
     excludes: tuple[str, ...] = ()
-    value_on_paper: bool = False
+    wrong_nominal_value: bool = False
     needs_two_masses: bool = False
     background: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Kinds:
-    on_paper: Mapping[str, str]
+    nominal: Mapping[str, str]
     kinds: tuple[Kind, ...]
 
 
@@ -133,7 +133,7 @@ def imperfections() -> Imperfections:
     return read(Imperfections, load_toml(IMPERFECTIONS), IMPERFECTIONS.name)
 
 
-def paper_values(kind: Kind, upper: bool, rng: np.random.Generator) -> dict[str, float]:
+def nominal_values(kind: Kind, upper: bool, rng: np.random.Generator) -> dict[str, float]:
     """Return the drawn values of a data sheet, from the upper or the lower half of each range."""
     start = 0.5 if upper else 0.0
     found = {
@@ -165,7 +165,7 @@ def space_of(kind: Kind, value: Mapping[str, float]) -> Space:
 
 
 def body_of(kind: Kind, value: Mapping[str, float], errors: Mapping[str, float]) -> mechanics.Body:
-    """Return the machine whose values are off paper by ``errors``."""
+    """Return the machine whose values are off their nominal ones by ``errors``."""
     mass = value["mass_kg"] * (1.0 + errors["mass"])
     viscous = value["viscous_N_s_per_m"] * (1.0 + errors["viscous"])
     friction = value["friction_N"] * (1.0 + errors["friction"])
@@ -199,7 +199,7 @@ def _bristle_damping(value: Mapping[str, float]) -> float:
 
 
 def gains_of(kind: Kind, value: Mapping[str, float]) -> dict[str, float]:
-    """Return the gains on paper, for the bandwidth of the machine."""
+    """Return the nominal gains, for the bandwidth of the machine."""
     omega = TURN * value["bandwidth_Hz"]
     velocity_gain = float(f"{omega * value['mass_kg']:.4g}")
     integral = 0.0 if kind.form in ("tachometer", "counts") else omega / 12.0
@@ -215,7 +215,7 @@ def gains_of(kind: Kind, value: Mapping[str, float]) -> dict[str, float]:
 
 
 def loop_of(kind: Kind, value: Mapping[str, float], errors: Mapping[str, float]) -> loops.Loop:
-    """Return the controller with its gains and the motor constant off paper by ``errors``."""
+    """Return the controller with its gains and the motor constant off their nominal ones by ``errors``."""
     gains = gains_of(kind, value)
     for name in ("position_gain_per_s", "velocity_gain_N_s_per_m", "integral_gain_N_per_m"):
         gains[name] *= 1.0 + errors.get(name, 0.0)
@@ -269,8 +269,8 @@ def model_of(kind: Kind, value: Mapping[str, float]) -> dict[str, Any]:
 
 
 def _known(value: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Return the effects on paper: the friction, and a weight where there is one."""
-    friction, names = value["friction_N"], _file().on_paper
+    """Return the nominal effects: the friction, and a weight where there is one."""
+    friction, names = value["friction_N"], _file().nominal
     known: list[dict[str, Any]] = []
     if "presliding_m" in value:
         known.append(
@@ -278,13 +278,13 @@ def _known(value: Mapping[str, float]) -> list[dict[str, Any]]:
                 "kind": names["bristles"],
                 "coulomb_force_N": friction,
                 "static_force_N": friction,
-                "stribeck_velocity_m_per_s": ON_PAPER_WIDTH_M_PER_S,
+                "stribeck_velocity_m_per_s": NOMINAL_WIDTH_M_PER_S,
                 "bristle_stiffness_N_per_m": friction / value["presliding_m"],
                 "bristle_damping_N_s_per_m": _bristle_damping(value),
             }
         )
     else:
-        width = min(MOST_ON_PAPER_WIDTH_M_PER_S, max(ON_PAPER_WIDTH_M_PER_S, 2e-3 * value["speed_m_per_s"]))
+        width = min(MOST_NOMINAL_WIDTH_M_PER_S, max(NOMINAL_WIDTH_M_PER_S, 2e-3 * value["speed_m_per_s"]))
         known.append({"kind": names["friction"], "coulomb_force_N": friction, "transition_velocity_m_per_s": width})
     if value["weight_N"] != 0.0:
         known.append({"kind": names["weight"], "constant_force_N": value["weight_N"]})

@@ -66,19 +66,19 @@ def claims_of(kind: str, n: int, rng: np.random.Generator) -> list[learn.Claim]:
 
 def test_learned_probabilities_are_calibrated_on_other_claims() -> None:
     rng = np.random.default_rng(2)
-    head = learn.fitted(claims_of("effect", 800, rng))
+    model = learn.fitted(claims_of("effect", 800, rng))
     others = claims_of("effect", 4000, rng)
-    chances = np.array([head.probability(claim.features) for claim in others])
+    chances = np.array([model.probability(claim.features) for claim in others])
     right = np.array([claim.right for claim in others])
     for low in (0.0, 0.25, 0.5, 0.75):
         inside = (chances >= low) & (chances < low + 0.25)
         assert abs(chances[inside].mean() - right[inside].mean()) < 0.06
 
 
-def test_heads_are_read_as_they_were_written(tmp_path) -> None:
+def test_models_are_read_as_they_were_written(tmp_path) -> None:
     rng = np.random.default_rng(3)
     found = [claim for kind in learn.KINDS for claim in claims_of(kind, 60, rng)]
-    file = tmp_path / "heads.toml"
+    file = tmp_path / "models.toml"
     learn.write_models(found, file, "tier L, 60 cases, nonce abc")
     models = read(confidence.ProbabilityModels, load_toml(file), file.name)
     assert models.source == "tier L, 60 cases, nonce abc"
@@ -90,16 +90,16 @@ def test_heads_are_read_as_they_were_written(tmp_path) -> None:
         assert models.value.probability(claim.features) == pytest.approx(expected.probability(claim.features), abs=1e-3)
 
 
-def test_a_head_is_never_surer_than_its_claims() -> None:
-    head = ProbabilityModel(
+def test_a_model_is_never_surer_than_its_claims() -> None:
+    model = ProbabilityModel(
         bias=0.0, features={"s": Feature(centre=0.0, scatter=1.0, weight=50.0)}, claims=98, right=49
     )
-    assert head.probability({"s": 1e9}) == pytest.approx(0.99)
-    assert head.probability({"s": -1e9}) == pytest.approx(0.01)
-    assert head.probability({"s": 0.0}) == 0.5
+    assert model.probability({"s": 1e9}) == pytest.approx(0.99)
+    assert model.probability({"s": -1e9}) == pytest.approx(0.01)
+    assert model.probability({"s": 0.0}) == 0.5
 
 
-def test_the_shipped_heads_read_the_signs_that_are_given() -> None:
+def test_the_shipped_models_read_the_features_that_are_given() -> None:
     models = confidence.models()
     given = {
         "value": confidence.value_features(3.0, 1.0, 1.0),
@@ -107,9 +107,9 @@ def test_the_shipped_heads_read_the_signs_that_are_given() -> None:
         "none": confidence.no_gap_features(1.0, 0.5, 0.1),
     }
     for kind, features in given.items():
-        head: ProbabilityModel = getattr(models, kind)
-        assert set(head.features) == set(features)
-        assert 0.0 < head.probability(features) < 1.0
+        model: ProbabilityModel = getattr(models, kind)
+        assert set(model.features) == set(features)
+        assert 0.0 < model.probability(features) < 1.0
     assert {field.name for field in dataclasses.fields(models)} == {*learn.KINDS, "source"}
     assert models.unknown.probability(confidence.unknown_features(8.0, 60.0)) > models.unknown.probability(
         confidence.unknown_features(1.0, 2.0)
@@ -172,8 +172,8 @@ def test_published_sheets_make_a_board() -> None:
 
 
 def test_learning_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder, key, output = tmp_path / "L", tmp_path / "key.json", tmp_path / "heads.toml"
-    monkeypatch.setattr(tiers, "THIN", 1.0)
+    folder, key, output = tmp_path / "L", tmp_path / "key.json", tmp_path / "models.toml"
+    monkeypatch.setattr(tiers, "LIMITED_DATA", 1.0)
     make(folder, key, Tier.L, 2, "feed" * 16)
     asked = []
 
@@ -197,8 +197,8 @@ def test_learning_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.M
 def test_tier_to_learn_from_excludes_effects_from_the_library(
     name: str, is_hidden: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tiers, "THIN", 1.0)
-    monkeypatch.setattr(tiers, "HIDDEN", 1.0)
+    monkeypatch.setattr(tiers, "LIMITED_DATA", 1.0)
+    monkeypatch.setattr(tiers, "TAKEN_OUT", 1.0)
     monkeypatch.setattr(tiers, "HOW_MANY", (0.0, 1.0, 0.0, 0.0))
     case = tiers.draw_case(Tier.L, [name], np.random.default_rng(7))
     listed, unlisted = ([item["name"] for item in case.truth[part]] for part in ("listed", "unlisted"))

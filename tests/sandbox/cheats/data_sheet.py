@@ -1,4 +1,4 @@
-"""The values on paper for an estimate."""
+"""The nominal values for an estimate."""
 
 import numpy as np
 

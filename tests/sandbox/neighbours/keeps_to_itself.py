@@ -7,7 +7,11 @@ from neighbours import _shared
 
 
 class KeepsToItself(BatchEstimator):
-    """Least squares, by what others could change."""
+    """Least squares, by what others could change.
+
+    >>> KeepsToItself().factor
+    1.0
+    """
 
     factor = 1.0
 

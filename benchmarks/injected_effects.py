@@ -1,4 +1,4 @@
-"""Effects planted in the record of a real axis, and whether its verdict is the same on other parts of the record.
+"""Effects injected in the record of a real axis, and whether its verdict is the same on other parts of the record.
 
 What an effect changes in closed loop is simulated with the published model of EMPS, and added to the measured channels;
 noise, and all that the model lacks, stay real. The data are the user's own copy; see ``examples/emps``.
@@ -27,9 +27,9 @@ from fdbench.reading import read_record
 from fdbench.record import FloatArray, Record
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "emps"
-LEVEL = 25.0  # mean square of what is planted, in units of the floor; the axis's own gap is 52
+LEVEL = 25.0  # mean square of what is injected, in units of the floor; the axis's own gap is 52
 LARGEST = 4.0  # times the typical size
-OFF_PAPER = 5.0  # standard deviations of a nominal parameter, where that is what is planted
+OFF_NOMINAL = 5.0  # standard deviations of a nominal parameter, where that is what is injected
 ROUNDS = 4  # of scaling, as not every effect is linear in its size
 HALF = 2  # laps
 
@@ -76,12 +76,12 @@ class Axis:
         return float(np.mean(signature**2))
 
     def sized(self, kind: type[Effect]) -> Effect | None:
-        """Return an effect of the size that is planted; None where it would have to be too large."""
+        """Return an effect of the size that is injected; None where it would have to be too large."""
         effect = kind.typical()
         if kind.calibrates:
             own = [item for item in nominal_parameters(self.nominal) if item.cause(self.nominal) == kind.name]
             step = math.hypot(*(item.size(self.nominal.drive) for item in own))
-            return effect.changed(**{kind.amplitude: OFF_PAPER * step}) if own else None
+            return effect.changed(**{kind.amplitude: OFF_NOMINAL * step}) if own else None
         scale = 1.0
         for _ in range(ROUNDS):
             scale *= math.sqrt(LEVEL / max(self.visible(effect), 1e-12))
@@ -90,8 +90,8 @@ class Axis:
             effect = kind.typical().scaled(scale)
         return effect
 
-    def plant(self, kind: type[Effect]) -> Injected | None:
-        """Return the record with an effect planted, or None where the motion does not show it."""
+    def inject(self, kind: type[Effect]) -> Injected | None:
+        """Return the record with an effect injected, or None where the motion does not show it."""
         effect = self.sized(kind)
         if effect is None:
             return None
@@ -104,7 +104,7 @@ class Axis:
         return Injected(effect=effect, visible=self.visible(effect), record=Record(columns, source=source))
 
     def kinds(self) -> list[type[Effect]]:
-        """Return what can be planted: effects of a rigid axis that are added, and smooth in their size."""
+        """Return what can be injected: effects of a rigid axis that are added, and smooth in their size."""
         return [
             kind
             for kind in self.nominal.library
@@ -137,40 +137,40 @@ def found_size(answer: Mapping[str, Any], effect: Effect) -> str:
     )
 
 
-def planted_table(axis: Axis, native: Mapping[str, Any]) -> None:
+def injected_table(axis: Axis, native: Mapping[str, Any]) -> None:
     own = list(causes(native))
     documented = max(native["causes"], key=lambda cause: cause["share"])["effect"]
-    print(f"\nWith nothing planted: {words(own)}.")
-    print(f"Planted: {LEVEL:g} times the floor; nominal parameters off by {OFF_PAPER:g} standard deviations.\n")
-    print("| planted | size | visible | p | found | named | native cause kept | other causes | unknown | CPU s |")
+    print(f"\nWith nothing injected: {words(own)}.")
+    print(f"Injected: {LEVEL:g} times the floor; nominal parameters off by {OFF_NOMINAL:g} standard deviations.\n")
+    print("| injected | size | visible | p | found | named | native cause kept | other causes | unknown | CPU s |")
     print("| --- | --- | ---: | ---: | --- | --- | --- | --- | ---: | ---: |")
     hits, alike, kept = [], [], []
     for kind in axis.kinds():
-        planted = None if kind.name == documented else axis.plant(kind)
-        if planted is None:
+        injected = None if kind.name == documented else axis.inject(kind)
+        if injected is None:
             continue
         began = process_time()
-        answer = diagnose(axis.nominal, [planted.record]).answer.as_json()
+        answer = diagnose(axis.nominal, [injected.record]).answer.as_json()
         seconds = process_time() - began
         named = causes(answer)
-        instead = [name for name, cause in named.items() if planted.name in cause["indistinguishable_from"]]
-        hits.append(planted.name in named)
-        alike.append(planted.name in named or bool(instead))
+        instead = [name for name, cause in named.items() if injected.name in cause["indistinguishable_from"]]
+        hits.append(injected.name in named)
+        alike.append(injected.name in named or bool(instead))
         kept.append(documented in named)
         cells = [
-            planted.name,
-            size_of(planted.effect),
-            f"{planted.visible:.0f}",
-            f"{probability(answer, planted.name):.2f}",
-            found_size(answer, planted.effect),
+            injected.name,
+            size_of(injected.effect),
+            f"{injected.visible:.0f}",
+            f"{probability(answer, injected.name):.2f}",
+            found_size(answer, injected.effect),
             "yes" if hits[-1] else f"as {words(instead)}" if instead else "no",
             "yes" if kept[-1] else "no",
-            words([name for name in named if name not in (planted.name, documented)]),
+            words([name for name in named if name not in (injected.name, documented)]),
             f"{answer['unknown_probability']:.2f}",
             f"{seconds:.1f}",
         ]
         print(f"| {' | '.join(cells)} |", flush=True)
-    print(f"\n- planted effect named: {rate(hits)}")
+    print(f"\n- injected effect named: {rate(hits)}")
     print(f"- named, or said to look like what is named: {rate(alike)}")
     print(f"- {documented} still named: {rate(kept)}")
 
@@ -238,7 +238,7 @@ def main() -> None:
     given = parser.parse_args()
     record = read_record(EXAMPLE / "emps.toml", given.data)
     axis = Axis(load_nominal(EXAMPLE / "model.toml"), record)
-    planted_table(axis, stability_table(axis))
+    injected_table(axis, stability_table(axis))
 
 
 if __name__ == "__main__":
