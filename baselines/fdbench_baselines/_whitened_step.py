@@ -36,7 +36,13 @@ class Step(NamedTuple):
 
 
 def whitened_step(
-    S: FloatArray, beside: FloatArray, left: FloatArray, noise: FloatArray, settings: FloatArray, P: FloatArray, lags: int
+    S: FloatArray,
+    beside: FloatArray,
+    left: FloatArray,
+    noise: FloatArray,
+    settings: FloatArray,
+    P: FloatArray,
+    lags: int,
 ) -> Step:
     """Return the step.
 

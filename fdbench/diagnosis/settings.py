@@ -110,6 +110,7 @@ class Baseline:
     viscous: float = number(0.05, "viscous friction, relative")
     known_effects: float = number(0.04, "amplitudes of known effects, relative")
     transition_velocity: float = number(0.2, "natural logarithm of the speed over which friction turns its sign")
+    friction_side: float = number(0.02, "part of the known friction that acts on the motor instead of the table")
     friction_form: float = number(0.01, "form of friction at low speeds, relative to the known friction")
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Variant
 from fdbench.diagnosis.settings import MODEL
-from fdbench.effects import Effect
+from fdbench.effects import Effect, Port
 from fdbench.plants.feed_drive import FeedDrive, RotaryMotor, Table
 from fdbench.record import FloatArray
 
@@ -148,8 +148,8 @@ class NominalParameter:
     ----------
     name : str
     kind : str
-        ``mass``, ``viscous``, ``known_effects``, ``width`` (of the friction's turn), ``friction_form`` or
-        ``force_offset``.
+        ``mass``, ``viscous``, ``known_effects``, ``width`` (of the friction's turn), ``friction_side``,
+        ``friction_form`` or ``force_offset``.
     side : str
         ``motor`` or ``table`` for masses and viscous friction.
     index : int
@@ -157,7 +157,7 @@ class NominalParameter:
     deviation : float
         Relative, but N s/m for viscous friction and N for the force offset.
     effect : Effect or None
-        That carries a force offset or a bump of the friction's form, without it.
+        That carries a force offset, a bump of the friction's form or friction of the motor, without it.
     amplitude : str
         Name of the parameter of ``effect`` that is moved.
     """
@@ -173,6 +173,9 @@ class NominalParameter:
     def apply(self, drive: FeedDrive, shift: float) -> tuple[FeedDrive, tuple[Effect, ...]]:
         """Return the drive moved by ``shift`` standard deviations, and an effect that has to be added for it."""
         change = shift * self.deviation
+        if self.kind == "friction_side" and self.effect is not None:
+            moved = change * amplitude_of(drive.effects[self.index])
+            return _with_known(drive, self.index, 1.0 - change), (self.effect.changed(**{self.amplitude: moved}),)
         if self.effect is not None:
             return drive, (self.effect.changed(**{self.amplitude: change}),)
         if self.kind == "known_effects":
@@ -194,7 +197,7 @@ class NominalParameter:
 
     def size(self, drive: FeedDrive) -> float:
         """Return one standard deviation in the unit of the value: kg, N s/m or N."""
-        if self.kind == "known_effects":
+        if self.kind in ("known_effects", "friction_side"):
             known = drive.effects[self.index]
             return abs(amplitude_of(known)) * self.deviation
         part = drive.motor if self.side == "motor" else drive.table
@@ -207,8 +210,8 @@ class NominalParameter:
 
     @property
     def changes_from_run_to_run(self) -> bool:
-        """Whether it may differ between repeats: friction and offsets do, masses and the form of friction do not."""
-        return self.kind not in ("mass", "width", "friction_form")
+        """Whether it may differ between repeats: friction and offsets do, masses, side and form of friction do not."""
+        return self.kind not in ("mass", "width", "friction_side", "friction_form")
 
     def cause(self, nominal: Nominal) -> str:
         """Return the name of the effect that a large change of this value is, or an empty text."""
@@ -249,7 +252,31 @@ def nominal_parameters(nominal: Nominal) -> tuple[NominalParameter, ...]:
         for kind in offsets[:1]
         if doubt.force_offset_N > 0.0
     ]
-    return (*found, *_friction_form(nominal))
+    return (*found, *_friction_side(nominal), *_friction_form(nominal))
+
+
+def _friction_side(nominal: Nominal) -> list[NominalParameter]:
+    """Return which part of the friction that is known acts on the motor side instead of the table."""
+    drive, deviation = nominal.drive, nominal.uncertainty.friction_side
+    kinds = [kind for kind in nominal.library if kind.calibrates == "friction_side"]
+    known = [
+        index
+        for index, item in enumerate(drive.effects)
+        if type(item).port is Port.TABLE_FORCE and any(p.name == WIDTH for p in item.parameters())
+    ]
+    if not kinds or not known or drive.screw is None or deviation == 0.0 or kinds[0] in map(type, drive.effects):
+        return []
+    effect = silent(kinds[0]).changed(**{WIDTH: getattr(drive.effects[known[0]], WIDTH)})
+    return [
+        NominalParameter(
+            name="friction_side",
+            kind="friction_side",
+            index=known[0],
+            deviation=deviation,
+            effect=effect,
+            amplitude=kinds[0].amplitude,
+        )
+    ]
 
 
 def _friction_form(nominal: Nominal) -> list[NominalParameter]:

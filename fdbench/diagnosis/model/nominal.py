@@ -33,6 +33,7 @@ class Uncertainty:
 
     Masses, viscous frictions and the effects that the model knows are relative, the force offset is in newtons. No
     data sheet says over which speed friction turns its sign: ``transition_velocity`` is that of its natural logarithm.
+    ``friction_side`` is the part of the known friction that acts on the motor instead of the table, and
     ``friction_form`` is that of friction at low speeds, relative to the known friction.
     """
 
@@ -40,6 +41,7 @@ class Uncertainty:
     viscous: float = positive(default=0.1)
     known_effects: float = positive(default=0.06)
     transition_velocity: float = nonnegative(default=1.0)
+    friction_side: float = nonnegative(default=0.3)
     friction_form: float = nonnegative(default=0.05)
     force_offset_N: float = nonnegative(default=2.0)
 
