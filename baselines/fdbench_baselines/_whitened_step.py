@@ -20,7 +20,7 @@ import numpy as np
 
 from fdbench.estimator import FloatArray
 from fdbench_baselines._aitken import BLOCK, autoregression
-from fdbench_baselines._robust import loudness
+from fdbench_baselines._robust import outlyingness
 
 
 class Step(NamedTuple):
@@ -64,7 +64,7 @@ def whitened_step(
     table = np.hstack((S, beside, left[:, None], noise[:, None]))
     white = fftconvolve(table, taps[:, None], axes=0)[lags : len(left)]
     X, y, errors = white[:, :-2], white[:, -2], white[:, -1]
-    loud = loudness(errors)
+    loud = outlyingness(errors)
     variance = float(np.mean(errors**2 / loud))
     scale = np.sqrt(np.mean(X**2, axis=0))
     scale[scale == 0.0] = 1.0
