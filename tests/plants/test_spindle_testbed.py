@@ -162,14 +162,14 @@ def test_withheld_force_is_in_no_column() -> None:
     scenario, record, truth = observed("case 2")
     rows = scenario.context().regression(record).rows
     assert truth.disturbance_N is not None
-    hidden = truth.disturbance_N[rows]
-    assert np.abs(hidden).max() > 10.0
+    withheld = truth.disturbance_N[rows]
+    assert np.abs(withheld).max() > 10.0
     np.testing.assert_array_equal(record["force_N"][rows], 0.0)
     np.testing.assert_array_equal(record["training_sample"][rows], 0.0)
     assert np.all(np.delete(record["training_sample"], rows) == 1.0)
     for name, column in record.items():
         if name != "acceleration_m_per_s2" and np.ptp(column[rows]) > 0.0:
-            assert abs(np.corrcoef(column[rows], hidden)[0, 1]) < 0.01
+            assert abs(np.corrcoef(column[rows], withheld)[0, 1]) < 0.01
     assert not bed(scenario).spectra(record).targets[~bed(scenario).spectra(record).training].any()
 
 

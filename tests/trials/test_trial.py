@@ -279,10 +279,10 @@ def test_oracle_has_no_background_effects_and_no_effect_that_is_not_listed(monke
     asked: list[Callable[[np.ndarray], Record]] = []
     monkeypatch.setattr(tiers, "held_out_gaps", lambda *given: asked.append(given[-1]))
     cases = (tiers.draw_case(Tier.L, listed_effects(), np.random.default_rng(seed)) for seed in range(9))
-    hidden = next(case for case in cases if case.truth["unlisted"])
-    assert hidden.truth["listed"] == []
-    model = read(Nominal, {key: part for key, part in hidden.model.items() if key != "exclude"}, "model")
-    expected = LibraryBench(model, hidden.truth["errors"], PERIOD_S).axis({}).readings(STROKES, None)
+    lacking = next(case for case in cases if case.truth["unlisted"])
+    assert lacking.truth["listed"] == []
+    model = read(Nominal, {key: part for key, part in lacking.model.items() if key != "exclude"}, "model")
+    expected = LibraryBench(model, lacking.truth["errors"], PERIOD_S).axis({}).readings(STROKES, None)
     found = asked[-1](STROKES)
     assert np.array_equal(found["motor_force_N"], expected["motor_force_N"])
 
