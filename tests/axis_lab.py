@@ -1,4 +1,4 @@
-"""A two-mass axis in a laboratory: records of a few motions with one effect that the model lacks, and the nominal model."""
+"""A two-mass axis in a laboratory: records of a few motions with one effect beyond the nominal model, and that model."""
 
 import dataclasses
 
