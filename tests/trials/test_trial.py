@@ -27,7 +27,7 @@ from fdbench.trials.answer import answer
 from fdbench.trials.board import board
 from fdbench.trials.diagnoser import CaseAnswer, diagnosers
 from fdbench.trials.make import MANIFEST, listed_effects, make, read_manifest
-from fdbench.trials.score import Table, score, sheet
+from fdbench.trials.score import AnswerTable, score, sheet
 from fdbench.virtual_axes import cases as tiers
 from fdbench.virtual_axes import independent_simulator as independent_simulator
 from fdbench.virtual_axes import protocol
@@ -576,13 +576,15 @@ def test_recalibration_alone_leaves_the_cause_unknown(plain_case: tuple[list[Rec
 # ---- the score sheet ----
 
 
-def table(chances: Sequence[Sequence[float]], present: Sequence[Sequence[float]], **others: Sequence[float]) -> Table:
+def table(
+    chances: Sequence[Sequence[float]], present: Sequence[Sequence[float]], **others: Sequence[float]
+) -> AnswerTable:
     """Return a table whose other columns are zero unless given."""
     n = len(chances)
     columns = {name: np.zeros(n) for name in ("unknown", "none", "has_unknown")}
     columns |= {name: np.full(n, np.nan) for name in ("closure", "oracle_closure")}
     columns |= {name: np.array(values) for name, values in others.items()}
-    return Table(effects=["a", "b", "c", "d"], chances=np.array(chances), present=np.array(present), **columns)
+    return AnswerTable(effects=["a", "b", "c", "d"], chances=np.array(chances), present=np.array(present), **columns)
 
 
 SHEET = table(
