@@ -23,7 +23,7 @@ from fdbench_baselines._aitken import BLOCK, autoregression
 from fdbench_baselines._robust import loudness
 
 
-class Step(NamedTuple):
+class WhitenedStep(NamedTuple):
     """Change d (q,) of the parameters, its covariance (q, q), coefficients c beside, long-run variance of the errors.
 
     The long-run variance is that of n times the number of rows over which it goes on.
@@ -36,8 +36,14 @@ class Step(NamedTuple):
 
 
 def whitened_step(
-    S: FloatArray, beside: FloatArray, left: FloatArray, noise: FloatArray, settings: FloatArray, P: FloatArray, lags: int
-) -> Step:
+    S: FloatArray,
+    beside: FloatArray,
+    left: FloatArray,
+    noise: FloatArray,
+    settings: FloatArray,
+    P: FloatArray,
+    lags: int,
+) -> WhitenedStep:
     """Return the step.
 
     Parameters
@@ -74,4 +80,4 @@ def whitened_step(
     sums = pulls.reshape(-1, BLOCK, X.shape[1]).sum(axis=1)
     covariance = (bread @ (sums.T @ sums + variance * known) @ bread.T / np.outer(scale, scale))[:q, :q]
     long_run = variance / float(taps.sum()) ** 2
-    return Step(solution[:q], 0.5 * (covariance + covariance.T), solution[q:], long_run)
+    return WhitenedStep(solution[:q], 0.5 * (covariance + covariance.T), solution[q:], long_run)

@@ -1,6 +1,6 @@
 """Output error: the drive on paper is simulated from its command alone, and turned until it does what was recorded."""
 
-from typing import ClassVar, final
+from typing import final
 
 import numpy as np
 
@@ -64,7 +64,9 @@ class OutputError(BatchEstimator):
             beside = lfilter([1.0], [1.0, -pole], process, axis=0)
             if turn < LISTENED:
                 waves = beside @ np.linalg.lstsq(beside, left, rcond=None)[0]
-            S = np.column_stack([(target(settings + DIFFERENCE * unit) - now) / DIFFERENCE for unit in np.eye(len(knobs))])
+            S = np.column_stack(
+                [(target(settings + DIFFERENCE * unit) - now) / DIFFERENCE for unit in np.eye(len(knobs))]
+            )
             step = whitened_step(S, beside, left, left - waves, settings, precision, LAGS)
             wanted = weighed_settings(context, regression, drive, knobs, settings, step)
             change = wanted.settings - settings

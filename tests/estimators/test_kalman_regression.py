@@ -8,7 +8,7 @@ import pytest
 from fdbench_baselines._data_sheet import sheet
 from fdbench_baselines._kalman_oscillators import Filtered, Variances, run_smoother
 from fdbench_baselines._kalman_regression import Rows, filtered, sudden_rows
-from fdbench_baselines._robust import outlyingness, robust_residual
+from fdbench_baselines._robust import loudness, robust_residual
 from fdbench_baselines._slip import slipped_period
 from fdbench_baselines.kalman import Kalman
 from fdbench_baselines.least_squares import LeastSquares
@@ -81,7 +81,7 @@ def test_outliers_count_less() -> None:
     residual, loud = robust_residual(Z, y)
     assert loud[50] > 1e6
     assert abs(y[0] - residual[0] - clean) < 0.05
-    assert outlyingness(np.zeros(3)).tolist() == [1.0, 1.0, 1.0]
+    assert loudness(np.zeros(3)).tolist() == [1.0, 1.0, 1.0]
 
 
 def test_slip_of_a_spindle_is_found() -> None:
