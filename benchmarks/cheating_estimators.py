@@ -15,7 +15,7 @@ from pathlib import Path
 import numba
 
 from fdbench.benchmark.run import run
-from fdbench.benchmark.store import Key, Store
+from fdbench.benchmark.store import RunKey, Store
 from fdbench.catalogue import PACKAGE
 from fdbench.estimator import estimators
 from fdbench.metrics import Outcome, metrics
@@ -48,7 +48,7 @@ def before(file: Path) -> list[str]:
 
 
 def after(store: Store, name: str) -> list[str]:
-    found = store.read_run(Key(SCENARIO, name, 0))
+    found = store.read_run(RunKey(SCENARIO, name, 0))
     values = {score.metric: score.value for score in found.scores} if found else {}
     return ["fails" if values.get(name) is None else f"{values[name]:.3g} %" for name in METRICS]
 

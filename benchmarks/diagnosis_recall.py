@@ -354,7 +354,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--rounds", type=int, default=1, help="axes for each effect alone")
     parser.add_argument("--pairs", type=int, default=10)
-    parser.add_argument("--none", type=int, default=20, help="axes with nothing planted")
+    parser.add_argument("--none", type=int, default=20, help="axes with nothing injected")
     parser.add_argument("--only", choices=KINDS, action="append", help="parts to run; without, all")
     parser.add_argument("--table", action="store_true", help="run nothing, print what is in the file")
     given = parser.parse_args()

@@ -198,7 +198,7 @@ def main() -> None:
     lines = chosen.store.read_text("utf-8").splitlines() if chosen.store.exists() else []
     rows = [row for row in map(json.loads, lines) if row["seed"] == chosen.seed]
     start = process_time()
-    # No more effects are planted; rounds that look for others would double the time.
+    # No more effects are injected; rounds that look for others would double the time.
     one = changed({"search.most_effects": 1})
     with one, threadpool_limits(1), chosen.store.open("a", encoding="utf-8") as file:
         while sum("kinds" in row for row in rows) < chosen.ambiguous:

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from fdbench.benchmark import job, run
+from fdbench.benchmark.suite import SEEDS, Suite, in_suite
 from fdbench.benchmark.validate import check_estimate, plant_parameters
-from fdbench.commands.run import SEEDS, Suite, in_suite
 from fdbench.estimator import estimators
 from fdbench.record import FloatArray, Record
 from fdbench.sandbox import FitResult

@@ -568,7 +568,7 @@ def qu_phase() -> "Figure":
     for ax, case in zip(axes, qu.CASES, strict=True):
         found: list[tuple[float, float]] = []
         for jitter in jitters:
-            variant = qu.Variant("", jitter, 1.0, (*case.linear, 0.0), (True, True, True))
+            variant = qu.PhaseReference("", jitter, 1.0, (*case.linear, 0.0), (True, True, True))
             errors = qu.fits(qu.varied(load_scenario(case.scenario), variant), {qu.LR: {}, qu.NFB: {}})
             found.append((errors[qu.LR][0].mae, errors[qu.NFB][0].mae))
         linear, nonlinear = zip(*found, strict=True)

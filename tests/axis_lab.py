@@ -1,4 +1,4 @@
-"""A two-mass axis in a laboratory: records of a few motions with one hidden effect, and the nominal model."""
+"""A two-mass axis in a laboratory: its nominal model, and records of a few motions with one effect more."""
 
 import dataclasses
 

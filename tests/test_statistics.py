@@ -83,7 +83,7 @@ def test_partitions_draw_as_before(n: int) -> None:
 @pytest.mark.parametrize("n", SIZES)
 def test_sheets_of_trials_draw_as_before(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(n)
-    table = score.Table(
+    table = score.AnswerTable(
         effects=["a", "b"],
         chances=rng.random((n, 2)),
         present=(rng.random((n, 2)) > 0.5).astype(np.float64),

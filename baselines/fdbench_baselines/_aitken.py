@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.estimator import FloatArray
-from fdbench_baselines._robust import outlyingness
+from fdbench_baselines._robust import loudness
 
 PASSES = 4
 BLOCK = 100
@@ -95,7 +95,7 @@ def generalised(
         bread = np.linalg.pinv(weighted.T @ (Xf / scale))
         theta = bread @ (weighted.T @ yf) / scale
         errors = yf - Xf @ theta
-        loud = outlyingness(errors)
+        loud = loudness(errors)
     pull = np.zeros((-(-len(y) // BLOCK) * BLOCK, X.shape[1]))
     pull[: len(y)][kept] = weighted * errors[:, None]
     sums = pull.reshape(-1, BLOCK, X.shape[1]).sum(axis=1)

@@ -9,7 +9,7 @@ from fdbench.plants import Plant
 from fdbench.plants._controllers import VelocityLoop
 from fdbench.plants._plant import LinearModel
 from fdbench.plants._spectra import Spectra
-from fdbench.plants._spindle_modal import Mode
+from fdbench.plants._spindle_modal import ComplianceMode
 from fdbench.plants.feed_drive import FeedDrive, LinearMotor, RotaryMotor
 from fdbench.plants.sensor_network import NODES, Deviations, SensorNetwork
 from fdbench.plants.slot_milling import SlotMilling
@@ -109,7 +109,7 @@ def example_spectra(power: int) -> Example:
 def example_network(force_N: float) -> Example:
     """Return a spindle with one mode and a motor of 10 kg, each read by a node, and 0.2 s under a constant force."""
     n, sampling_time_s, mass_kg, lead_m = 2000, 1e-4, 10.0, 0.01
-    mode = Mode(frequency_Hz=1000.0, damping_ratio=0.05, modal_gain_per_kg=40.0)
+    mode = ComplianceMode(frequency_Hz=1000.0, damping_ratio=0.05, modal_gain_per_kg=40.0)
     spindle = Spindle(modes=(mode,), sensor_noise_m=1e-7, displacement_limit_m=1e-3, feedrate_limit_m_per_s=0.1)
     inertia = mass_kg * (lead_m / (2.0 * np.pi)) ** 2
     plant = SensorNetwork(

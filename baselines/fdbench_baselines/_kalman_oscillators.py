@@ -25,7 +25,7 @@ from fdbench.compilation import kept
 from fdbench.estimator import FloatArray
 
 
-class Noise(NamedTuple):
+class Variances(NamedTuple):
     """What the likelihood decides on; variances in units of y squared.
 
     Attributes

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from fdbench.errors import SpecError
 from fdbench.estimator import Context, Estimate, FloatArray, Regression, Sample
 from fdbench_baselines._data_sheet import Sheet, sheet
-from fdbench_baselines._kalman_oscillators import Filtered, Noise, run_filter, run_smoother
+from fdbench_baselines._kalman_oscillators import Filtered, Variances, run_filter, run_smoother
 from fdbench_baselines._mixed_estimation import applies
 from fdbench_baselines._robust import robust_residual
 from fdbench_baselines._slip import below_half, slipped_period
@@ -36,7 +36,7 @@ class Rows(NamedTuple):
     own: int
 
 
-def filtered(rows: Rows, noise: Noise, harmonics: int, keep: bool = True) -> Filtered:
+def filtered(rows: Rows, noise: Variances, harmonics: int, keep: bool = True) -> Filtered:
     """Return what the filter makes of the rows; see `_kalman_oscillators`."""
     return Filtered(*run_filter(*rows, noise, harmonics, keep))
 
@@ -52,7 +52,7 @@ def sudden_rows(run: Filtered, step_s: float) -> NDArray[np.bool_]:
     return found
 
 
-def likeliest(rows: Rows, harmonics: int, angle: float, step_s: float) -> Noise:
+def likeliest(rows: Rows, harmonics: int, angle: float, step_s: float) -> Variances:
     r"""Return the noises of greatest likelihood, by the simplex of Nelder and Mead from a fixed start.
 
     .. math:: \log p(y) = -\tfrac12 \sum_k \big( \log 2 \pi S_k + \nu_k^2 / S_k \big)
@@ -62,10 +62,10 @@ def likeliest(rows: Rows, harmonics: int, angle: float, step_s: float) -> Noise:
     """
     from scipy.optimize import minimize
 
-    def noise(logarithms: FloatArray) -> Noise:
+    def noise(logarithms: FloatArray) -> Variances:
         reading, walk, wave, memory_s, slip, slope = np.append(logarithms, np.zeros(6 - len(logarithms))).tolist()
         seconds = np.clip(START["memory_s"] * np.exp(memory_s), SHORTEST_MEMORY_S, LONGEST_MEMORY_S)
-        return Noise(
+        return Variances(
             START["reading"] ** 2 * np.exp(2.0 * np.clip(reading, -20.0, 5.0)),
             START["walk"] ** 2 * np.exp(2.0 * np.clip(walk, -20.0, 5.0)),
             START["wave"] ** 2 * np.exp(2.0 * np.clip(wave, -20.0, 5.0)),

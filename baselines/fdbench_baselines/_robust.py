@@ -7,10 +7,10 @@ from fdbench.estimator import FloatArray
 DEVIATIONS_PER_MEDIAN, OUTLIER, PASSES = 1.4826, 4.0, 3
 
 
-def outlyingness(residual: FloatArray) -> FloatArray:
+def loudness(residual: FloatArray) -> FloatArray:
     r"""Return :math:`\max(1, (r_k / 4 s)^2)` with s the median deviation: what outliers must count less by.
 
-    >>> outlyingness(np.array([1.0, -1.0, 1.0, 11.8608, -1.0]))
+    >>> loudness(np.array([1.0, -1.0, 1.0, 11.8608, -1.0]))
     array([1., 1., 1., 4., 1.])
     """
     deviation = DEVIATIONS_PER_MEDIAN * float(np.median(np.abs(residual)))
@@ -20,10 +20,10 @@ def outlyingness(residual: FloatArray) -> FloatArray:
 
 
 def robust_residual(Z: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what least squares leaves once outliers, such as held samples, count less, and the rows' outlyingness."""
+    """Return what least squares leaves once outliers, such as held samples, count less, and the rows' loudness."""
     loud = np.ones(len(y))
     for _ in range(PASSES):
         weight = 1.0 / np.sqrt(loud)
         residual = y - Z @ np.linalg.lstsq(Z * weight[:, None], y * weight, rcond=None)[0]
-        loud = outlyingness(residual)
+        loud = loudness(residual)
     return residual, loud

@@ -9,7 +9,7 @@ from fdbench.estimator import Context, FloatArray, Regression
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench_baselines._mixed_estimation import directions, weighed
 from fdbench_baselines._simulated_drive import Knob, turned
-from fdbench_baselines._whitened_step import Step
+from fdbench_baselines._whitened_step import WhitenedStep
 
 DIFFERENCE, RANK = 1e-4, 1e-8
 
@@ -28,7 +28,12 @@ def rigid_parameters(context: Context, drive: FeedDrive, knobs: Sequence[Knob], 
 
 
 def weighed_settings(
-    context: Context, regression: Regression, drive: FeedDrive, knobs: Sequence[Knob], settings: FloatArray, step: Step
+    context: Context,
+    regression: Regression,
+    drive: FeedDrive,
+    knobs: Sequence[Knob],
+    settings: FloatArray,
+    step: WhitenedStep,
 ) -> Weighed:
     r"""Return the settings that record and sheet together make likely.
 

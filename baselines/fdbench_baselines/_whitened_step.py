@@ -20,10 +20,10 @@ import numpy as np
 
 from fdbench.estimator import FloatArray
 from fdbench_baselines._aitken import BLOCK, autoregression
-from fdbench_baselines._robust import outlyingness
+from fdbench_baselines._robust import loudness
 
 
-class Step(NamedTuple):
+class WhitenedStep(NamedTuple):
     """Change d (q,) of the parameters, its covariance (q, q), coefficients c beside, long-run variance of the errors.
 
     The long-run variance is that of n times the number of rows over which it goes on.
@@ -43,7 +43,7 @@ def whitened_step(
     settings: FloatArray,
     P: FloatArray,
     lags: int,
-) -> Step:
+) -> WhitenedStep:
     """Return the step.
 
     Parameters
@@ -64,7 +64,7 @@ def whitened_step(
     table = np.hstack((S, beside, left[:, None], noise[:, None]))
     white = fftconvolve(table, taps[:, None], axes=0)[lags : len(left)]
     X, y, errors = white[:, :-2], white[:, -2], white[:, -1]
-    loud = outlyingness(errors)
+    loud = loudness(errors)
     variance = float(np.mean(errors**2 / loud))
     scale = np.sqrt(np.mean(X**2, axis=0))
     scale[scale == 0.0] = 1.0
@@ -80,4 +80,4 @@ def whitened_step(
     sums = pulls.reshape(-1, BLOCK, X.shape[1]).sum(axis=1)
     covariance = (bread @ (sums.T @ sums + variance * known) @ bread.T / np.outer(scale, scale))[:q, :q]
     long_run = variance / float(taps.sum()) ** 2
-    return Step(solution[:q], 0.5 * (covariance + covariance.T), solution[q:], long_run)
+    return WhitenedStep(solution[:q], 0.5 * (covariance + covariance.T), solution[q:], long_run)

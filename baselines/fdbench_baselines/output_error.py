@@ -1,6 +1,6 @@
 """Output error: the drive on paper is simulated from its command alone, and turned until it does what was recorded."""
 
-from typing import ClassVar, final
+from typing import final
 
 import numpy as np
 

@@ -13,7 +13,7 @@ from fdbench_baselines._envelope import likeliest_envelope
 from fdbench_baselines._locally_periodic import Kernel, System, kernel_system
 from fdbench_baselines._one_step import declined, residual_model
 from fdbench_baselines._restricted_likelihood import likeliest_kernel, nearby_kernel
-from fdbench_baselines._robust import outlyingness
+from fdbench_baselines._robust import loudness
 from fdbench_baselines._toeplitz import Cholesky
 from fdbench_baselines.least_squares import factorise
 
@@ -281,7 +281,7 @@ def standing_out(system: System, basis: FloatArray, target: FloatArray, known: P
     whitened = system.whitened(beside)[0]
     theta = np.linalg.lstsq(whitened[:, :-1], whitened[:, -1])[0]
     alpha = system.solve((target - beside[:, :-1] @ theta)[:, None])[:, 0]
-    loud = outlyingness(alpha / np.sqrt(system.inverse_diagonal()))
+    loud = loudness(alpha / np.sqrt(system.inverse_diagonal()))
     loud[known] = np.inf
     loudest = np.argsort(-loud, kind="stable")[:MOST_ALONE]
     return np.sort(loudest[loud[loudest] > 1.0])

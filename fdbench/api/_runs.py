@@ -200,7 +200,7 @@ class ComparisonResult:
         unknown = sorted(set(verdicts) - set(comparison.VERDICTS))
         if unknown:
             raise UnknownName(f"verdict '{unknown[0]}': one of {', '.join(comparison.VERDICTS)} is expected.")
-        columns = [item.name for item in fields(comparison.Row)]
+        columns = [item.name for item in fields(comparison.ComparedRow)]
         rows = self.comparison.of(*(verdicts or comparison.VERDICTS))
         return frame(columns, ([getattr(row, name) for name in columns] for row in rows))
 

@@ -31,7 +31,7 @@ SAME_RECORD = 1e-6
 NAMED = 10
 
 
-class Key(NamedTuple):
+class ComparedMetric(NamedTuple):
     """A row of a comparison."""
 
     scenario: str
@@ -39,7 +39,7 @@ class Key(NamedTuple):
     metric: str
 
 
-class Sample(NamedTuple):
+class MetricValue(NamedTuple):
     """A metric of one run."""
 
     status: str
@@ -49,11 +49,11 @@ class Sample(NamedTuple):
 
 
 Classes = Mapping[str, type[Metric]]
-Samples = Mapping[Key, Mapping[int, Sample]]
+Samples = Mapping[ComparedMetric, Mapping[int, MetricValue]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class ComparedRow:
     """What has become of a metric of an estimator on a scenario.
 
     Attributes
@@ -95,19 +95,19 @@ class Comparison:
 
     Attributes
     ----------
-    rows : tuple of Row
+    rows : tuple of ComparedRow
     other_records : tuple of str
         Scenarios of which the same seed now gives another record: the simulation has changed.
     base, new : mapping of str to str
         Provenance of each side.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[ComparedRow, ...]
     other_records: tuple[str, ...]
     base: Mapping[str, str]
     new: Mapping[str, str]
 
-    def of(self, *verdicts: str) -> list[Row]:
+    def of(self, *verdicts: str) -> list[ComparedRow]:
         """Return the rows of some verdicts."""
         return [row for row in self.rows if row.verdict in verdicts]
 
@@ -121,7 +121,7 @@ class Comparison:
 class _Change:
     """How far the mean loss has moved, and how likely chance alone moves it so far up or down."""
 
-    row: Row
+    row: ComparedRow
     increase: float
     p_worse: float
     p_better: float
@@ -174,7 +174,7 @@ def compare(
     found = [change for key in common if (change := _change(key, old, now, classes, other)) is not None]
     rows = [
         *_decided([change for change in found if isinstance(change, _Change)], gate_speed),
-        *(row for row in found if isinstance(row, Row)),
+        *(row for row in found if isinstance(row, ComparedRow)),
         *(_row(key, old[key], MISSING) for key in sorted(missing)),
         *(_row(key, now[key], NEW) for key in sorted(now.keys() - old.keys()) if not _all_skipped(now[key])),
     ]
@@ -216,17 +216,17 @@ def _check_one_run(old: "pd.DataFrame", now: "pd.DataFrame") -> None:
             )
 
 
-def _samples(scores: "pd.DataFrame") -> dict[Key, dict[int, Sample]]:
+def _samples(scores: "pd.DataFrame") -> dict[ComparedMetric, dict[int, MetricValue]]:
     """Return the samples of each row by seed; a scenario that could not be run at all is left out."""
-    columns = [*Key._fields, "seed", *Sample._fields]
+    columns = [*ComparedMetric._fields, "seed", *MetricValue._fields]
     runnable = scores[(scores["status"] != SKIPPED).groupby(scores["scenario"]).transform("any")]
-    found: dict[Key, dict[int, Sample]] = {}
+    found: dict[ComparedMetric, dict[int, MetricValue]] = {}
     for scenario, estimator, metric, seed, *sample in runnable[columns].itertuples(index=False, name=None):
-        found.setdefault(Key(scenario, estimator, metric), {})[seed] = Sample(*sample)
+        found.setdefault(ComparedMetric(scenario, estimator, metric), {})[seed] = MetricValue(*sample)
     return found
 
 
-def _all_skipped(samples: Mapping[int, Sample]) -> bool:
+def _all_skipped(samples: Mapping[int, MetricValue]) -> bool:
     return all(sample.status == SKIPPED for sample in samples.values())
 
 
@@ -245,11 +245,13 @@ def _other_records(old: Samples, now: Samples, classes: Classes) -> set[str]:
 # ---- one row ----
 
 
-def _row(key: Key, samples: Mapping[int, Sample], verdict: str, reason: str = "") -> Row:
-    return Row(**key._asdict(), unit=next(iter(samples.values())).unit, verdict=verdict, reason=reason)
+def _row(key: ComparedMetric, samples: Mapping[int, MetricValue], verdict: str, reason: str = "") -> ComparedRow:
+    return ComparedRow(**key._asdict(), unit=next(iter(samples.values())).unit, verdict=verdict, reason=reason)
 
 
-def _change(key: Key, old: Samples, now: Samples, classes: Classes, other_records: set[str]) -> _Change | Row | None:
+def _change(
+    key: ComparedMetric, old: Samples, now: Samples, classes: Classes, other_records: set[str]
+) -> _Change | ComparedRow | None:
     """Return what is to be decided, or a row where nothing is, or None where both sides skip."""
     before, after = old[key], now[key]
     common = before.keys() & after.keys()
@@ -274,7 +276,9 @@ def _change(key: Key, old: Samples, now: Samples, classes: Classes, other_record
     return _measured(_row(key, after, EVEN), metric, a, b, _values(metric, null), paired)
 
 
-def _was_bad(key: Key, before: Mapping[int, Sample], after: Mapping[int, Sample]) -> Row | None:
+def _was_bad(
+    key: ComparedMetric, before: Mapping[int, MetricValue], after: Mapping[int, MetricValue]
+) -> ComparedRow | None:
     """Return the row of an estimator that had no value before."""
     if _all_skipped(before):
         return None if _all_skipped(after) else _row(key, after, NEW, "was skipped")
@@ -284,12 +288,14 @@ def _was_bad(key: Key, before: Mapping[int, Sample], after: Mapping[int, Sample]
     return _row(key, after, NOT_JUDGED, f"was {status} before")
 
 
-def _values(metric: type[Metric], samples: Mapping[int, Sample]) -> FloatArray:
+def _values(metric: type[Metric], samples: Mapping[int, MetricValue]) -> FloatArray:
     """Return values, that of a run without one being the metric's worst; what was skipped is left out."""
     return np.array([s.value if s.status == OK else metric.worst for s in samples.values() if s.status != SKIPPED])
 
 
-def _measured(row: Row, metric: type[Metric], a: FloatArray, b: FloatArray, null: FloatArray, paired: bool) -> _Change:
+def _measured(
+    row: ComparedRow, metric: type[Metric], a: FloatArray, b: FloatArray, null: FloatArray, paired: bool
+) -> _Change:
     old, new = (np.array([loss(metric, float(value)) for value in values]) for values in (a, b))
     reach = SMALLEST_REACH * float(np.mean([loss(metric, float(value)) for value in null])) if null.size else 0.0
     at_mean = metric.ideal + (-1.0 if metric.bigger_is_better else 1.0) * float(old.mean())
@@ -359,7 +365,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return corrected
 
 
-def _decided(changes: Sequence[_Change], gate_speed: bool) -> Iterator[Row]:
+def _decided(changes: Sequence[_Change], gate_speed: bool) -> Iterator[ComparedRow]:
     """Yield the rows with their verdicts; those that have not moved are no part of the number to correct for."""
     moved = [change for change in changes if change.has_moved and (gate_speed or not change.is_speed)]
     worse, better = holm([change.p_worse for change in moved]), holm([change.p_better for change in moved])
@@ -374,7 +380,7 @@ def _decided(changes: Sequence[_Change], gate_speed: bool) -> Iterator[Row]:
         yield replace(change.row, verdict=verdict, p_value=p)
 
 
-def _names(keys: Sequence[Key]) -> str:
+def _names(keys: Sequence[ComparedMetric]) -> str:
     """Return the number of rows and the first of their names, one for each scenario and estimator."""
     pairs = sorted({f"{key.scenario} {key.estimator}" for key in keys})
     more = f" and {len(pairs) - NAMED} more" if len(pairs) > NAMED else ""

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from fdbench.benchmark.compare import EVEN, GAIN, LOSS, MISSING, NEW, NOT_JUDGED, VERDICTS, Comparison, Row
+from fdbench.benchmark.compare import EVEN, GAIN, LOSS, MISSING, NEW, NOT_JUDGED, VERDICTS, ComparedRow, Comparison
 from fdbench.benchmark.job import SPEED
 from fdbench.benchmark.leaderboard import shown_unit, value_text
 from fdbench.metrics import metrics
@@ -120,9 +120,9 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     return [*text, "", *([f"... and {more} more.", ""] if more > 0 else [])]
 
 
-def _lines(rows: Sequence[Row]) -> Iterator[list[str]]:
+def _lines(rows: Sequence[ComparedRow]) -> Iterator[list[str]]:
     """Yield the cells of each row; rows of an estimator with the same reason in place of numbers are one."""
-    merged: dict[tuple[str, ...], list[Row]] = {}
+    merged: dict[tuple[str, ...], list[ComparedRow]] = {}
     for row in rows:
         own = (row.metric,) if row.base is not None else ()
         merged.setdefault((row.verdict, row.scenario, row.estimator, row.reason, *own), []).append(row)
@@ -132,7 +132,7 @@ def _lines(rows: Sequence[Row]) -> Iterator[list[str]]:
         yield [verdict, scenario, estimator, metric, *_numbers(group[0])]
 
 
-def _numbers(row: Row) -> tuple[str, str, str]:
+def _numbers(row: ComparedRow) -> tuple[str, str, str]:
     if row.base is None or row.new is None:
         return public_text(row.reason), "", ""
     ratio = row.new / row.base if row.base else math.nan

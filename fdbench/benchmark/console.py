@@ -9,7 +9,7 @@ from fdbench.benchmark.leaderboard import MOST_NAMED, check_mergeable, interval_
 from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.run import NULL, Progress
 from fdbench.benchmark.statistics import EVERY, LEVEL, rankings, run_statuses, standings, troubles
-from fdbench.benchmark.store import OK, SKIPPED, Key, Store
+from fdbench.benchmark.store import OK, SKIPPED, RunKey, Store
 from fdbench.units import time_text
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def nothing_good_text(scores: "pd.DataFrame") -> str:
     return f"No run went well{apart}: {', '.join(f'{count} {status}' for status, count in counts.items())}."
 
 
-def tracebacks_text(store: Store, keys: Iterable[Key]) -> str:
+def tracebacks_text(store: Store, keys: Iterable[RunKey]) -> str:
     """Return the calls that led to failures of estimators, each once, with the first run in which they were met."""
     met = dict[tuple[str, str], str]()
     for key in sorted(keys):
@@ -119,7 +119,7 @@ def tracebacks_text(store: Store, keys: Iterable[Key]) -> str:
     return "\n".join(f"{place}\n{calls}" for (_, calls), place in met.items()) or "No run has calls to show."
 
 
-def stale_text(stale: Sequence[Key]) -> str:
+def stale_text(stale: Sequence[RunKey]) -> str:
     """Return what is said of runs that are left out of the tables.
 
     >>> print(stale_text([Key("S-v0", "x", 0), Key("S-v0", "x", 1)]))

@@ -16,7 +16,7 @@ from typing import Any
 
 from fdbench.benchmark import oracle
 from fdbench.benchmark.provenance import SIMULATION, digest
-from fdbench.benchmark.store import DIVERGED, FAILED, OK, SKIPPED, Key, ParameterValue, Run, Score, Store
+from fdbench.benchmark.store import DIVERGED, FAILED, OK, SKIPPED, KeptRun, ParameterValue, RunKey, Score, Store
 from fdbench.benchmark.validate import check_estimate, check_response, plant_parameters
 from fdbench.errors import FdbenchError, MissingData, SimulationDiverged
 from fdbench.estimator import Context
@@ -93,9 +93,9 @@ class Job:
     limits: WorkerLimits = field(default_factory=WorkerLimits)
 
     @property
-    def runs(self) -> list[Key]:
+    def runs(self) -> list[RunKey]:
         """Scenario, estimator and seed of each run."""
-        return [Key(self.scenario, choice.name, self.seed) for choice in self.choices]
+        return [RunKey(self.scenario, choice.name, self.seed) for choice in self.choices]
 
 
 class _Skip(FdbenchError):
@@ -119,7 +119,7 @@ class _Trial:
         return pickle.dumps(self.context)
 
 
-def do(job: Job) -> list[Run]:
+def do(job: Job) -> list[KeptRun]:
     """Simulate, run the estimators one after another, and write each run as soon as it is finished."""
     if job.is_apart:
         for number, file in job.plugins:
@@ -156,7 +156,9 @@ def _observe(scenario: Scenario, seed: int) -> _Trial:
     )
 
 
-def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str], store: Store | None, job: Job) -> Run:
+def _attempt(
+    key: RunKey, choice: Choice, trial: _Trial, origin: Mapping[str, str], store: Store | None, job: Job
+) -> KeptRun:
     try:
         fit, response = _estimate(choice, trial, job)
         outcome = Outcome(
@@ -176,7 +178,7 @@ def _attempt(key: Key, choice: Choice, trial: _Trial, origin: Mapping[str, str],
         store.write_estimate(key, trial.regression, fit.estimate)
     scores = tuple(_score(name, outcome) for name in metric_names(trial.scenario, key.estimator))
     failed = next((score for score in scores if score.status == FAILED), None)
-    return Run(
+    return KeptRun(
         **key._asdict(),
         plant=trial.scenario.plant.name,
         status=failed.status if failed else OK,
@@ -273,14 +275,14 @@ def _score(name: str, outcome: Outcome) -> Score:
 
 
 def _without_scores(
-    key: Key, scenario: Scenario, status: str, message: str, origin: Mapping[str, str], calls: str = ""
-) -> Run:
+    key: RunKey, scenario: Scenario, status: str, message: str, origin: Mapping[str, str], calls: str = ""
+) -> KeptRun:
     """Return a run that has no estimate: every metric of the scenario gets a row with the reason."""
     scores = tuple(
         Score(metric=name, unit=metrics.get(name).unit, status=status, message=message)
         for name in metric_names(scenario, key.estimator)
     )
-    return Run(
+    return KeptRun(
         **key._asdict(),
         plant=scenario.plant.name,
         status=status,

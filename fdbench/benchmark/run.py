@@ -1,4 +1,4 @@
-"""Run estimators on scenarios, in as many processes as asked for, and store what comes out."""
+"""KeptRun estimators on scenarios, in as many processes as asked for, and store what comes out."""
 
 import inspect
 from collections import Counter
@@ -19,7 +19,7 @@ from fdbench.benchmark.provenance import (
 )
 from fdbench.benchmark.seal import Seal
 from fdbench.benchmark.seal import sealed as seal
-from fdbench.benchmark.store import DIGESTS, OK, STATUSES, Key, Run, Store
+from fdbench.benchmark.store import DIGESTS, OK, STATUSES, KeptRun, RunKey, Store
 from fdbench.catalogue import scenario_ids
 from fdbench.errors import FdbenchError, MissingData, PluginError
 from fdbench.estimator import estimators as registry
@@ -44,13 +44,13 @@ class Progress:
     ----------
     done, total : int
         Jobs.
-    runs : tuple of Run
+    runs : tuple of KeptRun
         Those of the job that has just ended.
     """
 
     done: int
     total: int
-    runs: tuple[Run, ...] = ()
+    runs: tuple[KeptRun, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,11 +63,11 @@ class Summary:
         Runs of the selection that were finished before, and that were done now.
     statuses : mapping of str to int
         Runs of the selection by status.
-    keys : collection of Key
+    keys : collection of RunKey
         Runs of the selection.
     others : int
         Runs of the folder beside the selection that the tables hold too.
-    stale : tuple of Key
+    stale : tuple of RunKey
         Runs of the folder that the tables do not hold, as their scenario, their estimator or the code has changed, or
         as they cannot be read.
     """
@@ -75,9 +75,9 @@ class Summary:
     reused: int
     computed: int
     statuses: Mapping[str, int]
-    keys: Collection[Key] = field(default=(), compare=False, repr=False)
+    keys: Collection[RunKey] = field(default=(), compare=False, repr=False)
     others: int = 0
-    stale: tuple[Key, ...] = ()
+    stale: tuple[RunKey, ...] = ()
 
 
 def run(
@@ -95,7 +95,7 @@ def run(
     memory_limit_MB: float = MEMORY_LIMIT_MB,
     progress: Callable[[Progress], None] | None = None,
 ) -> Summary:
-    """Run every estimator on every scenario for a number of seeds; see `fdbench.benchmark.store`.
+    """KeptRun every estimator on every scenario for a number of seeds; see `fdbench.benchmark.store`.
 
     Runs that ``out`` holds for the same scenario, estimator, code and seed are reused, unless they failed or the data
     that they lacked have come since. A measured scenario has one record and is run for seed 0 only. Record and
@@ -200,10 +200,10 @@ def run(
 
 
 def _others(
-    store: Store, keys: Collection[Key], selected: Sequence[Scenario], origin: Mapping[str, str]
-) -> tuple[list[Key], list[Key]]:
+    store: Store, keys: Collection[RunKey], selected: Sequence[Scenario], origin: Mapping[str, str]
+) -> tuple[list[RunKey], list[RunKey]]:
     """Return the runs of the folder beside ``keys``: those that hold still, and those that do not."""
-    runs, holding, stale = list[Run](), list[Key](), list[Key]()
+    runs, holding, stale = list[KeptRun](), list[RunKey](), list[RunKey]()
     for key in store.run_keys():
         try:
             run = None if key in keys else store.read_run(key)
@@ -218,7 +218,7 @@ def _others(
     return holding, stale
 
 
-def _digests_now(runs: Sequence[Run], selected: Sequence[Scenario]) -> dict[tuple[str, str], tuple[str, str]]:
+def _digests_now(runs: Sequence[KeptRun], selected: Sequence[Scenario]) -> dict[tuple[str, str], tuple[str, str]]:
     """Return the digests of the scenario and of the estimator of each pair of them, as they are now.
 
     The file of a scenario or an estimator that is neither selected nor installed is not known; it is taken to be still
@@ -335,7 +335,7 @@ def _skips_hold(job: Job, store: Store, wanting: str) -> bool:
     The oracle applies to every record: where it is not good, the record was not there, and may be now.
     """
     try:
-        run = store.read_run(Key(job.scenario, oracle.NAME, job.seed))
+        run = store.read_run(RunKey(job.scenario, oracle.NAME, job.seed))
     except FdbenchError:
         return False
     return run is not None and (run.status == OK or run.message == wanting != "")

@@ -66,7 +66,7 @@ PARAMETER_COLUMNS = {
 }
 
 
-class Key(NamedTuple):
+class RunKey(NamedTuple):
     """One run: an estimator on the record of one scenario and seed."""
 
     scenario: str
@@ -96,7 +96,7 @@ class ParameterValue:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class KeptRun:
     """All that is kept of one run.
 
     Attributes
@@ -134,9 +134,9 @@ class Run:
     traceback: str = ""
 
     @property
-    def key(self) -> Key:
+    def key(self) -> RunKey:
         """Scenario, estimator and seed."""
-        return Key(self.scenario, self.estimator, self.seed)
+        return RunKey(self.scenario, self.estimator, self.seed)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -171,16 +171,16 @@ class Store:
 
     # ---- runs ----
 
-    def run_file(self, key: Key) -> Path:
+    def run_file(self, key: RunKey) -> Path:
         """Return where a run lies."""
         return self.folder / "runs" / key.scenario / key.estimator / f"{key.seed}.json"
 
-    def write_run(self, run: Run) -> None:
+    def write_run(self, run: KeptRun) -> None:
         """Write a run; a reader, or a later start after an interruption, sees all of it or nothing."""
         document = {**asdict(run), "provenance": dict(run.provenance)}
         _write(self.run_file(run.key), json.dumps(document, indent=1, allow_nan=False) + "\n")
 
-    def read_run(self, key: Key) -> Run | None:
+    def read_run(self, key: RunKey) -> KeptRun | None:
         """Return a run, or None if there is none."""
         path = self.run_file(key)
         if not path.is_file():
@@ -189,21 +189,21 @@ class Store:
             document = json.loads(path.read_text("utf-8"))
             scores = tuple(Score(**score) for score in document.pop("scores"))
             parameters = tuple(ParameterValue(**value) for value in document.pop("parameters"))
-            run = Run(**document, scores=scores, parameters=parameters)
+            run = KeptRun(**document, scores=scores, parameters=parameters)
             if run.key != key or run.status not in STATUSES or not isinstance(run.provenance, dict):
                 raise ValueError("it is another one")
             return run
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise FdbenchError(f"{path}: not a run that this version can read ({error}). Run it again.") from error
 
-    def run_keys(self) -> list[Key]:
+    def run_keys(self) -> list[RunKey]:
         """Return all runs that lie in the folder."""
         files = self.folder.glob("runs/*/*/*.json")
         return [
-            Key(file.parent.parent.name, file.parent.name, int(file.stem)) for file in files if file.stem.isdecimal()
+            RunKey(file.parent.parent.name, file.parent.name, int(file.stem)) for file in files if file.stem.isdecimal()
         ]
 
-    def is_finished(self, key: Key, digests: Mapping[str, str], keep: bool, skips_hold: bool) -> bool:
+    def is_finished(self, key: RunKey, digests: Mapping[str, str], keep: bool, skips_hold: bool) -> bool:
         """Return whether a run need not be repeated: nothing has changed, and it was good and what is to be kept is.
 
         With ``skips_hold`` a skipped run need not be repeated either.
@@ -236,7 +236,7 @@ class Store:
         except (OSError, ValueError, TypeError, AttributeError):
             return {}
 
-    def merge(self, keys: Collection[Key]) -> dict[Key, str]:
+    def merge(self, keys: Collection[RunKey]) -> dict[RunKey, str]:
         """Write the two tables from the runs of ``keys``; return the status of each."""
         runs = []
         for key in sorted(keys, key=lambda key: (key.scenario, key.seed, key.estimator)):
@@ -248,7 +248,7 @@ class Store:
         _write_table(self.folder / "parameters.parquet", list(_parameter_rows(runs)), PARAMETER_COLUMNS)
         return {run.key: run.status for run in runs}
 
-    def scores(self, keys: Collection[Key] | None = None) -> "pd.DataFrame":
+    def scores(self, keys: Collection[RunKey] | None = None) -> "pd.DataFrame":
         """Return ``scores.parquet``, or its rows of some runs; the columns are ``SCORE_COLUMNS``."""
         table = self._table("scores.parquet", SCORE_COLUMNS)
         if table.empty or not table["status"].isin(STATUSES).all():
@@ -287,7 +287,7 @@ class Store:
         """Return where the record of a scenario and seed lies, if it is kept."""
         return self.folder / "records" / scenario / f"{seed}.parquet"
 
-    def estimate_file(self, key: Key) -> Path:
+    def estimate_file(self, key: RunKey) -> Path:
         """Return where the estimate of a run lies, if it is kept."""
         return self.folder / "estimates" / key.scenario / key.estimator / f"{key.seed}.parquet"
 
@@ -300,7 +300,7 @@ class Store:
         """Return a kept record."""
         return read_record(self.record_file(scenario, seed))
 
-    def write_estimate(self, key: Key, regression: Regression, estimate: Estimate) -> None:
+    def write_estimate(self, key: RunKey, regression: Regression, estimate: Estimate) -> None:
         """Keep an estimate: its series as columns, parameters and covariance as metadata ``fdbench``."""
         import pyarrow
         from pyarrow import parquet
@@ -318,7 +318,7 @@ class Store:
         with replaced(self.estimate_file(key)) as partial:
             parquet.write_table(table, partial)
 
-    def read_estimate(self, key: Key) -> Kept | None:
+    def read_estimate(self, key: RunKey) -> Kept | None:
         """Return a kept estimate, or None if there is none, as after a failure."""
         from pyarrow import parquet
 
@@ -343,12 +343,12 @@ class Store:
         except (ValueError, TypeError, KeyError) as error:
             raise FdbenchError(f"{path}: not an estimate ({error}). Remove it, and run it again.") from error
 
-    def forget_estimate(self, key: Key) -> None:
+    def forget_estimate(self, key: RunKey) -> None:
         """Remove the estimate of an earlier run, so that a failure does not leave it."""
         self.estimate_file(key).unlink(missing_ok=True)
 
 
-def _score_rows(runs: Sequence[Run]) -> Iterator[dict[str, Any]]:
+def _score_rows(runs: Sequence[KeptRun]) -> Iterator[dict[str, Any]]:
     for run in runs:
         provenance = {name: run.provenance.get(name, "") for name in PROVENANCE}
         for score in run.scores:
@@ -356,7 +356,7 @@ def _score_rows(runs: Sequence[Run]) -> Iterator[dict[str, Any]]:
             yield {**run.key._asdict(), "plant": run.plant, **vars(score), **costs, **provenance}
 
 
-def _parameter_rows(runs: Sequence[Run]) -> Iterator[dict[str, Any]]:
+def _parameter_rows(runs: Sequence[KeptRun]) -> Iterator[dict[str, Any]]:
     for run in runs:
         for value in run.parameters:
             yield {**run.key._asdict(), **vars(value)}

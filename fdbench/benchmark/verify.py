@@ -10,7 +10,7 @@ import numpy as np
 
 from fdbench.benchmark.provenance import code_digest
 from fdbench.benchmark.run import NULL, run
-from fdbench.benchmark.store import OK, Key, Store
+from fdbench.benchmark.store import OK, RunKey, Store
 from fdbench.errors import FdbenchError
 from fdbench.metrics import metrics
 from fdbench.scenario import load_scenario
@@ -23,7 +23,7 @@ SAME = 5e-4
 class Difference:
     """A score that came out otherwise."""
 
-    key: Key
+    key: RunKey
     metric: str
     stored: float | None
     now: float | None
@@ -94,12 +94,12 @@ def verify(
         for done, row in enumerate(chosen.itertuples(index=False)):
             if progress is not None:
                 progress(done, len(chosen))
-            key = Key(str(row.scenario), str(row.estimator), int(str(row.seed)))
+            key = RunKey(str(row.scenario), str(row.estimator), int(str(row.seed)))
             run([sources.get(key.scenario, key.scenario)], [key.estimator], 1, place, nonce=nonce, first_seed=key.seed)
             again = Store(place).read_run(key)
             if again is None:
                 raise FdbenchError(f"{key.scenario}, {key.estimator}, seed {key.seed}: no such run could be made.")
-            stored = good[(good[list(Key._fields)] == list(key)).all(axis="columns")]
+            stored = good[(good[list(RunKey._fields)] == list(key)).all(axis="columns")]
             for name in ("scenario", "estimator"):
                 if again.provenance[f"{name}_digest"] != stored[f"{name}_digest"].iloc[0]:
                     changed.add(f"{name} {getattr(key, name)}")

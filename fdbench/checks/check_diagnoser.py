@@ -29,7 +29,7 @@ def given() -> Records:
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class CheckedDiagnoser:
     """A diagnoser, and what it says."""
 
     cls: type[Diagnoser]
@@ -40,18 +40,18 @@ class Case:
         return self.cls().diagnose(*given())
 
 
-def is_made_without_arguments(case: Case) -> None:
+def is_made_without_arguments(case: CheckedDiagnoser) -> None:
     """Require a default for every argument of the constructor."""
     case.cls()
 
 
-def is_documented(case: Case) -> None:
+def is_documented(case: CheckedDiagnoser) -> None:
     """Require a docstring."""
     if not case.cls.__doc__:
         raise PluginError("the class has no docstring.")
 
 
-def answers_with_probabilities(case: Case) -> None:
+def answers_with_probabilities(case: CheckedDiagnoser) -> None:
     """Require a `CaseAnswer` that names effects of the library alone."""
     if not isinstance(case.answer, CaseAnswer):
         raise PluginError(f"diagnose returns {type(case.answer).__name__}, expected CaseAnswer.")
@@ -60,7 +60,7 @@ def answers_with_probabilities(case: Case) -> None:
         raise PluginError(f"diagnose names {', '.join(strange)}, which is no effect.")
 
 
-def leaves_records_alone(case: Case) -> None:
+def leaves_records_alone(case: CheckedDiagnoser) -> None:
     """Require the records to be as they were."""
     _, fitted, judged = given()
     before = [{name: np.array(values) for name, values in item.items()} for item in (*fitted, *judged)]
@@ -70,7 +70,7 @@ def leaves_records_alone(case: Case) -> None:
         raise PluginError("it changes a record.")
 
 
-CHECKS: tuple[Callable[[Case], None], ...] = (
+CHECKS: tuple[Callable[[CheckedDiagnoser], None], ...] = (
     is_made_without_arguments,
     is_documented,
     leaves_records_alone,
@@ -86,5 +86,5 @@ def check_diagnoser(cls: type[Diagnoser]) -> list[str]:
     PluginError
         If a check fails.
     """
-    case = Case(cls)
+    case = CheckedDiagnoser(cls)
     return run_checks(cls.name, [(check.__name__, partial(check, case)) for check in CHECKS])

@@ -46,7 +46,7 @@ INPUT_RANGE = {  # of u, by port; what is not named here is a force
 FORCE_RANGE_N = 5000.0
 
 
-class Bench:
+class EffectBench:
     """An elastic axis on which effects are tried: the plant of a scenario, without noise, on a short motion.
 
     Parameters
@@ -116,11 +116,11 @@ class Bench:
 
 
 @dataclass(frozen=True)
-class Case:
+class CheckedEffect:
     """One effect on a bench."""
 
     cls: type[Effect]
-    bench: Bench
+    bench: EffectBench
 
     @property
     def typical(self) -> FloatArray:
@@ -165,7 +165,7 @@ class Case:
         return np.random.default_rng(len(self.cls.parameters()))
 
 
-def declares_what_the_kernel_takes(case: Case) -> None:
+def declares_what_the_kernel_takes(case: CheckedEffect) -> None:
     """Kernel arguments are the declared symbols; amplitudes are parameters that may be zero."""
     cls = case.cls
     cls.check_signature()
@@ -183,7 +183,7 @@ def declares_what_the_kernel_takes(case: Case) -> None:
         raise PluginError(f"confusable_with or same_signal_as names {', '.join(sorted(unknown))}, which is no effect.")
 
 
-def has_bounds_around_its_typical_size(case: Case) -> None:
+def has_bounds_around_its_typical_size(case: CheckedEffect) -> None:
     """Bounds are finite, and hold the typical size and what the diagnosis tries."""
     for item in case.cls.parameters():
         if not (math.isfinite(item.low) and math.isfinite(item.high)):
@@ -193,7 +193,7 @@ def has_bounds_around_its_typical_size(case: Case) -> None:
                 raise PluginError(f"{item.name}: {value:g} is outside its bounds [{item.low:g}, {item.high:g}].")
 
 
-def carries_units(case: Case) -> None:
+def carries_units(case: CheckedEffect) -> None:
     """Parameter names end in an SI unit, or name a pure number."""
     words = {word for unit in [*UNITS, *FOREIGN] for word in unit.replace("/", "_").split("_")} - {"1"}
     for item in case.cls.parameters():
@@ -201,12 +201,12 @@ def carries_units(case: Case) -> None:
             raise PluginError(f"{item.name} looks as if it had a unit, but none of the list in fdbench/units.py.")
 
 
-def is_documented(case: Case) -> None:
+def is_documented(case: CheckedEffect) -> None:
     """Equation, source and a worked example, which is right, are in the docstring."""
     check_data_sheet(case.cls, (".. math::", "Source:", ">>> "))
 
 
-def survives_toml(case: Case) -> None:
+def survives_toml(case: CheckedEffect) -> None:
     """Written as TOML and read again it is the same; a value outside the bounds is refused."""
     effect = case.cls.typical()
     items = {item.name: getattr(effect, item.name) for item in case.cls.parameters()}
@@ -222,7 +222,7 @@ def survives_toml(case: Case) -> None:
             raise PluginError(f"{item.name} = {outside!r} is accepted; call super().__post_init__().")
 
 
-def is_compiled_faithfully(case: Case) -> None:
+def is_compiled_faithfully(case: CheckedEffect) -> None:
     """Compiled and plain Python agree to the last bit or its neighbour, at random points of the parameter box."""
     with np.errstate(all="ignore"):
         for arguments in case.calls(case.generator()):
@@ -232,7 +232,7 @@ def is_compiled_faithfully(case: Case) -> None:
                 raise PluginError(f"compiled {compiled} and plain Python {plain} differ for {arguments}.")
 
 
-def returns_finite_values(case: Case) -> None:
+def returns_finite_values(case: CheckedEffect) -> None:
     """Kernel values are finite everywhere in the parameter box, and slopes are not negative."""
     for arguments in case.calls(case.generator()):
         result = case.cls.kernel(*arguments)
@@ -242,7 +242,7 @@ def returns_finite_values(case: Case) -> None:
             raise PluginError(f"the slope {result[1]} is negative for {arguments}.")
 
 
-def is_nothing_at_zero(case: Case) -> None:
+def is_nothing_at_zero(case: CheckedEffect) -> None:
     """With all amplitudes zero, a run is that without the effect, bit for bit, whatever the other parameters."""
     names = [item.name for item in case.cls.parameters()]
     values = case.corners(case.generator(), LANES)
@@ -253,7 +253,7 @@ def is_nothing_at_zero(case: Case) -> None:
         raise PluginError(f"it still acts at zero amplitude with {dict(zip(names, values[:, lane], strict=True))}.")
 
 
-def acts_at_its_typical_size(case: Case) -> None:
+def acts_at_its_typical_size(case: CheckedEffect) -> None:
     """At its typical size the effect changes the record."""
     rows, diverged = case.bench.run(case.cls, case.typical)
     if np.array_equal(rows, case.bench.plain()):
@@ -262,7 +262,7 @@ def acts_at_its_typical_size(case: Case) -> None:
         raise PluginError("the axis diverges at the typical size.")
 
 
-def stays_finite_or_says_so(case: Case) -> None:
+def stays_finite_or_says_so(case: CheckedEffect) -> None:
     """At random corners of the parameter box a run is finite and within the travel, or flagged as diverged."""
     values = case.corners(case.generator(), LANES)
     rows, diverged = case.bench.run(case.cls, values)
@@ -276,7 +276,7 @@ def stays_finite_or_says_so(case: Case) -> None:
         raise PluginError(f"a run that is not flagged leaves the travel or is not finite at {values[:, lane]}.")
 
 
-def is_resolved_around_its_typical_size(case: Case) -> None:
+def is_resolved_around_its_typical_size(case: CheckedEffect) -> None:
     """Within a factor of two of its typical size, a quarter of the substep changes no more than 2 % of what it does."""
     values = case.around(case.generator(), LANES)
     coarse, _ = case.bench.run(case.cls, values)
@@ -293,7 +293,7 @@ def is_resolved_around_its_typical_size(case: Case) -> None:
         )
 
 
-def converges_at_second_order(case: Case) -> None:
+def converges_at_second_order(case: CheckedEffect) -> None:
     """At its typical size the error of the table's position falls with the square of the substep."""
     _, column = case.bench.positions
     runs = {n: case.bench.run(case.cls, case.typical, refinement=n)[0][:, column, 0] for n in (1, REFINED, FINEST)}
@@ -303,7 +303,7 @@ def converges_at_second_order(case: Case) -> None:
         raise PluginError(f"the order of convergence is {order:.2f}, {LEAST_ORDER:g} is expected.")
 
 
-def is_the_same_alone(case: Case) -> None:
+def is_the_same_alone(case: CheckedEffect) -> None:
     """Single runs are bit for bit the lanes of many with the same seed."""
     many, _ = case.bench.run(case.cls, case.typical, n_lanes=MANY_LANES)
     for lane in SOME_LANES:
@@ -312,7 +312,7 @@ def is_the_same_alone(case: Case) -> None:
             raise PluginError(f"lane {lane} of {MANY_LANES} differs from a single run with the same seed.")
 
 
-def leaves_its_neighbours_alone(case: Case) -> None:
+def leaves_its_neighbours_alone(case: CheckedEffect) -> None:
     """Lanes in which the effect is off run as if it were nowhere, and the commanded motion is as it was."""
     on = np.arange(LANES) % 2 == 0
     reference = case.bench.axis().reference.copy()
@@ -323,7 +323,7 @@ def leaves_its_neighbours_alone(case: Case) -> None:
         raise PluginError("the commanded motion has changed.")
 
 
-CHECKS: tuple[Callable[[Case], None], ...] = (
+CHECKS: tuple[Callable[[CheckedEffect], None], ...] = (
     declares_what_the_kernel_takes,
     has_bounds_around_its_typical_size,
     carries_units,
@@ -349,7 +349,7 @@ def check_effect(cls: type[Effect]) -> list[str]:
     PluginError
         If a check fails that the plug-in does not list in ``expected_failures``, or passes although it does.
     """
-    case = Case(cls, Bench([cls]))
+    case = CheckedEffect(cls, EffectBench([cls]))
     checks = [(check.__name__, partial(check, case)) for check in CHECKS]
     return run_checks(
         cls.name, [*checks, (is_named_first.__name__, partial(is_named_first, cls))], cls.expected_failures

@@ -28,7 +28,7 @@ ROUNDING = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class CheckedEstimator:
     """One estimator, held by a worker, on the first scenario to which it applies."""
 
     sandbox: Sandbox
@@ -75,7 +75,7 @@ def shortened(scenario: Scenario) -> Scenario:
     return short
 
 
-def prepare(name: str, sandbox: Sandbox) -> Case:
+def prepare(name: str, sandbox: Sandbox) -> CheckedEstimator:
     """Return the case that the checks run on.
 
     Raises
@@ -91,7 +91,7 @@ def prepare(name: str, sandbox: Sandbox) -> Case:
             context = scenario.context()
             if worker.begin({}, context) is None:
                 record, _truth = shortened(scenario).observe(0)
-                return Case(sandbox, source, declaration, context, record, context.regression(record))
+                return CheckedEstimator(sandbox, source, declaration, context, record, context.regression(record))
     except Misbehaved as error:
         raise PluginError(f"{name}: {str(error).removeprefix('PluginError: ')}") from error
     raise PluginError(f"{name}: it declines every simulated scenario; nothing can be checked.")
@@ -114,18 +114,18 @@ def equal(a: Estimate, b: Estimate, tolerance: float = 0.0) -> bool:
     return True
 
 
-def has_defaults(case: Case) -> None:
+def has_defaults(case: CheckedEstimator) -> None:
     """Construct it without arguments."""
     case.begun()
 
 
-def has_docstring(case: Case) -> None:
+def has_docstring(case: CheckedEstimator) -> None:
     """Class with a docstring of its own."""
     if not case.declaration.has_docstring:
         raise PluginError("the class has no docstring; say in it what is estimated, by which equation, and the source.")
 
 
-def has_right_examples(case: Case) -> None:
+def has_right_examples(case: CheckedEstimator) -> None:
     """Expect right examples in the docstring: at least one of an installed estimator, any number in a file."""
     if case.source.file is None and not case.declaration.has_example:
         raise PluginError("the docstring has no worked example ('>>> '); show one whose result is known.")
@@ -134,12 +134,12 @@ def has_right_examples(case: Case) -> None:
         raise PluginError(f"an example in the docstring is wrong: {wrong}")
 
 
-def returns_estimate(case: Case) -> None:
+def returns_estimate(case: CheckedEstimator) -> None:
     """Expect an Estimate with finite numbers and one value for each row."""
     check_estimate(case.first, case.regression, plant_parameters(case.context))
 
 
-def has_a_possible_covariance(case: Case) -> None:
+def has_a_possible_covariance(case: CheckedEstimator) -> None:
     """Expect a covariance that is symmetric and positive semidefinite."""
     if case.first.covariance is None:
         return
@@ -161,13 +161,13 @@ def has_a_possible_covariance(case: Case) -> None:
         )
 
 
-def is_deterministic(case: Case) -> None:
+def is_deterministic(case: CheckedEstimator) -> None:
     """Expect the same bits from the same record."""
     if not (equal(case.first, case.fit()) and equal(case.first, case.fit())):
         raise PluginError("two runs on the same record differ; draw random numbers from a generator with a fixed seed.")
 
 
-def fits_again(case: Case) -> None:
+def fits_again(case: CheckedEstimator) -> None:
     """One instance fitted twice gives the same bits: nothing of the first record is left."""
     worker = case.begun()
     first = worker.fit(case.record).estimate
@@ -175,7 +175,7 @@ def fits_again(case: Case) -> None:
         raise PluginError("the second fit of the same instance differs from the first: state is left over.")
 
 
-def leaves_global_random_state(case: Case) -> None:
+def leaves_global_random_state(case: CheckedEstimator) -> None:
     """Numpy's global generator is neither seeded nor drawn from."""
     worker = case.begun()
     before = worker.random_state(secrets.randbits(32))
@@ -186,7 +186,7 @@ def leaves_global_random_state(case: Case) -> None:
         )
 
 
-def can_be_pickled(case: Case) -> None:
+def can_be_pickled(case: CheckedEstimator) -> None:
     """Instances travel to other processes."""
     worker = case.begun()
     try:
@@ -197,7 +197,7 @@ def can_be_pickled(case: Case) -> None:
         raise PluginError("a pickled copy estimates something else than the original.")
 
 
-def streams_as_it_fits(case: Case) -> None:
+def streams_as_it_fits(case: CheckedEstimator) -> None:
     """Expect the same from ``update`` as from ``fit``."""
     if not case.declaration.is_online:
         return
@@ -205,7 +205,7 @@ def streams_as_it_fits(case: Case) -> None:
         raise PluginError("start, update and estimate over a record give something else than fit.")
 
 
-def refuses_update_before_start(case: Case) -> None:
+def refuses_update_before_start(case: CheckedEstimator) -> None:
     """Expect a refusal where ``update`` comes before ``start``."""
     if not case.declaration.is_online:
         return
@@ -217,7 +217,7 @@ def refuses_update_before_start(case: Case) -> None:
         raise PluginError("update() before start() was accepted.")
 
 
-CHECKS: tuple[Callable[[Case], None], ...] = (
+CHECKS: tuple[Callable[[CheckedEstimator], None], ...] = (
     has_defaults,
     returns_estimate,
     has_a_possible_covariance,

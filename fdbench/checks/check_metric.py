@@ -21,7 +21,7 @@ TRACKS = ("parameters", "disturbance", "output", "speed")
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class CheckedMetric:
     """A metric, and an outcome of the truth to which it applies; None without one."""
 
     cls: type[Metric]
@@ -59,16 +59,16 @@ def outcome_of(scenario_id: str) -> Outcome:
     )
 
 
-def prepare(cls: type[Metric]) -> Case:
+def prepare(cls: type[Metric]) -> CheckedMetric:
     """Return the case that the checks run on."""
     for scenario in simulated():
         outcome = outcome_of(scenario.id)
         if cls().skip(outcome) is None:
-            return Case(cls, outcome)
-    return Case(cls, None)
+            return CheckedMetric(cls, outcome)
+    return CheckedMetric(cls, None)
 
 
-def says_what_it_is(case: Case) -> None:
+def says_what_it_is(case: CheckedMetric) -> None:
     """Require a unit, a track, and different values of a perfect estimate and of a failure."""
     cls = case.cls
     if cls.unit not in {"", *UNITS.values(), "%", "us"}:
@@ -81,12 +81,12 @@ def says_what_it_is(case: Case) -> None:
         raise PluginError(f"worst {cls.worst:g} is better than ideal {cls.ideal:g}.")
 
 
-def is_documented(case: Case) -> None:
+def is_documented(case: CheckedMetric) -> None:
     """Require equation, worst value and a worked example, which is right, in the docstring."""
     check_data_sheet(case.cls, (".. math::", "``worst``", ">>> "))
 
 
-def gives_a_number(case: Case) -> None:
+def gives_a_number(case: CheckedMetric) -> None:
     """Require a finite score of the truth, the same twice and no worse than a failure."""
     found, again = case.score(), case.score()
     if not math.isfinite(found) or found != again:
@@ -95,7 +95,7 @@ def gives_a_number(case: Case) -> None:
         raise PluginError(f"the truth scores {found:g}, worse than a failure ({case.cls.worst:g}).")
 
 
-def leaves_what_it_is_given(case: Case) -> None:
+def leaves_what_it_is_given(case: CheckedMetric) -> None:
     """Require record and estimate to be as they were."""
     case.score()
     if case.outcome is None:
@@ -110,7 +110,7 @@ def leaves_what_it_is_given(case: Case) -> None:
         raise PluginError("it changes the estimate.")
 
 
-def ranks_nothing_below_the_truth(case: Case) -> None:
+def ranks_nothing_below_the_truth(case: CheckedMetric) -> None:
     """Require that an estimate of zeros scores no better than the truth."""
     truth = case.score()
     if case.outcome is None or case.cls.track == "speed":
@@ -128,7 +128,7 @@ def ranks_nothing_below_the_truth(case: Case) -> None:
         raise PluginError(f"zeros score {found:g}, better than the truth ({truth:g}).")
 
 
-CHECKS: tuple[Callable[[Case], None], ...] = (
+CHECKS: tuple[Callable[[CheckedMetric], None], ...] = (
     says_what_it_is,
     is_documented,
     gives_a_number,

@@ -20,7 +20,7 @@ DERIVED = 0.02  # of the largest velocity: error of the mean velocity over a sam
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class CheckedMotion:
     """A motion as a scenario has it, with its clock."""
 
     cls: type[Motion]
@@ -35,30 +35,30 @@ class Case:
         return self.motion.reference(self.period_s, self.n_samples)
 
 
-def prepare(cls: type[Motion]) -> Case:
+def prepare(cls: type[Motion]) -> CheckedMotion:
     """Return the case that the checks run on."""
     for name in scenario_ids():
         scenario = load_scenario(name)
         if scenario.timing is not None and type(scenario.motion) is cls:
             period_s = scenario.timing.sampling_time_s
             n_samples = min(LONGEST, round(scenario.timing.duration_s / period_s))
-            return Case(cls, scenario.motion, period_s, n_samples)
-    return Case(cls, None)
+            return CheckedMotion(cls, scenario.motion, period_s, n_samples)
+    return CheckedMotion(cls, None)
 
 
-def is_frozen(case: Case) -> None:
+def is_frozen(case: CheckedMotion) -> None:
     """Require a final frozen dataclass."""
     frozen = dataclasses.is_dataclass(case.cls) and case.cls.__dataclass_params__.frozen
     if not (frozen and getattr(case.cls, "__final__", False)):
         raise PluginError("the class must be @final and a @dataclass(frozen=True, kw_only=True).")
 
 
-def is_documented(case: Case) -> None:
+def is_documented(case: CheckedMotion) -> None:
     """Source and a worked example, which is right, are in the docstring."""
     check_data_sheet(case.cls, (">>> ",))
 
 
-def is_finite_and_complete(case: Case) -> None:
+def is_finite_and_complete(case: CheckedMotion) -> None:
     """Position, velocity and acceleration of each axis in every sample, all finite."""
     found = case.reference()
     if found.shape not in ((case.n_samples, 3), (case.n_samples, 6)):
@@ -67,13 +67,13 @@ def is_finite_and_complete(case: Case) -> None:
         raise PluginError(f"reference is not finite at sample {int(np.argmin(np.isfinite(found).all(axis=1)))}.")
 
 
-def is_the_same_again(case: Case) -> None:
+def is_the_same_again(case: CheckedMotion) -> None:
     """Nothing is drawn and nothing is remembered."""
     if not np.array_equal(case.reference(), case.reference()):
         raise PluginError("a second call gives another motion.")
 
 
-def moves_by_its_velocity(case: Case) -> None:
+def moves_by_its_velocity(case: CheckedMotion) -> None:
     """Positions change by the mean of the velocities at both ends of a sample."""
     found = case.reference()
     for first in range(0, found.shape[1], 3):
@@ -84,7 +84,7 @@ def moves_by_its_velocity(case: Case) -> None:
             raise PluginError(f"between samples {where} and {where + 1} the velocity is {missed[where]:.3g} m/s off.")
 
 
-CHECKS: tuple[Callable[[Case], None], ...] = (
+CHECKS: tuple[Callable[[CheckedMotion], None], ...] = (
     is_frozen,
     is_documented,
     is_finite_and_complete,

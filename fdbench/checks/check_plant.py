@@ -17,7 +17,7 @@ from fdbench.scenario import Scenario, load_scenario
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class CheckedPlant:
     """A plant as a scenario has it."""
 
     cls: type[Plant]
@@ -35,23 +35,23 @@ class Case:
         return self.scenario
 
 
-def prepare(cls: type[Plant]) -> Case:
+def prepare(cls: type[Plant]) -> CheckedPlant:
     """Return the case that the checks run on."""
     for name in scenario_ids():
         scenario = load_scenario(name)
         if scenario.timing is not None and type(scenario.plant) is cls:
-            return Case(cls, shortened(scenario))
-    return Case(cls, None)
+            return CheckedPlant(cls, shortened(scenario))
+    return CheckedPlant(cls, None)
 
 
-def is_frozen_and_documented(case: Case) -> None:
+def is_frozen_and_documented(case: CheckedPlant) -> None:
     """Require a final frozen dataclass with a docstring."""
     frozen = dataclasses.is_dataclass(case.cls) and case.cls.__dataclass_params__.frozen
     if not (frozen and getattr(case.cls, "__final__", False) and case.cls.__doc__):
         raise PluginError("the class must be @final, a @dataclass(frozen=True, kw_only=True), and have a docstring.")
 
 
-def offers_the_models_it_names(case: Case) -> None:
+def offers_the_models_it_names(case: CheckedPlant) -> None:
     """Require the scenario's model, finite on a record, and a refusal of a name that is none."""
     scenario = case.known()
     plant, model = scenario.plant, scenario.estimation.model
@@ -69,7 +69,7 @@ def offers_the_models_it_names(case: Case) -> None:
     raise PluginError("a model that is none is accepted.")
 
 
-def knows_its_parameters(case: Case) -> None:
+def knows_its_parameters(case: CheckedPlant) -> None:
     """Require finite parameters from the nominal values."""
     scenario = case.known()
     period_s = scenario.setup.timing.sampling_time_s
@@ -81,14 +81,14 @@ def knows_its_parameters(case: Case) -> None:
         model.physical_parameters(found, period_s)
 
 
-def is_the_same_again(case: Case) -> None:
+def is_the_same_again(case: CheckedPlant) -> None:
     """Require the same record from the same seed, bit for bit."""
     again = case.known().observe(0)[0]
     if any(not np.array_equal(case.record[name], again[name], equal_nan=True) for name in case.record):
         raise PluginError("the same seed gives another record.")
 
 
-CHECKS: tuple[Callable[[Case], None], ...] = (
+CHECKS: tuple[Callable[[CheckedPlant], None], ...] = (
     is_frozen_and_documented,
     offers_the_models_it_names,
     knows_its_parameters,

@@ -14,12 +14,17 @@ def add_effects(files: Iterable[str | Path] | None) -> None:
     from functools import partial
 
     from fdbench.checks._report import run_checks
-    from fdbench.checks.check_effect import Bench, Case, declares_what_the_kernel_takes, returns_finite_values
+    from fdbench.checks.check_effect import (
+        CheckedEffect,
+        EffectBench,
+        declares_what_the_kernel_takes,
+        returns_finite_values,
+    )
     from fdbench.effects import effects
 
     for file in distinct(files):
         effect = effects.get(effects.add_file(file))
-        case = Case(effect, Bench([effect]))
+        case = CheckedEffect(effect, EffectBench([effect]))
         for fits in (declares_what_the_kernel_takes, returns_finite_values):
             run_checks(file, [(fits.__name__, partial(fits, case))])
 

@@ -9,7 +9,7 @@ from fdbench.commands._json import echo_json
 from fdbench.commands._options import Json
 
 
-class Kind(StrEnum):
+class Listed(StrEnum):
     """What can be listed."""
 
     SCENARIOS = "scenarios"
@@ -22,22 +22,22 @@ class Kind(StrEnum):
 
 
 WORDS = {
-    Kind.SCENARIOS: "Machine, its reality, its command and what is to be found: the cases of the benchmark.",
-    Kind.ESTIMATORS: "What is ranked: it claims parameters, disturbance or output from a record.",
-    Kind.EFFECTS: "What a real axis has and its model may lack: frictions, compliances, errors of sensors and others.",
-    Kind.METRICS: "What a claim is scored with, against the truth.",
-    Kind.PLANTS: "Kinds of machine that a scenario may have.",
-    Kind.MOTIONS: "Commands that a scenario may give.",
-    Kind.DIAGNOSERS: "What answers a blind trial of the diagnosis.",
+    Listed.SCENARIOS: "Machine, its reality, its command and what is to be found: the cases of the benchmark.",
+    Listed.ESTIMATORS: "What is ranked: it claims parameters, disturbance or output from a record.",
+    Listed.EFFECTS: "What a real axis has and its model may lack: frictions, compliances, errors of sensors and more.",
+    Listed.METRICS: "What a claim is scored with, against the truth.",
+    Listed.PLANTS: "Kinds of machine that a scenario may have.",
+    Listed.MOTIONS: "Commands that a scenario may give.",
+    Listed.DIAGNOSERS: "What answers a blind trial of the diagnosis.",
 }
 
 
 def list_(
-    kind: Annotated[Kind | None, typer.Argument(help="What to list; without it the kinds, with counts.")] = None,
+    kind: Annotated[Listed | None, typer.Argument(help="What to list; without it the kinds, with counts.")] = None,
     json_: Json = False,
 ) -> None:
     """List scenarios, estimators, effects, metrics and so on, with one line on each; alone, what can be listed."""
-    rows = [_kind_row(each) for each in Kind] if kind is None else _rows(kind)
+    rows = [_kind_row(each) for each in Listed] if kind is None else _rows(kind)
     if json_:
         echo_json(rows)
         return
@@ -47,12 +47,12 @@ def list_(
         typer.echo("  ".join([*(f"{cell:{width}}" for cell, width in zip(first, widths, strict=False)), last]))
 
 
-def _kind_row(kind: Kind) -> dict[str, str | int]:
+def _kind_row(kind: Listed) -> dict[str, str | int]:
     return {"name": kind.value, "count": len(_rows(kind)), "summary": WORDS[kind]}
 
 
-def _rows(kind: Kind) -> list[dict[str, str]]:
-    return _scenario_rows() if kind is Kind.SCENARIOS else _plugin_rows(kind)
+def _rows(kind: Listed) -> list[dict[str, str]]:
+    return _scenario_rows() if kind is Listed.SCENARIOS else _plugin_rows(kind)
 
 
 def _scenario_rows() -> list[dict[str, str]]:
@@ -63,11 +63,11 @@ def _scenario_rows() -> list[dict[str, str]]:
     return [{"name": f"fdbench/{name}", "summary": title} for name, title in sorted(titles.items())]
 
 
-def _plugin_rows(kind: Kind) -> list[dict[str, str]]:
+def _plugin_rows(kind: Listed) -> list[dict[str, str]]:
     from fdbench.registry import Registry
 
     registry: Registry[object] = Registry(kind.value.removesuffix("s"), object)
     rows = [{"name": name, "summary": registry.summary(name)} for name in registry.names()]
-    if kind is Kind.ESTIMATORS:
+    if kind is Listed.ESTIMATORS:
         rows.append({"name": "oracle", "summary": "Reference row that knows the truth: the ceiling of every score."})
     return sorted(rows, key=lambda row: row["name"])

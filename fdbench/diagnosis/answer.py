@@ -135,7 +135,7 @@ class Quantity:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rival:
+class RivalReduction:
     """The best other effect, and which share of the held-out excess (or of force balances) it would remove."""
 
     effect: str
@@ -148,7 +148,7 @@ class ForceBalances:
     """Share of the squared force balances on motor and table that a cause removes, whatever the controller is."""
 
     reduction: float
-    instead: Rival | None = None
+    instead: RivalReduction | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +172,7 @@ class Cause:
         Probabilities of what may be there in its place.
     one_of : tuple of str
         The fewest effects that hold the cause with a probability of 0.9.
-    instead : Rival or None
+    instead : RivalReduction or None
     force_balances : ForceBalances or None
     typical : tuple of str
         Parameters that were not found from the data.
@@ -191,7 +191,7 @@ class Cause:
     share_of_channel: Shares = field(default_factory=dict)
     alternatives: Shares = field(default_factory=dict)
     one_of: tuple[str, ...] = ()
-    instead: Rival | None = None
+    instead: RivalReduction | None = None
     force_balances: ForceBalances | None = None
     typical: tuple[str, ...] = ()
     at_bound: tuple[str, ...] = ()
@@ -453,7 +453,7 @@ class Answer:
     unknown_probability, no_gap_probability : float
     probabilities_from : str
         What they were learned from.
-    nearest : Rival or None
+    nearest : RivalReduction or None
         The best effect that was not added, and the share of the excess that it would remove.
     rest_depends_on : tuple of Dependence
     shrinkage : Shrinkage
@@ -474,7 +474,7 @@ class Answer:
     unknown_probability: float
     no_gap_probability: float
     probabilities_from: str = ""
-    nearest: Rival | None = None
+    nearest: RivalReduction | None = None
     rest_depends_on: tuple[Dependence, ...] = ()
     shrinkage: Shrinkage
     next_experiment: Experiment | None

@@ -174,7 +174,7 @@ def calibrated_on(
 ) -> tuple[Nominal, Baseline]:
     """Return the model with its nominal parameters calibrated on records, and what it leaves of them.
 
-    What is left to doubt is what changes on one machine: see `fdbench.diagnosis.settings.Baseline`.
+    What is left to doubt is what changes on one machine: see `fdbench.diagnosis.settings.BaselineSettings`.
     """
     ready = aligned(nominal, records, ())
     runs = merged(ready.runs)

@@ -22,7 +22,7 @@ def number(value: Any, meaning: str, origin: str = CHOSEN) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Records:
+class RecordsSettings:
     """How records become runs, and what their noise is."""
 
     same_command: float = number(1e-5, "largest difference between the commands of repeats, relative to their range")
@@ -40,7 +40,7 @@ class Records:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plausible:
+class PlausibleSettings:
     """When a record is refused, or warned of, before anybody explains it by physics."""
 
     largest_value: float = number(1e9, "that no column of a machine reaches in SI units")
@@ -80,7 +80,7 @@ class Plausible:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Model:
+class ModelSettings:
     """Hypotheses, the effects that are tried, how they are simulated, and the virtual controller."""
 
     smallest_mass: float = number(0.05, "of the nominal mass, below which re-calibration does not go")
@@ -103,7 +103,7 @@ class Model:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Baseline:
+class BaselineSettings:
     """Standard deviations of nominal parameters of one machine, from one day to another; see `Uncertainty`."""
 
     mass: float = number(0.005, "relative")
@@ -115,7 +115,7 @@ class Baseline:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evidence:
+class EvidenceSettings:
     """What counts as evidence."""
 
     model_error: float = number(
@@ -141,7 +141,7 @@ class Evidence:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Search:
+class SearchSettings:
     """The search for effects."""
 
     most_effects: int = number(4, "effects that are added at most")
@@ -174,7 +174,7 @@ class Search:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judge:
+class JudgeSettings:
     """What is said of what was found."""
 
     smallest_type: float = number(0.01, "probability of a type of cause that is worth a line")
@@ -207,7 +207,7 @@ class Judge:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Experiment:
+class ExperimentSettings:
     """The proposal of a next experiment."""
 
     sure: float = number(0.9, "probability from which on a verdict needs no further experiment")
@@ -228,8 +228,8 @@ class Experiment:
     fade_s: float = number(0.25, "time in which multisines and sines begin and end")
 
 
-RECORDS, PLAUSIBLE, MODEL, BASELINE = Records(), Plausible(), Model(), Baseline()
-EVIDENCE, SEARCH, JUDGE, EXPERIMENT = Evidence(), Search(), Judge(), Experiment()
+RECORDS, PLAUSIBLE, MODEL, BASELINE = RecordsSettings(), PlausibleSettings(), ModelSettings(), BaselineSettings()
+EVIDENCE, SEARCH, JUDGE, EXPERIMENT = EvidenceSettings(), SearchSettings(), JudgeSettings(), ExperimentSettings()
 STAGES = (RECORDS, PLAUSIBLE, MODEL, BASELINE, EVIDENCE, SEARCH, JUDGE, EXPERIMENT)
 
 
@@ -259,7 +259,9 @@ def settings() -> dict[str, Setting]:
     'share of the excess misfit that an effect must remove'
     """
     return {
-        f"{type(stage).__name__.lower()}.{item.name}": Setting(stage=stage, name=item.name, **item.metadata)
+        f"{type(stage).__name__.removesuffix('Settings').lower()}.{item.name}": Setting(
+            stage=stage, name=item.name, **item.metadata
+        )
         for stage in STAGES
         for item in fields(stage)
     }

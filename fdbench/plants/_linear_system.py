@@ -22,7 +22,7 @@ SETTLED, STEP_SAMPLES = 5.0, (100, 100_000)  # time constants of the slowest mod
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mode:
+class Pole:
     """One pole with Im >= 0: frequency |s| / 2 pi, damping ratio -Re s / |s|; 0 Hz and NaN for an integrator."""
 
     frequency_Hz: float
@@ -98,11 +98,11 @@ class LinearSystem:
         highest = 0.5 / self.sampling_time_s
         return np.geomspace(LOWEST * highest, highest, POINTS)
 
-    def modes(self) -> list[Mode]:
+    def modes(self) -> list[Pole]:
         """Return the modes of the plant alone, slowest first."""
         return modes(self.plant.poles())
 
-    def closed_modes(self) -> list[Mode]:
+    def closed_modes(self) -> list[Pole]:
         """Return the modes of the closed loop, slowest first; a pole at z = 0, which is a delay, is left out."""
         if self.closed is None:
             return []
@@ -195,7 +195,7 @@ def response(system: "control.StateSpace", at: "NDArray[np.complexfloating]") ->
     return np.asarray(system(at, squeeze=False), dtype=np.complex128)
 
 
-def modes(poles: Sequence[complex] | ComplexArray) -> list[Mode]:
+def modes(poles: Sequence[complex] | ComplexArray) -> list[Pole]:
     """Return the modes of poles in the plane of s, one for each pair, slowest first.
 
     >>> modes([-3.0 + 4.0j, -3.0 - 4.0j])
@@ -207,5 +207,5 @@ def modes(poles: Sequence[complex] | ComplexArray) -> list[Mode]:
             size = abs(pole)
             is_free = size < FREE_PER_S
             ratio = math.nan if is_free else -pole.real / size
-            found.append(Mode(frequency_Hz=0.0 if is_free else size / (2.0 * math.pi), damping_ratio=ratio))
+            found.append(Pole(frequency_Hz=0.0 if is_free else size / (2.0 * math.pi), damping_ratio=ratio))
     return found

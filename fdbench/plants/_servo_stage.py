@@ -18,7 +18,7 @@ from fdbench.specification import positive
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stage(Plant):
+class StagePlant(Plant):
     r"""Servo-controlled axes, each known as a linear response to its commanded position.
 
     The model ``servo_response`` is :math:`y = \gamma\, x_{pb} + \varepsilon`: y the measured position, :math:`x_{pb}`
@@ -90,9 +90,9 @@ class Stage(Plant):
 @final
 @dataclass(frozen=True, kw_only=True)
 class ServoResponse(LinearModel):
-    """The model ``servo_response`` of a stage; see `Stage`."""
+    """The model ``servo_response`` of a stage; see `StagePlant`."""
 
-    stage: Stage
+    stage: StagePlant
     name: str = "servo_response"
 
     def regression(self, record: Record) -> Regression:

@@ -13,7 +13,7 @@ TWO_PI = 2.0 * np.pi
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Mode:
+class ComplianceMode:
     r"""One mode of a compliance, :math:`\alpha / (s^2 + 2 \zeta \omega s + \omega^2)`.
 
     As states it has the displacement and the velocity over omega, both in m:

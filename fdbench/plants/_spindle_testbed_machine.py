@@ -19,8 +19,8 @@ FULL_WIDTH = 2.355  # at half maximum, in standard deviations of a Gaussian
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Mode:
-    r"""Mode of the housing, softened and damped by the speed.
+class HousingMode:
+    r"""HousingMode of the housing, softened and damped by the speed.
 
     .. math:: f = f_0 (1 + \Delta_f \Omega/\Omega_{max}), \quad \zeta = \zeta_0 (1 + \Delta_\zeta \Omega/\Omega_{max})
     """
@@ -51,7 +51,7 @@ class Unbalance:
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Machine:
+class TestbedMachine:
     r"""Force and vibration at a constant speed.
 
     .. math::
@@ -85,7 +85,7 @@ class Machine:
     pulse_width_rad: float = positive()
     harmonics: int = bounded(1, 10000)
     highest_frequency_Hz: float = positive()
-    modes: tuple[Mode, ...]
+    modes: tuple[HousingMode, ...]
     unbalance: tuple[Unbalance, ...] = ()
     cage_depth: float = bounded(0.0, 1.0)
     cage_order: float = positive()

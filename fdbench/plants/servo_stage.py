@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 
 from fdbench.effects import Port
-from fdbench.plants._servo_stage import Stage
+from fdbench.plants._servo_stage import StagePlant
 from fdbench.simulate.stability import check_substep
 from fdbench.simulate.stage import Response, StageSystem
 from fdbench.simulate.system import Setup
@@ -16,7 +16,7 @@ from fdbench.specification import nonnegative, positive
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class ServoStage(Stage):
+class ServoStage(StagePlant):
     r"""One axis whose servo acts as a spring and a damper between command and table.
 
     .. math:: m \ddot x + c \dot x + k x + H = k x_d + c \dot x_d

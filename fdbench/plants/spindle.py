@@ -8,7 +8,7 @@ import numpy as np
 from fdbench.errors import SpecError
 from fdbench.plants._linear_system import LinearSystem, continuous
 from fdbench.plants._plant import Plant, StateSpace
-from fdbench.plants._spindle_modal import Mode, joined
+from fdbench.plants._spindle_modal import ComplianceMode, joined
 from fdbench.plants._state_space import StateSpaceModel
 from fdbench.record import FloatArray
 from fdbench.simulate.modal import Commanded, ModalSystem
@@ -33,7 +33,7 @@ class Spindle(Plant):
 
     Parameters
     ----------
-    modes : tuple of Mode
+    modes : tuple of ComplianceMode
     sensor_noise_m : float
         Standard deviation of a reading, as the sensor's data sheet gives it.
     displacement_limit_m : float
@@ -51,7 +51,7 @@ class Spindle(Plant):
     1.1506
     """
 
-    modes: tuple[Mode, ...]
+    modes: tuple[ComplianceMode, ...]
     sensor_noise_m: float = positive()
     displacement_limit_m: float = positive()
     feedrate_limit_m_per_s: float = positive()

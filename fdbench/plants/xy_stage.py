@@ -8,14 +8,14 @@ from typing import final
 import numpy as np
 
 from fdbench.errors import SpecError
-from fdbench.plants._servo_stage import Stage
+from fdbench.plants._servo_stage import StagePlant
 from fdbench.simulate.stage import Response
 from fdbench.specification import bounded, check_bounds, positive
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Mode:
+class ServoMode:
     r"""One term :math:`(\alpha + \beta s) / (s^2 + 2 \zeta \omega s + \omega^2)` with :math:`\omega = 2 \pi f`."""
 
     frequency_Hz: float = positive()
@@ -36,12 +36,12 @@ class VibratingAxis:
     ----------
     servo_stiffness_N_per_m : float
         Stiffness with which the servo holds the table: a force moves it like a command of force / stiffness.
-    modes : tuple of Mode
+    modes : tuple of ServoMode
         Terms that add up to the transfer function from commanded position to the fixture's position.
     """
 
     servo_stiffness_N_per_m: float = positive()
-    modes: tuple[Mode, ...]
+    modes: tuple[ServoMode, ...]
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -69,7 +69,7 @@ class VibratingAxis:
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class XYStage(Stage):
+class XYStage(StagePlant):
     r"""Two axes that carry a fixture, whose position is measured.
 
     .. math:: x = G_{pb}(s)\, (x_d - H / K), \qquad

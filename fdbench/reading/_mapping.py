@@ -18,7 +18,7 @@ from fdbench.units import factor_to_si, si_unit
 T = TypeVar("T")
 
 
-class _Rule(NamedTuple):
+class _ColumnRule(NamedTuple):
     """How a column of the record comes from one of the file."""
 
     source: str
@@ -192,7 +192,7 @@ def _layout(settings: Mapping[str, Any], kind: str, where: str) -> Layout:
     return layout
 
 
-def _rule(name: str, targets: Mapping[str, Any], where: str) -> _Rule:
+def _rule(name: str, targets: Mapping[str, Any], where: str) -> _ColumnRule:
     fault = name_fault(name)
     if fault:
         raise SpecError(f"{where}: {fault}")
@@ -205,4 +205,4 @@ def _rule(name: str, targets: Mapping[str, Any], where: str) -> _Rule:
     if "unit" in entry:
         unit = _entry(entry, "unit", str, here)
         factor = si_unit(unit, here)[1] if "gain" in entry else factor_to_si(unit, name, here)
-    return _Rule(_entry(entry, "from", str, here), factor, gain, _number(entry, "offset", 0.0, here))
+    return _ColumnRule(_entry(entry, "from", str, here), factor, gain, _number(entry, "offset", 0.0, here))

@@ -9,7 +9,7 @@ import numpy as np
 
 from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.statistics import LEVEL
-from fdbench.benchmark.store import Kept, Key, Store
+from fdbench.benchmark.store import Kept, RunKey, Store
 from fdbench.errors import FdbenchError
 from fdbench.metrics import Outcome
 from fdbench.metrics._coverage import HALF_WIDTH
@@ -54,7 +54,7 @@ def pictures(
     store: Store, name: str, seed: int, scenario: Scenario | None, styles: Mapping[str, Style], n_points: int
 ) -> list[Block]:
     """Return the figures of a scenario, and what is missing in words."""
-    kept = {estimator: store.read_estimate(Key(name, estimator, seed)) for estimator in styles}
+    kept = {estimator: store.read_estimate(RunKey(name, estimator, seed)) for estimator in styles}
     estimates = {estimator: one for estimator, one in kept.items() if one is not None}
     if not estimates:
         return [note(f"No estimate of seed {seed} is kept, so there are no pictures.")]

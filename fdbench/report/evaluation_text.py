@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from fdbench.diagnosis.evaluation.result import ALL_RECORDS, WAYS, Comparison, Evaluation, Score
+from fdbench.diagnosis.evaluation.result import ALL_RECORDS, WAYS, Evaluation, ModelComparison, PredictionScore
 from fdbench.report.diagnosis_text import wrapped
 from fdbench.wording import quantity, scaled, si_text
 
@@ -40,7 +40,7 @@ def way_title(found: Evaluation, way: str) -> str:
     return f"{WAYS[way]}, up to {found.band_Hz:.3g} Hz" if way == "inverse_dynamics" else WAYS[way]
 
 
-def rows(found: Evaluation, way: str) -> Iterator[tuple[Score, tuple[str, ...]]]:
+def rows(found: Evaluation, way: str) -> Iterator[tuple[PredictionScore, tuple[str, ...]]]:
     """Yield the scores of a way with their cells; ``*`` marks the model that predicts a channel best."""
     best = {item.channel: item.best for item in found.comparisons if item.way == way}
     scores = [score for score in found.scores if score.way == way]
@@ -74,12 +74,12 @@ def fit_text(fit_percent: float) -> str:
     return f"{fit_percent:.{max(digits, 1)}f} %" if missing > 0.0 else "100 %"
 
 
-def _floor(score: Score) -> str:
+def _floor(score: PredictionScore) -> str:
     factor, unit = scaled(score.unit, score.noise_floor)
     return f"{factor * score.noise_floor:.3g} {unit}{'' if score.noise_measured else ' (assumed)'}"
 
 
-def compared(comparison: Comparison) -> str:
+def compared(comparison: ModelComparison) -> str:
     """Return which model predicts a channel best, and by how much."""
     others = "; ".join(
         f"{ratio.model} has {ratio.value:.4g} times its error (95 %: {ratio.ci95[0]:.4g} to {ratio.ci95[1]:.4g})"

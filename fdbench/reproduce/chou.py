@@ -11,7 +11,7 @@ from fdbench.effects import Effect
 from fdbench.estimator import estimators
 from fdbench.motions.circular_spiral import CircularSpiral
 from fdbench.motions.jerk_limited_moves import JerkLimitedMoves, move_time
-from fdbench.plants._servo_stage import Stage
+from fdbench.plants._servo_stage import StagePlant
 from fdbench.reproduce._row import Parts, Row
 from fdbench.scenario import Scenario, load_scenario
 from fdbench.simulate.stage import Response
@@ -210,7 +210,7 @@ def right_zero(response: Response) -> float:
     return float(zeros[np.isfinite(zeros)].real.max())
 
 
-def stage_rows(stage: Stage) -> list[Row]:
+def stage_rows(stage: StagePlant) -> list[Row]:
     """Return the rows of the identified transfer functions (table 1)."""
     targets = {
         "x_": (1.000049, -661.8, 230.9, -1.13, 64.0, 42.5),
@@ -272,9 +272,9 @@ def spiral_rows(scenario: Scenario) -> list[Row]:
     return rows
 
 
-def stage_of(scenario: Scenario) -> Stage:
+def stage_of(scenario: Scenario) -> StagePlant:
     """Return the plant of a scenario, which has to be a servo stage."""
-    if not isinstance(scenario.plant, Stage):
+    if not isinstance(scenario.plant, StagePlant):
         raise TypeError(f"{scenario.id}: no servo stage.")
     return scenario.plant
 

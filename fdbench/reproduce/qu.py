@@ -40,7 +40,7 @@ class Errors(NamedTuple):
     rms_deviation: float
 
 
-class Case(NamedTuple):
+class PublishedCase(NamedTuple):
     """A test case: scenario, withheld segments, tables with exponential and cosine, and LR on the stand-in."""
 
     title: str
@@ -53,7 +53,7 @@ class Case(NamedTuple):
 
 
 CASES = (
-    Case(
+    PublishedCase(
         "case 1",
         "SpindleTestbedRandom-v0",
         780,
@@ -62,7 +62,7 @@ CASES = (
         (1.68, 0.52),
         (1.100, 0.459),
     ),
-    Case(
+    PublishedCase(
         "case 2",
         "SpindleTestbedForce-v0",
         800,
@@ -71,7 +71,7 @@ CASES = (
         (1.91, 0.74),
         (1.173, 0.423),
     ),
-    Case(
+    PublishedCase(
         "case 3",
         "SpindleTestbedSpeed-v0",
         156,
@@ -91,7 +91,7 @@ IMPROVEMENTS = {
 }
 
 
-class Variant(NamedTuple):
+class PhaseReference(NamedTuple):
     """Another phase reference: jitter of the trigger, noise, MAE of LR, and in which cases LR-NFB beats LR."""
 
     title: str
@@ -102,10 +102,10 @@ class Variant(NamedTuple):
 
 
 VARIANTS = (
-    Variant("no jitter", 0.0, 1.0, (0.88, 0.88, 3.62), (True, True, False)),
-    Variant("jitter 0.2 rad", 0.2, 1.0, (1.22, 1.33, 2.15), (True, False, False)),
-    Variant("jitter 0.3 rad, noise 0.2 m/s^2", 0.3, 10.0, (1.35, 1.51, 1.93), (False, False, False)),
-    Variant("random phase", RANDOM_ANGLE_RAD, 1.0, (1.39, 1.59, 1.66), (False, False, False)),
+    PhaseReference("no jitter", 0.0, 1.0, (0.88, 0.88, 3.62), (True, True, False)),
+    PhaseReference("jitter 0.2 rad", 0.2, 1.0, (1.22, 1.33, 2.15), (True, False, False)),
+    PhaseReference("jitter 0.3 rad, noise 0.2 m/s^2", 0.3, 10.0, (1.35, 1.51, 1.93), (False, False, False)),
+    PhaseReference("random phase", RANDOM_ANGLE_RAD, 1.0, (1.39, 1.59, 1.66), (False, False, False)),
 )
 
 
@@ -168,7 +168,7 @@ def fits(scenario: Scenario, methods: Mapping[str, Mapping[str, Any]]) -> dict[s
     return found
 
 
-def varied(scenario: Scenario, variant: Variant) -> Scenario:
+def varied(scenario: Scenario, variant: PhaseReference) -> Scenario:
     """Return a scenario with another jitter and noise."""
     plant, noise = plant_of(scenario), scenario.reality.noise
     machine = dataclasses.replace(plant.machine, angle_jitter_rad=variant.angle_jitter_rad)

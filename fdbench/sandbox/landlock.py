@@ -27,7 +27,7 @@ class _Ruleset(ctypes.Structure):
     _fields_ = (("files", ctypes.c_uint64), ("network", ctypes.c_uint64), ("scopes", ctypes.c_uint64))
 
 
-class _Rule(ctypes.Structure):
+class _FolderRule(ctypes.Structure):
     _pack_ = 1
     _fields_ = (("allowed", ctypes.c_uint64), ("folder", ctypes.c_int32))
 
@@ -73,7 +73,7 @@ def _add(library: ctypes.CDLL, ruleset: int, path: str, allowed: int) -> None:
     except FileNotFoundError:
         return
     try:
-        rule = _Rule(allowed if os.path.isdir(path) else allowed & OF_A_FILE, folder)
+        rule = _FolderRule(allowed if os.path.isdir(path) else allowed & OF_A_FILE, folder)
         _checked(library.syscall(ADD_RULE, ruleset, PATH_BENEATH, ctypes.byref(rule), 0))
     finally:
         os.close(folder)

@@ -32,7 +32,7 @@ from typing import Any, NoReturn
 
 from fdbench.errors import FdbenchError
 from fdbench.sandbox.confine import Reach, common_reach
-from fdbench.sandbox.worker import ContextUnpickler, Worker, leave
+from fdbench.sandbox.worker import ContextUnpickler, PluginServer, leave
 
 LONGEST_REQUEST = 4096
 
@@ -140,7 +140,7 @@ def _become_worker(channel: socket.socket, last_words: int, reach: Reach, folder
         os.dup2(2, 1)
         if isinstance(sys.stdout, TextIOWrapper):
             sys.stdout.reconfigure(line_buffering=True)
-        Worker(channel, reach, own).serve()
+        PluginServer(channel, reach, own).serve()
     finally:
         leave(1)
 

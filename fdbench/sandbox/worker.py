@@ -58,7 +58,7 @@ BALLAST = 2**23
 leave = os._exit
 
 
-class Worker:
+class PluginServer:
     """Answers requests until the other side is gone.
 
     Parameters

@@ -13,7 +13,7 @@ from fdbench.errors import SpecError
 from fdbench.simulate import layout
 from fdbench.simulate.block import MECHANICS_ROWS, ROW, Blocks, Mechanics
 from fdbench.simulate.compose import Slot, compose
-from fdbench.simulate.random import CHUNK, RandomNumbers, Source
+from fdbench.simulate.random import CHUNK, RandomNumbers, RandomSource
 from fdbench.simulate.system import FloatArray, Noise, Setup, System
 
 SIDE_BY_SIDE = 64  # lanes in a block of many
@@ -130,7 +130,7 @@ class Axis(System):
         logged = self._pick[: len(self.columns)]
         return dict(zip(self.columns, limit[logged].tolist(), strict=True)), rest[logged]
 
-    def _sources(self, noise: Noise) -> list[Source]:
+    def _sources(self, noise: Noise) -> list[RandomSource]:
         """Return the random streams that the noises and the random effects use."""
         deviations = (
             noise.motor_position_m,
@@ -141,8 +141,8 @@ class Axis(System):
         )
         random_effects = [effect.name for effect in self.effects if effect.random]
         named = zip(NOISE_STREAMS, deviations, strict=True)
-        noises = [Source(stream=name, column=n) for n, (name, deviation) in enumerate(named) if deviation > 0.0]
-        return noises + [Source(stream=name, column=n, normal=False) for n, name in enumerate(random_effects)]
+        noises = [RandomSource(stream=name, column=n) for n, (name, deviation) in enumerate(named) if deviation > 0.0]
+        return noises + [RandomSource(stream=name, column=n, normal=False) for n, name in enumerate(random_effects)]
 
     def slots(self) -> tuple[Slot, ...]:
         """Return where each effect lies in a block."""

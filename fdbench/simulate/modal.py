@@ -13,7 +13,7 @@ from fdbench.compilation import kept
 from fdbench.effects import Effect
 from fdbench.errors import SpecError, did_you_mean
 from fdbench.simulate.exponential import exponential
-from fdbench.simulate.random import RandomNumbers, Source
+from fdbench.simulate.random import RandomNumbers, RandomSource
 from fdbench.simulate.system import FloatArray, Setup, System, check_table_forces
 
 ACTIONS = ("force_N", "feedrate_m_per_s")
@@ -161,7 +161,7 @@ class ModalSystem(System):
         timing = setup.timing
         self._deviations = np.array([deviations[name] for name in outputs])
         noisy = [(n, name) for n, name in enumerate(outputs) if deviations[name] > 0.0]
-        sources = [Source(stream=f"{name}_noise", column=n) for n, name in noisy]
+        sources = [RandomSource(stream=f"{name}_noise", column=n) for n, name in noisy]
         self._numbers = RandomNumbers(sources, n_lanes, n_lanes, len(outputs))
         super().__init__(n_lanes, timing.n_samples, self._numbers)
         self.columns = ("reference_displacement_m", "feedrate_m_per_s", *outputs)

@@ -12,7 +12,7 @@ from fdbench.compilation import kept
 from fdbench.effects import Effect
 from fdbench.errors import SpecError
 from fdbench.simulate.exponential import exponential
-from fdbench.simulate.random import RandomNumbers, Source
+from fdbench.simulate.random import RandomNumbers, RandomSource
 from fdbench.simulate.system import FloatArray, Setup, System, check_table_forces
 
 LONGEST_SUBSTEP_S = 5e-3
@@ -143,7 +143,7 @@ class SlotMillingSystem(System):
             )
         setup.noise.check_only(("force_N",), "slot milling")
         self._force_noise_N = setup.noise.force_N
-        sources = [Source(stream="force_noise", column=0)] if self._force_noise_N > 0.0 else []
+        sources = [RandomSource(stream="force_noise", column=0)] if self._force_noise_N > 0.0 else []
         self._numbers = RandomNumbers(sources, n_lanes, 1, 1)
         super().__init__(n_lanes, timing.n_samples, self._numbers)
         per_sample = 2 * timing.substeps

@@ -20,7 +20,7 @@ def stream(seed: int, name: str) -> np.random.Generator:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Source:
+class RandomSource:
     """One random number a sample: the name of its stream, its column, and whether it is normal or uniform."""
 
     stream: str
@@ -35,7 +35,7 @@ class RandomNumbers:
 
     Parameters
     ----------
-    sources : sequence of Source
+    sources : sequence of RandomSource
     n_lanes, width : int
         Lanes, and how many of them lie side by side.
     n_normal, n_uniform : int
@@ -48,7 +48,9 @@ class RandomNumbers:
         Sample of the chunk that comes next; CHUNK where a new one has to be drawn.
     """
 
-    def __init__(self, sources: Sequence[Source], n_lanes: int, width: int, n_normal: int, n_uniform: int = 0) -> None:
+    def __init__(
+        self, sources: Sequence[RandomSource], n_lanes: int, width: int, n_normal: int, n_uniform: int = 0
+    ) -> None:
         self._sources = tuple(sources)
         self._width = width
         self._generators: list[list[np.random.Generator]] = [[] for _ in range(n_lanes)]
@@ -83,5 +85,5 @@ class RandomNumbers:
                 target[block, :, source.column, :] = drawn.T
         self.position = 0
 
-    def _of(self, source: Source) -> NDArray[np.float64]:
+    def _of(self, source: RandomSource) -> NDArray[np.float64]:
         return self.normal if source.normal else self.uniform

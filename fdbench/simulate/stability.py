@@ -34,9 +34,9 @@ def stiffness(effect: Effect) -> float:
 
     at_rest, _ = force(0.0, 0.0, states)
     _, moved = force(0.0, PROBE_VELOCITY_M_PER_S, states)
-    hidden = abs(force(0.0, 0.0, moved)[0] - at_rest) / (PROBE_STEP_S * PROBE_VELOCITY_M_PER_S) if states else 0.0
+    internal = abs(force(0.0, 0.0, moved)[0] - at_rest) / (PROBE_STEP_S * PROBE_VELOCITY_M_PER_S) if states else 0.0
     along = [force(index * PROBE_SPACING_M, 0.0, states)[0] for index in range(PROBE_COUNT)]
-    return hidden + max(abs(b - a) for a, b in pairwise(along)) / PROBE_SPACING_M
+    return internal + max(abs(b - a) for a, b in pairwise(along)) / PROBE_SPACING_M
 
 
 def needed_substeps(effects: Sequence[Effect], mass_of: dict[Port, float], period_s: float) -> int:

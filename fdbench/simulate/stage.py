@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fdbench.effects import Effect
 from fdbench.simulate.axis import compiled
 from fdbench.simulate.exponential import exponential
-from fdbench.simulate.random import RandomNumbers, Source
+from fdbench.simulate.random import RandomNumbers, RandomSource
 from fdbench.simulate.stage_stepper import compose
 from fdbench.simulate.system import FloatArray, System
 
@@ -87,7 +87,9 @@ class StageSystem(System):
         n_lanes: int = 1,
     ) -> None:
         prefixes, responses = list(axes), list(axes.values())
-        sources = [Source(stream=f"{prefix or 'table_'}position_noise", column=n) for n, prefix in enumerate(prefixes)]
+        sources = [
+            RandomSource(stream=f"{prefix or 'table_'}position_noise", column=n) for n, prefix in enumerate(prefixes)
+        ]
         self._numbers = RandomNumbers(sources, n_lanes, 1, len(axes))
         super().__init__(n_lanes, len(reference), self._numbers)
         self.action_names = tuple(f"{prefix}position_m" for prefix in prefixes)

@@ -160,10 +160,10 @@ def advance(
 def _call(number: int, effect: type[Effect], parameter: int, state: int) -> str:
     places = range(parameter, parameter + len(effect.parameters()))
     values = [f"parameters[{place}]" for place in places]
-    hidden = [f"states[{place}]" for place in range(state, state + len(effect.states))]
-    results = ", ".join(["value", "steep", *hidden])
+    internal = [f"states[{place}]" for place in range(state, state + len(effect.states))]
+    results = ", ".join(["value", "steep", *internal])
     velocity = "commanded_v" if effect.follows_command else "v"
-    lines = [f"{results} = kernel_{number}({', '.join(['t', 'h', 'x', velocity, 'u', *values, *hidden])})"]
+    lines = [f"{results} = kernel_{number}({', '.join(['t', 'h', 'x', velocity, 'u', *values, *internal])})"]
     lines += ["force += value", "slope += steep"]
     lines += ["process += value"] if effect.disturbance else []
     return "\n".join(f"    {line}" for line in lines)

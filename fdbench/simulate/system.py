@@ -238,9 +238,9 @@ class System(ABC):
 def check_table_forces(effects: Sequence[Effect], plant: str, *, states: bool = False) -> None:
     """Raise a SpecError for an effect that is no force on the table, is random or, unless ``states``, has some."""
     for effect in effects:
-        hidden = bool(effect.states) and not states
-        if effect.port is not Port.TABLE_FORCE or effect.random or hidden:
-            kind = f"{' at random' if effect.random else ''}{' with internal states' if hidden else ''}"
+        stateful = bool(effect.states) and not states
+        if effect.port is not Port.TABLE_FORCE or effect.random or stateful:
+            kind = f"{' at random' if effect.random else ''}{' with internal states' if stateful else ''}"
             raise SpecError(
                 f"reality.effects: {effect.name} acts on a feed drive's {effect.port.value}{kind}; {plant} takes "
                 f"forces on the table{'' if states else ' without internal states'} only."

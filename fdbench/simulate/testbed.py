@@ -14,7 +14,7 @@ from fdbench.simulate.system import FloatArray, Setup, System
 TWO_PI = 2.0 * np.pi
 
 
-class Machine(Protocol):
+class VibratingMachine(Protocol):
     """What vibrates under the force; its signals at a constant speed are free of noise."""
 
     @property
@@ -67,7 +67,7 @@ Mask = Callable[[Plan, np.random.Generator], NDArray[np.bool_]]
 class _Lane:
     """One run through the plan: its random numbers, its place, and the condition that it is in."""
 
-    def __init__(self, machine: Machine, plan: Plan, mask: Mask, seed: int) -> None:
+    def __init__(self, machine: VibratingMachine, plan: Plan, mask: Mask, seed: int) -> None:
         n = plan.shape[0] * plan.shape[1]
         self.withheld = mask(plan, stream(seed, "withheld_segments")).reshape(n, -1)
         self.force_factor = 1.0 + machine.force_deviation * stream(seed, "force_level").standard_normal(n)
@@ -87,7 +87,7 @@ class SpindleTestbedSystem(System):
 
     Parameters
     ----------
-    machine : Machine
+    machine : VibratingMachine
     plan : Plan
     mask : callable
         Which segments are withheld, from the plan and a random generator.
@@ -103,7 +103,7 @@ class SpindleTestbedSystem(System):
 
     def __init__(
         self,
-        machine: Machine,
+        machine: VibratingMachine,
         plan: Plan,
         mask: Mask,
         limits: tuple[float, float],

@@ -25,7 +25,7 @@ RESAMPLES = 1000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Table:
+class AnswerTable:
     """Answers beside truths; rows are cases.
 
     Attributes
@@ -48,10 +48,10 @@ class Table:
     closure: FloatArray
     oracle_closure: FloatArray
 
-    def rows(self, index: NDArray[np.intp]) -> "Table":
+    def rows(self, index: NDArray[np.intp]) -> "AnswerTable":
         """Return a table of chosen cases."""
         names = ("chances", "present", "unknown", "none", "has_unknown", "closure", "oracle_closure")
-        return Table(effects=self.effects, **{name: getattr(self, name)[index] for name in names})
+        return AnswerTable(effects=self.effects, **{name: getattr(self, name)[index] for name in names})
 
     @property
     def named(self) -> NDArray[np.bool_]:
@@ -72,7 +72,7 @@ class Table:
 # ---- the quantities of the score sheet; each is not a number where no case bears on it ----
 
 
-def top(table: Table, depth: int) -> float:
+def top(table: AnswerTable, depth: int) -> float:
     """Return how often the injected effect is among the ``depth`` most probable; ties count as the worst order."""
     single = table.is_single
     if not single.any():
@@ -83,7 +83,7 @@ def top(table: Table, depth: int) -> float:
     return float(np.mean((others < depth) & (own[:, 0] > 0.0)))
 
 
-def exact_set(table: Table) -> float:
+def exact_set(table: AnswerTable) -> float:
     """Return how often exactly the injected effects are named, and an unknown cause where there is one.
 
     An unknown cause beside listed effects is not held against an answer: there are background effects in every case.
@@ -92,32 +92,32 @@ def exact_set(table: Table) -> float:
     return float(np.mean(same & ((table.unknown > NAMED) | (table.has_unknown == 0.0))))
 
 
-def micro_f1(table: Table) -> float:
+def micro_f1(table: AnswerTable) -> float:
     """Return the harmonic mean of precision and recall over all effects of all cases."""
     hits = float(np.sum(table.named * table.present))
     total = float(table.named.sum() + table.present.sum())
     return 2.0 * hits / total if total > 0.0 else float("nan")
 
 
-def probability_of_truth(table: Table) -> float:
+def probability_of_truth(table: AnswerTable) -> float:
     """Return the mean over cases of the mean probability of what is injected; of none where nothing is."""
     sums = np.sum(table.chances * table.present, axis=1) + table.unknown * table.has_unknown
     counts = table.present.sum(axis=1) + table.has_unknown
     return float(np.mean(np.where(counts > 0.0, sums / np.maximum(counts, 1.0), table.none)))
 
 
-def brier(table: Table) -> float:
+def brier(table: AnswerTable) -> float:
     """Return the mean squared error of the probabilities of effects."""
     return float(np.mean((table.chances - table.present) ** 2))
 
 
-def brier_skill(table: Table) -> float:
+def brier_skill(table: AnswerTable) -> float:
     """Return the share of the Brier score of the base rate of all effects that is gone."""
     rate = float(table.present.mean())
     return 1.0 - brier(table) / (rate * (1.0 - rate)) if 0.0 < rate < 1.0 else float("nan")
 
 
-def calibration_error(table: Table) -> float:
+def calibration_error(table: AnswerTable) -> float:
     """Return the expected calibration error over probabilities above ``WORTH_CALIBRATING``, in ten bins."""
     chances, present = table.chances.ravel(), table.present.ravel()
     worth = chances > WORTH_CALIBRATING
@@ -129,13 +129,13 @@ def calibration_error(table: Table) -> float:
     return float(gaps.sum() / len(chances))
 
 
-def false_alarms(table: Table) -> float:
+def false_alarms(table: AnswerTable) -> float:
     """Return how often an effect is named where nothing is injected."""
     empty = table.is_empty
     return float(np.mean(table.named[empty].any(axis=1))) if empty.any() else float("nan")
 
 
-def confidently_wrong(table: Table) -> float:
+def confidently_wrong(table: AnswerTable) -> float:
     """Return how often an effect that is not there is named beside or in place of an unlisted one, nothing doubted."""
     open_ = table.has_unknown > 0.0
     if not open_.any():
@@ -150,7 +150,7 @@ def median_closure(closure: FloatArray) -> float:
     return float(np.median(given)) if len(given) else float("nan")
 
 
-def known_against_unknown(table: Table) -> float:
+def known_against_unknown(table: AnswerTable) -> float:
     """Return the area under the curve of the unknown probability, unlisted effects against listed ones alone."""
     unknown = table.unknown[table.has_unknown > 0.0]
     known = table.unknown[(table.has_unknown == 0.0) & ~table.is_empty]
@@ -161,7 +161,7 @@ def known_against_unknown(table: Table) -> float:
     return float(np.mean(above + 0.5 * level))
 
 
-QUANTITIES: Mapping[str, tuple[str, Callable[[Table], float]]] = {
+QUANTITIES: Mapping[str, tuple[str, Callable[[AnswerTable], float]]] = {
     "top_1": ("top-1, one effect", lambda table: top(table, 1)),
     "top_3": ("top-3, one effect", lambda table: top(table, 3)),
     "exact_set": ("exact set", exact_set),
@@ -227,7 +227,9 @@ def check_key(folder: Path, manifest: Mapping[str, Any], opened: Mapping[str, An
             raise SpecError(f"{key}: the truth of case {name} is not the one that was sealed.")
 
 
-def table_of(manifest: Mapping[str, Any], opened: Mapping[str, Any], given: Mapping[str, Any], answers: Path) -> Table:
+def table_of(
+    manifest: Mapping[str, Any], opened: Mapping[str, Any], given: Mapping[str, Any], answers: Path
+) -> AnswerTable:
     """Return answers beside truths.
 
     Raises
@@ -244,7 +246,7 @@ def table_of(manifest: Mapping[str, Any], opened: Mapping[str, Any], given: Mapp
     present = [
         [float(any(item["name"] == effect for item in truth["listed"])) for effect in effects] for truth in truths
     ]
-    return Table(
+    return AnswerTable(
         effects=effects,
         chances=np.array([[case["effects"].get(effect, 0.0) for effect in effects] for case in cases]),
         present=np.array(present),
@@ -270,7 +272,7 @@ def checked(case: Any, effects: Sequence[str], where: str) -> dict[str, Any]:
     return case
 
 
-def check_varies(table: Table, constant: bool, answers: Path) -> None:
+def check_varies(table: AnswerTable, constant: bool, answers: Path) -> None:
     """Raise a SpecError where probabilities take one value beside 0, or are the same in each case.
 
     Reference diagnosers that are constant on purpose say so, and their sheet says it too.
@@ -286,7 +288,7 @@ def check_varies(table: Table, constant: bool, answers: Path) -> None:
         )
 
 
-def sheet(table: Table) -> dict[str, dict[str, Any]]:
+def sheet(table: AnswerTable) -> dict[str, dict[str, Any]]:
     """Return each quantity with its 95 % bootstrap interval over cases."""
     draws = [table.rows(rows) for rows in drawn_rows(np.zeros(len(table.none)), RESAMPLES)]
     found: dict[str, dict[str, Any]] = {}
@@ -301,7 +303,7 @@ def sheet(table: Table) -> dict[str, dict[str, Any]]:
     return found
 
 
-def bearing(table: Table, name: str) -> int:
+def bearing(table: AnswerTable, name: str) -> int:
     """Return how many cases bear on a quantity."""
     if name in ("top_1", "top_3"):
         return int(table.is_single.sum())
@@ -314,7 +316,7 @@ def bearing(table: Table, name: str) -> int:
     return int((~table.is_empty).sum()) if name == "auroc_unknown" else len(table.none)
 
 
-def per_effect(table: Table) -> list[dict[str, Any]]:
+def per_effect(table: AnswerTable) -> list[dict[str, Any]]:
     """Return recall, mean probability and what it is mistaken for, for each effect that is injected."""
     found = []
     for index, effect in enumerate(table.effects):
@@ -338,7 +340,7 @@ def per_effect(table: Table) -> list[dict[str, Any]]:
     return found
 
 
-def per_unlisted(table: Table, manifest: Mapping[str, Any], opened: Mapping[str, Any]) -> list[dict[str, Any]]:
+def per_unlisted(table: AnswerTable, manifest: Mapping[str, Any], opened: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the mean unknown probability and what is named in its place, for each unlisted effect."""
     rows: dict[str, list[int]] = {}
     for row, name in enumerate(manifest["cases"]):
@@ -358,7 +360,7 @@ def per_unlisted(table: Table, manifest: Mapping[str, Any], opened: Mapping[str,
     ]
 
 
-def per_kind(table: Table, manifest: Mapping[str, Any], opened: Mapping[str, Any]) -> list[dict[str, Any]]:
+def per_kind(table: AnswerTable, manifest: Mapping[str, Any], opened: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return top-1, exact set, false alarms and what is named wrongly for each kind of axis, where truths have one.
 
     A share that no case bears on is None.

@@ -28,7 +28,7 @@ Injected = Mapping[str, Mapping[str, float]]
 """Parameters of each imperfection by its name."""
 
 
-class Axis(Protocol):
+class VirtualAxis(Protocol):
     """An axis on which motions are recorded."""
 
     def readings(self, reference: FloatArray, rng: np.random.Generator | None) -> dict[str, FloatArray]:
@@ -71,7 +71,7 @@ class Bench(ABC):
         """Return whether an imperfection is a value of the nominal model that is off."""
 
     @abstractmethod
-    def axis(self, injected: Injected, change: Mapping[str, float] = NOTHING) -> Axis:
+    def axis(self, injected: Injected, change: Mapping[str, float] = NOTHING) -> VirtualAxis:
         """Return the machine with imperfections, and ``change`` added to its errors; see `nominal_errors`."""
 
     @abstractmethod
@@ -102,24 +102,24 @@ class Detectability:
         self.sides = sides
         self.noise = np.ones((1 + len(sides), 1))
         healthy = bench.axis({})
-        self._last: tuple[Axis, list[FloatArray]] | None = None
+        self._last: tuple[VirtualAxis, list[FloatArray]] | None = None
         self.clean = self._quiet(healthy)
         self.noise = self.noise_amplification(healthy, rng)
         moved = [self._joined(bench.axis({}, {name: size})) for name, size in bench.nominal_errors.items()]
         self.nominal_changes, _ = np.linalg.qr(np.stack(moved, axis=1))
 
-    def noise_amplification(self, axis: Axis, rng: np.random.Generator) -> FloatArray:
+    def noise_amplification(self, axis: VirtualAxis, rng: np.random.Generator) -> FloatArray:
         """Return what noise does to each channel as root mean square in units of that of the healthy axis."""
         noisy = [self._channels(axis.readings(motion, rng)) for motion in self.motions]
         differences = np.concatenate(noisy, axis=1) - np.concatenate(self._quiet(axis), axis=1)
         return np.asarray(np.sqrt(np.mean(differences**2, axis=1, keepdims=True)) / self.noise)
 
-    def mean_square(self, axis: Axis, beside_nominal_errors: bool) -> float:
+    def mean_square(self, axis: VirtualAxis, beside_nominal_errors: bool) -> float:
         """Return the largest mean square over the motions of what noise apart differs from the healthy machine.
 
         Parameters
         ----------
-        axis : Axis
+        axis : VirtualAxis
         beside_nominal_errors : bool
             Whether what other nominal parameters could do as well does not count.
         """
@@ -131,13 +131,13 @@ class Detectability:
         ends = np.cumsum([len(self.noise) * len(motion) for motion in self.motions])
         return max(float(np.mean(part**2)) for part in np.split(joined, ends[:-1]))
 
-    def _quiet(self, axis: Axis) -> list[FloatArray]:
+    def _quiet(self, axis: VirtualAxis) -> list[FloatArray]:
         """Return the channels of each motion without noise; those of the last axis are kept."""
         if self._last is None or self._last[0] is not axis:
             self._last = axis, [self._channels(axis.readings(motion, None)) for motion in self.motions]
         return self._last[1]
 
-    def _joined(self, axis: Axis) -> FloatArray:
+    def _joined(self, axis: VirtualAxis) -> FloatArray:
         found = zip(self._quiet(axis), self.clean, strict=True)
         return np.concatenate([((own - clean) / self.noise).ravel() for own, clean in found])
 

@@ -64,9 +64,9 @@ def injectables() -> Injectables:
 class IndependentAxis:
     """An axis of the second implementation; in each run its friction differs by a share of its own."""
 
-    machine: independent_simulator.Machine
-    loop: independent_simulator.Loop
-    sensors: independent_simulator.Sensors
+    machine: independent_simulator.IdealAxis
+    loop: independent_simulator.CascadeLoop
+    sensors: independent_simulator.Disturbances
     wrong: independent_simulator.Imperfections
     friction_change: float
     period_s: float
@@ -101,14 +101,14 @@ class IndependentBench(Bench):
         self.drive = nominal.drive
         self.errors = errors
         self.sliding = between(rng, *SLIDING)
-        self.loop = independent_simulator.Loop(
+        self.loop = independent_simulator.CascadeLoop(
             position_gain_per_s=control.position_gain_per_s,
             velocity_gain_N_s_per_m=control.velocity_gain_N_s_per_m,
             integral_gain_N_per_m=control.integral_gain_N_per_m,
             force_limit_N=control.force_limit_N,
             reads_table=float(control.uses_table),
         )
-        self.sensors = independent_simulator.Sensors(
+        self.sensors = independent_simulator.Disturbances(
             position_noise_m=POSITION_NOISE_M,
             force_noise_N=FORCE_NOISE_N,
             process_force_N=PROCESS_FORCE_N,
@@ -159,13 +159,13 @@ class IndependentBench(Bench):
             period_s=self.period_s,
         )
 
-    def _machine(self, errors: Mapping[str, float]) -> independent_simulator.Machine:
+    def _machine(self, errors: Mapping[str, float]) -> independent_simulator.IdealAxis:
         motor, table, screw = self.drive.motor, self.drive.table, self.drive.screw
         if not isinstance(motor, RotaryMotor) or table is None or screw is None:
             raise SpecError("plant: the second implementation has a rotary motor, a table and an elastic screw.")
         (known,) = self.drive.effects
         friction_N, transition_m_per_s = known.values()
-        return independent_simulator.Machine(
+        return independent_simulator.IdealAxis(
             motor_mass_kg=motor.mass_kg * (1.0 + errors["motor_mass"]),
             table_mass_kg=table.mass_kg * (1.0 + errors["table_mass"]),
             motor_viscous_N_s_per_m=motor.viscous_friction_N_s_per_m * (1.0 + errors["motor_viscous"]),

@@ -21,7 +21,7 @@ TURN = 2.0 * np.pi
 STEEL_PER_K = 1.15e-5
 
 
-class Machine(NamedTuple):
+class IdealAxis(NamedTuple):
     """An axis without imperfections: SI units, masses and forces in the table's coordinates."""
 
     motor_mass_kg: float
@@ -35,7 +35,7 @@ class Machine(NamedTuple):
     lead_m: float
 
 
-class Loop(NamedTuple):
+class CascadeLoop(NamedTuple):
     """Position and velocity cascade with an integral part, as a drive has it."""
 
     position_gain_per_s: float
@@ -45,7 +45,7 @@ class Loop(NamedTuple):
     reads_table: float
 
 
-class Sensors(NamedTuple):
+class Disturbances(NamedTuple):
     """Standard deviations of what disturbs readings and axis.
 
     ``colour`` is the correlation of neighbours (0: white), ``latency`` the share of a control period after which a
@@ -121,9 +121,9 @@ class Imperfections(NamedTuple):
 
 
 def simulate(
-    machine: Machine,
-    loop: Loop,
-    sensors: Sensors,
+    machine: IdealAxis,
+    loop: CascadeLoop,
+    sensors: Disturbances,
     wrong: Imperfections,
     reference: FloatArray,
     period_s: float,
@@ -178,7 +178,7 @@ def coloured(rng: np.random.Generator, n: int, colour: float) -> FloatArray:
     return result
 
 
-def _hysteresis(machine: Machine, wrong: Imperfections) -> tuple[FloatArray, FloatArray]:
+def _hysteresis(machine: IdealAxis, wrong: Imperfections) -> tuple[FloatArray, FloatArray]:
     """Return stiffness (N/m) and slip limit (N) of the stop elements; elements of no limit are none."""
     stiffness, limit = np.zeros(N_STOPS), np.zeros(N_STOPS)
     if wrong.presliding_distance_m > 0.0:

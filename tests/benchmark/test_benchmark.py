@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from fdbench.benchmark import provenance
 from fdbench.benchmark.run import Progress, Summary, run
-from fdbench.benchmark.store import PARAMETER_COLUMNS, SCORE_COLUMNS, Key, Run, Store
+from fdbench.benchmark.store import PARAMETER_COLUMNS, SCORE_COLUMNS, KeptRun, RunKey, Store
 from fdbench.benchmark.validate import check_estimate
 from fdbench.errors import FdbenchError, PluginError, SpecError, UnknownName
 from fdbench.estimator import Estimate, estimators
@@ -80,8 +80,8 @@ def rows(store: Store, estimator: str) -> Any:
     return scores[scores["estimator"] == estimator]
 
 
-def key(estimator: str, seed: int = 0) -> Key:
-    return Key("Short-v0", estimator, seed)
+def key(estimator: str, seed: int = 0) -> RunKey:
+    return RunKey("Short-v0", estimator, seed)
 
 
 # ---- statuses ----
@@ -286,7 +286,7 @@ def test_an_interruption_loses_the_running_job_at_most(tmp_path: Path, scenario:
 
     with pytest.raises(KeyboardInterrupt):
         run([scenario], ["least_squares"], 4, tmp_path / "out", progress=interrupt)
-    seen: list[Run] = []
+    seen: list[KeptRun] = []
     summary = run([scenario], ["least_squares"], 4, tmp_path / "out", progress=lambda p: seen.extend(p.runs))
     assert summary.reused >= 2 * 3
     assert summary.reused + summary.computed == 4 * 3
@@ -470,8 +470,8 @@ def test_results_of_what_has_changed_are_left_out(
     estimator_file(tmp_path, "mine", text)
     short_scenario(tmp_path, "Short-v0")
     assert run([scenario], [mine, "least_squares"], 2, out).stale == (
-        Key("Other-v0", "null", 0),
-        Key("Other-v0", "oracle", 0),
+        RunKey("Other-v0", "null", 0),
+        RunKey("Other-v0", "oracle", 0),
     )
 
 

@@ -24,8 +24,8 @@ from fdbench.benchmark.compare import (
     MISSING,
     NEW,
     NOT_JUDGED,
+    ComparedRow,
     Comparison,
-    Row,
     compare,
     holm,
     paired_p_values,
@@ -74,7 +74,7 @@ def errors(*values: float | str, metric: str = "parameter_error", **columns: Any
     return rows("x", metric, values, **columns)
 
 
-def only(comparison: Comparison) -> Row:
+def only(comparison: Comparison) -> ComparedRow:
     (row,) = comparison.rows
     return row
 

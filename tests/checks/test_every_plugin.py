@@ -59,7 +59,7 @@ class Jumping(Motion):
 
 def test_a_faulty_motion_is_told_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Jumping, "__doc__", ">>> 1 + 1\n3\n")
-    case = check_motion.Case(Jumping, Jumping())
+    case = check_motion.CheckedMotion(Jumping, Jumping())
     with pytest.raises(PluginError, match=r"between samples \d+ and \d+ the velocity is 1 m/s off"):
         check_motion.moves_by_its_velocity(case)
     with pytest.raises(PluginError, match="the example in the docstring is wrong"):
@@ -81,7 +81,7 @@ def test_a_metric_without_an_example_is_told_so(monkeypatch: pytest.MonkeyPatch)
     kind = metrics.get("parameter_error")
     monkeypatch.setattr(kind, "__doc__", (kind.__doc__ or "").split("Examples")[0])
     with pytest.raises(PluginError, match="the docstring lacks '>>>'"):
-        check_metric.is_documented(check_metric.Case(kind, None))
+        check_metric.is_documented(check_metric.CheckedMetric(kind, None))
 
 
 class Careless(Diagnoser):
@@ -95,7 +95,7 @@ class Careless(Diagnoser):
 
 def test_a_faulty_diagnoser_is_told_what_is_wrong() -> None:
     with pytest.raises(PluginError, match="names gremlins, which is no effect"):
-        check_diagnoser.answers_with_probabilities(check_diagnoser.Case(Careless))
+        check_diagnoser.answers_with_probabilities(check_diagnoser.CheckedDiagnoser(Careless))
 
 
 def test_bases_are_abstract() -> None:

@@ -20,7 +20,7 @@ from typer.testing import CliRunner, Result
 
 from fdbench import cli
 from fdbench.catalogue import scenario_folder
-from fdbench.commands.list import Kind
+from fdbench.commands.list import Listed
 from fdbench.effects import effects
 from fdbench.errors import RecordError
 from fdbench.estimator import estimators
@@ -476,8 +476,8 @@ def test_a_faulty_record_is_refused(old: str, new: str, message: str) -> None:
 # ---- output ----
 
 
-@pytest.mark.parametrize("kind", list(Kind))
-def test_lists_are_valid_json(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", list(Listed))
+def test_lists_are_valid_json(kind: Listed) -> None:
     result = run("list", kind, "--json")
     rows = json.loads(result.stdout)
     assert (result.exit_code, result.stderr) == (0, "")
@@ -492,7 +492,7 @@ def test_list_alone_counts_what_can_be_listed() -> None:
     found = {
         name: (int(count), words) for name, count, words in (line.split(None, 2) for line in result.stdout.splitlines())
     }
-    assert list(found) == list(Kind)
+    assert list(found) == list(Listed)
     for kind, (count, words) in found.items():
         assert count == len(run("list", kind).stdout.splitlines())
         assert words

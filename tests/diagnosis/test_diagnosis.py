@@ -1,4 +1,4 @@
-"""The diagnosis names the hidden effect, says nothing where there is none, and never reads what is hidden."""
+"""The diagnosis names the injected effect, says nothing where there is none, and never reads what is withheld."""
 
 import dataclasses
 import json

@@ -13,7 +13,7 @@ from conftest import shared_file
 
 from fdbench import cli
 from fdbench.diagnosis.evaluation.evaluate import BLOCK_S, Evaluated, evaluate
-from fdbench.diagnosis.evaluation.result import ALL_RECORDS, Score
+from fdbench.diagnosis.evaluation.result import ALL_RECORDS, PredictionScore
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, load_nominal
 from fdbench.effects import effects
 from fdbench.errors import FdbenchError, RecordError, SpecError
@@ -48,7 +48,7 @@ def model(drive: FeedDrive) -> Nominal:
     return Nominal(plant=drive, simulation=Simulation(substeps=10))
 
 
-def score(found: Evaluated, way: str, channel: str, record: str | None = None, name: str = "own") -> Score:
+def score(found: Evaluated, way: str, channel: str, record: str | None = None, name: str = "own") -> PredictionScore:
     (item,) = (
         item
         for item in found.evaluation.scores

@@ -12,7 +12,7 @@ import pytest
 from fdbench.checks import _own_record
 from fdbench.checks._own_record import is_named_first
 from fdbench.checks._report import NotApplicable, run_checks
-from fdbench.checks.check_effect import CHECKS, Bench, Case, check_effect, is_documented
+from fdbench.checks.check_effect import CHECKS, CheckedEffect, EffectBench, check_effect, is_documented
 from fdbench.effects._effect import Effect, Port, effects, kernel, parameter
 from fdbench.errors import PluginError
 
@@ -20,14 +20,14 @@ NAMES = effects.names()
 
 
 @pytest.fixture(scope="module")
-def bench() -> Bench:
-    return Bench([effects.get(name) for name in NAMES])
+def bench() -> EffectBench:
+    return EffectBench([effects.get(name) for name in NAMES])
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("name", NAMES)
-def test_effect(name: str, check: Callable[[Case], None], bench: Bench) -> None:
-    case = Case(effects.get(name), bench)
+def test_effect(name: str, check: Callable[[CheckedEffect], None], bench: EffectBench) -> None:
+    case = CheckedEffect(effects.get(name), bench)
     if check.__name__ in case.cls.expected_failures:
         with pytest.raises(PluginError):
             check(case)
@@ -130,13 +130,13 @@ class Misnamed(Effect):
         (Faulty, "returns_finite_values", "the kernel returns"),
     ],
 )
-def test_a_faulty_effect_is_told_what_is_wrong(cls: type[Effect], check: str, message: str, bench: Bench) -> None:
+def test_a_faulty_effect_is_told_what_is_wrong(cls: type[Effect], check: str, message: str, bench: EffectBench) -> None:
     with pytest.raises(PluginError, match=message):
-        next(item for item in CHECKS if item.__name__ == check)(Case(cls, bench))
+        next(item for item in CHECKS if item.__name__ == check)(CheckedEffect(cls, bench))
 
 
-def test_a_wrong_example_is_shown(monkeypatch: pytest.MonkeyPatch, bench: Bench) -> None:
+def test_a_wrong_example_is_shown(monkeypatch: pytest.MonkeyPatch, bench: EffectBench) -> None:
     text = "\n".join((".. math:: F = 0", "Source: none.", "", ">>> 1 + 1", "3"))
     monkeypatch.setattr(Misnamed, "__doc__", text)
     with pytest.raises(PluginError, match=r"the example in the docstring is wrong(.|\n)*Expected:\s+3\s+Got:\s+2"):
-        is_documented(Case(Misnamed, bench))
+        is_documented(CheckedEffect(Misnamed, bench))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from fdbench.benchmark.validate import plant_parameters
-from fdbench.checks.check_estimator import CHECKS, Case, check_estimator, prepare
+from fdbench.checks.check_estimator import CHECKS, CheckedEstimator, check_estimator, prepare
 from fdbench.errors import PluginError
 from fdbench.estimator import estimators
 from fdbench.sandbox import Sandbox, WorkerLimits
@@ -23,13 +23,13 @@ def sandbox() -> Iterator[Sandbox]:
 
 
 @pytest.fixture(scope="module")
-def case_of() -> dict[str, Case]:
+def case_of() -> dict[str, CheckedEstimator]:
     return {}
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("name", NAMES)
-def test_estimator(name: str, check: object, case_of: dict[str, Case], sandbox: Sandbox) -> None:
+def test_estimator(name: str, check: object, case_of: dict[str, CheckedEstimator], sandbox: Sandbox) -> None:
     if name not in case_of:
         case_of[name] = prepare(name, sandbox)
     case = case_of[name]

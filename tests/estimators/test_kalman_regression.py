@@ -6,9 +6,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from fdbench_baselines._data_sheet import sheet
-from fdbench_baselines._kalman_oscillators import Filtered, Noise, run_smoother
+from fdbench_baselines._kalman_oscillators import Filtered, Variances, run_smoother
 from fdbench_baselines._kalman_regression import Rows, filtered, sudden_rows
-from fdbench_baselines._robust import outlyingness, robust_residual
+from fdbench_baselines._robust import loudness, robust_residual
 from fdbench_baselines._slip import slipped_period
 from fdbench_baselines.kalman import Kalman
 from fdbench_baselines.least_squares import LeastSquares
@@ -17,7 +17,7 @@ from fdbench.errors import SpecError
 from fdbench.estimator import FloatArray, samples
 from fdbench.scenario import load_scenario
 
-NOISE = Noise(reading=0.3, walk=0.02, wave=0.7, memory=0.97, angle=0.9, slope=0.6)
+NOISE = Variances(reading=0.3, walk=0.02, wave=0.7, memory=0.97, angle=0.9, slope=0.6)
 
 
 def prior(feed: FloatArray, harmonics: int) -> FloatArray:
@@ -65,7 +65,7 @@ def test_filter_and_smoother_equal_a_dense_gaussian_process(p: int, harmonics: i
 
 def test_two_readings_of_a_constant_by_hand() -> None:
     """A unit prior, readings 3 and 3 of variance 1/2 each: 6 / (2 + 1/2), and 1 / (1 + 2 + 2) of the variance."""
-    quiet = Noise(reading=0.5, walk=0.0, wave=0.0, memory=0.5, angle=0.0)
+    quiet = Variances(reading=0.5, walk=0.0, wave=0.0, memory=0.5, angle=0.0)
     rows = Rows(np.empty((2, 0)), np.array([3.0, 3.0]), np.ones(2), np.zeros(2, np.bool_), 0)
     run = filtered(rows, quiet, 0)
     mean, variance = run_smoother(rows.Z, 0, quiet, 0, run.errors, run.variances, run.states[:-1], run.covariances[:-1])
@@ -81,7 +81,7 @@ def test_outliers_count_less() -> None:
     residual, loud = robust_residual(Z, y)
     assert loud[50] > 1e6
     assert abs(y[0] - residual[0] - clean) < 0.05
-    assert outlyingness(np.zeros(3)).tolist() == [1.0, 1.0, 1.0]
+    assert loudness(np.zeros(3)).tolist() == [1.0, 1.0, 1.0]
 
 
 def test_slip_of_a_spindle_is_found() -> None:

@@ -10,7 +10,7 @@ import pytest
 from fdbench.effects import effects
 from fdbench.errors import SpecError
 from fdbench.plants import NetworkPlant, StateSpacePlant
-from fdbench.plants._spindle_modal import Mode
+from fdbench.plants._spindle_modal import ComplianceMode
 from fdbench.plants.spindle import Spindle
 from fdbench.record import FloatArray
 from fdbench.reproduce import salehi
@@ -261,7 +261,7 @@ def test_what_a_spindle_has_not_is_refused(change: Callable[[Scenario], Scenario
 
 
 def test_faulty_plants_are_refused() -> None:
-    plant, mode = spindle(), Mode(frequency_Hz=100.0, damping_ratio=0.1, modal_gain_per_kg=1.0)
+    plant, mode = spindle(), ComplianceMode(frequency_Hz=100.0, damping_ratio=0.1, modal_gain_per_kg=1.0)
     with pytest.raises(SpecError, match=r"action: unknown action 'force'\. Did you mean force_N"):
         replace(plant, action="force")
     with pytest.raises(SpecError, match="at least one mode"):

@@ -16,7 +16,7 @@ from fdbench.estimator import Estimate, estimators
 from fdbench.metrics import Outcome, metrics
 from fdbench.plants import SpectralPlant
 from fdbench.plants._spectra import Spectra
-from fdbench.plants._spindle_testbed_machine import Machine, Mode, harmonic_sums
+from fdbench.plants._spindle_testbed_machine import HousingMode, TestbedMachine, harmonic_sums
 from fdbench.plants._spindle_testbed_plan import ForceLevels, RandomSegments, SpindleSpeeds
 from fdbench.plants.spindle_testbed import SpindleTestbed
 from fdbench.record import Record
@@ -162,14 +162,14 @@ def test_withheld_force_is_in_no_column() -> None:
     scenario, record, truth = observed("case 2")
     rows = scenario.context().regression(record).rows
     assert truth.disturbance_N is not None
-    hidden = truth.disturbance_N[rows]
-    assert np.abs(hidden).max() > 10.0
+    withheld = truth.disturbance_N[rows]
+    assert np.abs(withheld).max() > 10.0
     np.testing.assert_array_equal(record["force_N"][rows], 0.0)
     np.testing.assert_array_equal(record["training_sample"][rows], 0.0)
     assert np.all(np.delete(record["training_sample"], rows) == 1.0)
     for name, column in record.items():
         if name != "acceleration_m_per_s2" and np.ptp(column[rows]) > 0.0:
-            assert abs(np.corrcoef(column[rows], hidden)[0, 1]) < 0.01
+            assert abs(np.corrcoef(column[rows], withheld)[0, 1]) < 0.01
     assert not bed(scenario).spectra(record).targets[~bed(scenario).spectra(record).training].any()
 
 
@@ -224,7 +224,7 @@ def test_harmonic_sums_are_the_sums() -> None:
     np.testing.assert_allclose(harmonic_sums(c, 0.37, len(k)), expected, rtol=0, atol=1e-11)
 
 
-def quiet(**changes: object) -> Machine:
+def quiet(**changes: object) -> TestbedMachine:
     """Return a machine with nothing but its modes."""
     machine = bed(load_scenario("SpindleTestbedForce-v0")).machine
     plain = {"unbalance": (), "cage_depth": 0.0, "nonlinear_acceleration_m_per_s2": 1e12}
@@ -241,7 +241,7 @@ def test_force_is_one_gaussian_pulse_a_revolution() -> None:
 
 
 def test_vibration_obeys_the_equation_of_motion() -> None:
-    mode = Mode(frequency_Hz=80.0, damping_ratio=0.05, mass_kg=4.0, frequency_change=-0.2, damping_change=1.0)
+    mode = HousingMode(frequency_Hz=80.0, damping_ratio=0.05, mass_kg=4.0, frequency_change=-0.2, damping_change=1.0)
     step_s, n = 1e-5, 200_000
     force, acceleration = quiet(modes=(mode,)).condition(2.0 * np.pi * 25.0, 0.5, 10.0, 0.3, 0.0, step_s, n)
     natural, damping = 2.0 * np.pi * 80.0 * 0.9, 0.05 * 1.5

@@ -49,3 +49,13 @@ def test_every_scenario_file_is_versioned() -> None:
     names = [path.name for path in (REPOSITORY / "scenarios").iterdir()]
     assert names
     assert [name for name in names if not re.fullmatch(r"\w+-v\d+\.toml", name)] == []
+
+
+def test_no_two_classes_have_one_name() -> None:
+    places: dict[str, list[str]] = {}
+    for folder in ("fdbench", "baselines"):
+        for path in sorted((REPOSITORY / folder).rglob("*.py")):
+            for name in re.findall(r"^class (\w+)", path.read_text("utf-8"), re.M):
+                places.setdefault(name, []).append(str(path.relative_to(REPOSITORY)))
+    assert len(places) > 300
+    assert {name: files for name, files in places.items() if len(files) > 1} == {}

@@ -19,7 +19,7 @@ from plotly.offline import get_plotlyjs
 
 from fdbench.benchmark.provenance import provenance
 from fdbench.benchmark.run import run
-from fdbench.benchmark.store import FAILED, OK, Key, Run, Score, Store
+from fdbench.benchmark.store import FAILED, OK, KeptRun, RunKey, Score, Store
 from fdbench.diagnosis.answer import EFFECT, from_json, read_answer
 from fdbench.errors import FdbenchError
 from fdbench.report import write_report
@@ -106,8 +106,8 @@ def report(folder: Path) -> Page:
     return Page((folder / "report.html").read_text("utf-8"))
 
 
-def failed_run(estimator: str, message: str) -> Run:
-    return Run(
+def failed_run(estimator: str, message: str) -> KeptRun:
+    return KeptRun(
         scenario="Nowhere-v0",
         estimator=estimator,
         seed=0,
@@ -120,7 +120,7 @@ def failed_run(estimator: str, message: str) -> Run:
     )
 
 
-def hand_made(folder: Path, runs: list[Run]) -> Page:
+def hand_made(folder: Path, runs: list[KeptRun]) -> Page:
     store = Store(folder)
     for one in runs:
         store.write_run(one)
@@ -267,7 +267,7 @@ def test_changed_scenario_has_no_spectrum(folder: Path, tmp_path: Path) -> None:
     source, target = Store(folder), Store(tmp_path)
     runs = []
     for name in ("null", "oracle", "least_squares"):
-        found = source.read_run(Key("ShakerConstant-v0", name, 0))
+        found = source.read_run(RunKey("ShakerConstant-v0", name, 0))
         assert found is not None
         changed = {**found.provenance, "scenario_digest": "0" * 64}
         runs.append(replace(found, provenance=changed))
@@ -300,7 +300,7 @@ def test_noise_floor_and_lines_of_the_spectrum(report: Page) -> None:
 
 
 def test_prediction_error_is_measured_less_predicted(folder: Path, report: Page) -> None:
-    kept = Store(folder).read_estimate(Key("ShakerConstant-v0", "least_squares", 0))
+    kept = Store(folder).read_estimate(RunKey("ShakerConstant-v0", "least_squares", 0))
     assert kept is not None
     assert kept.estimate.output is not None
     error_um_per_s = 1e6 * (kept.target - kept.estimate.output)
@@ -321,7 +321,7 @@ def test_truth_of_the_disturbance(report: Page) -> None:
 
 
 def test_share_of_rows_within_the_stated_interval(folder: Path, report: Page) -> None:
-    kept = Store(folder).read_estimate(Key("ShakerConstant-v0", "pl_lssvm", 0))
+    kept = Store(folder).read_estimate(RunKey("ShakerConstant-v0", "pl_lssvm", 0))
     assert kept is not None
     assert kept.estimate.output is not None
     assert kept.estimate.output_variance is not None

@@ -12,7 +12,7 @@ import pytest
 
 import fdbench
 from fdbench.benchmark.run import run
-from fdbench.benchmark.store import Key, Store
+from fdbench.benchmark.store import RunKey, Store
 from fdbench.estimator import estimators
 from fdbench.metrics import metrics
 from fdbench.sandbox import Sandbox, Source, WorkerLimits, landlock
@@ -66,7 +66,7 @@ def test_the_rows_of_others_are_the_same_to_the_bit(stores: tuple[Store, Store])
     )
     assert without[columns].reset_index(drop=True).equals(beside[columns].reset_index(drop=True))
     for name in ("least_squares", "oracle"):
-        kept = [store.read_estimate(Key(SCENARIO, name, 0)) for store in stores]
+        kept = [store.read_estimate(RunKey(SCENARIO, name, 0)) for store in stores]
         np.testing.assert_array_equal(kept[0].estimate.output, kept[1].estimate.output)  # type: ignore[union-attr]
 
 
@@ -104,7 +104,7 @@ def test_without_landlock_the_audit_hook_alone_refuses_and_the_rows_say_so(
     store = Store(tmp_path / "without")
     scores = store.scores()
     assert (scores["confinement"] == "audit hook").all()
-    refused = store.read_run(Key(SCENARIO, "prying", 0))
+    refused = store.read_run(RunKey(SCENARIO, "prying", 0))
     assert refused is not None
     assert re.fullmatch(r"prying\.py:\d+: an estimator may not read .*scores\.parquet", refused.message)
     nothing = primary(scores, "null")

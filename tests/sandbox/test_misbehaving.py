@@ -11,7 +11,7 @@ import pytest
 from test_benchmark import short_scenario
 
 from fdbench.benchmark.run import run
-from fdbench.benchmark.store import Key, Store
+from fdbench.benchmark.store import RunKey, Store
 from fdbench.errors import FdbenchError, PluginError
 from fdbench.estimator import estimators
 
@@ -79,7 +79,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
 
 @pytest.mark.parametrize("name", [file.stem for file in FILES])
 def test_whatever_an_estimator_does_is_one_row(name: str, store: Store) -> None:
-    found = store.read_run(Key("Short-v0", name, 0))
+    found = store.read_run(RunKey("Short-v0", name, 0))
     assert found is not None
     assert found.message.startswith(MESSAGES[name])
     assert name != "never_ends" or found.message.endswith("took longer than 10 s")
@@ -92,7 +92,7 @@ def test_whatever_an_estimator_does_is_one_row(name: str, store: Store) -> None:
 
 def test_those_that_behave_are_not_harmed(store: Store) -> None:
     for name in ("null", "oracle"):
-        found = store.read_run(Key("Short-v0", name, 0))
+        found = store.read_run(RunKey("Short-v0", name, 0))
         assert found is not None
         assert found.status == "ok"
 

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from fdbench.benchmark import seal
 from fdbench.benchmark.leaderboard import leaderboard
 from fdbench.benchmark.run import run
-from fdbench.benchmark.store import Key, Store
+from fdbench.benchmark.store import RunKey, Store
 from fdbench.benchmark.verify import verify
 from fdbench.cli import app
 from fdbench.errors import FdbenchError, SpecError
@@ -101,7 +101,7 @@ def test_what_is_stored_comes_out_again_or_is_told(tmp_path: Path, scenario: Pat
     assert (found.runs, found.is_same) == (2, True)
     assert found.scores > 3
     assert found.largest < 1e-9
-    key = Key("Short-v1", "least_squares", 1)
+    key = RunKey("Short-v1", "least_squares", 1)
     text = Store(out).run_file(key).read_text()
     (stored,) = [one.value for one in Store(out).read_run(key).scores if one.metric == "parameter_error"]  # type: ignore[union-attr]
     Store(out).run_file(key).write_text(text.replace(f'"value": {stored!r}', f'"value": {0.9 * stored!r}'))  # type: ignore[operator]

@@ -27,7 +27,7 @@ from fdbench.trials.answer import answer
 from fdbench.trials.board import board
 from fdbench.trials.diagnoser import CaseAnswer, diagnosers
 from fdbench.trials.make import MANIFEST, listed_effects, make, read_manifest
-from fdbench.trials.score import Table, score, sheet
+from fdbench.trials.score import AnswerTable, score, sheet
 from fdbench.virtual_axes import cases as tiers
 from fdbench.virtual_axes import independent_simulator as independent_simulator
 from fdbench.virtual_axes import protocol
@@ -279,10 +279,10 @@ def test_oracle_has_no_background_effects_and_no_effect_that_is_not_listed(monke
     asked: list[Callable[[np.ndarray], Record]] = []
     monkeypatch.setattr(tiers, "held_out_gaps", lambda *given: asked.append(given[-1]))
     cases = (tiers.draw_case(Tier.L, listed_effects(), np.random.default_rng(seed)) for seed in range(9))
-    hidden = next(case for case in cases if case.truth["unlisted"])
-    assert hidden.truth["listed"] == []
-    model = read(Nominal, {key: part for key, part in hidden.model.items() if key != "exclude"}, "model")
-    expected = LibraryBench(model, hidden.truth["errors"], PERIOD_S).axis({}).readings(STROKES, None)
+    lacking = next(case for case in cases if case.truth["unlisted"])
+    assert lacking.truth["listed"] == []
+    model = read(Nominal, {key: part for key, part in lacking.model.items() if key != "exclude"}, "model")
+    expected = LibraryBench(model, lacking.truth["errors"], PERIOD_S).axis({}).readings(STROKES, None)
     found = asked[-1](STROKES)
     assert np.array_equal(found["motor_force_N"], expected["motor_force_N"])
 
@@ -576,13 +576,15 @@ def test_recalibration_alone_leaves_the_cause_unknown(plain_case: tuple[list[Rec
 # ---- the score sheet ----
 
 
-def table(chances: Sequence[Sequence[float]], present: Sequence[Sequence[float]], **others: Sequence[float]) -> Table:
+def table(
+    chances: Sequence[Sequence[float]], present: Sequence[Sequence[float]], **others: Sequence[float]
+) -> AnswerTable:
     """Return a table whose other columns are zero unless given."""
     n = len(chances)
     columns = {name: np.zeros(n) for name in ("unknown", "none", "has_unknown")}
     columns |= {name: np.full(n, np.nan) for name in ("closure", "oracle_closure")}
     columns |= {name: np.array(values) for name, values in others.items()}
-    return Table(effects=["a", "b", "c", "d"], chances=np.array(chances), present=np.array(present), **columns)
+    return AnswerTable(effects=["a", "b", "c", "d"], chances=np.array(chances), present=np.array(present), **columns)
 
 
 SHEET = table(

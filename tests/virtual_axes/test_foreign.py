@@ -17,13 +17,13 @@ from fdbench.record import FloatArray
 from fdbench.specification import read
 from fdbench.trials.answer import answer
 from fdbench.trials.make import listed_effects, make
-from fdbench.trials.score import Table, per_kind, score, text
+from fdbench.trials.score import AnswerTable, per_kind, score, text
 from fdbench.virtual_axes.bench import Detectability
 from fdbench.virtual_axes.cases import Case, Tier
 from fdbench.virtual_axes.foreign import bench as benches
 from fdbench.virtual_axes.foreign import loops, mechanics
 from fdbench.virtual_axes.foreign.bench import ForeignBench, draw_foreign_case, record_of
-from fdbench.virtual_axes.foreign.kinds import FORMS, Kind, imperfections, kinds, model_of, space_of
+from fdbench.virtual_axes.foreign.kinds import FORMS, AxisKind, imperfections, kinds, model_of, space_of
 from fdbench.virtual_axes.foreign.motions import RECIPES
 
 FOLDER = Path(benches.__file__).parent
@@ -31,11 +31,11 @@ EVERY_KIND = pytest.mark.parametrize("kind", kinds(), ids=lambda kind: kind.name
 NONCE = "f0e1" * 8
 
 
-def of_name(name: str) -> Kind:
+def of_name(name: str) -> AxisKind:
     return next(kind for kind in kinds() if kind.name == name)
 
 
-def exact_bench(kind: Kind, seed: int = 0) -> ForeignBench:
+def exact_bench(kind: AxisKind, seed: int = 0) -> ForeignBench:
     """Return a machine whose data sheet is right."""
     bench = ForeignBench(kind, Tier.G, np.random.default_rng(seed))
     bench.errors = dict.fromkeys(bench.errors, 0.0)
@@ -81,7 +81,7 @@ def test_what_is_listed_is_in_the_library_and_what_is_not_is_not() -> None:
 
 
 @EVERY_KIND
-def test_the_owners_model_is_one_that_can_be_read(kind: Kind) -> None:
+def test_the_owners_model_is_one_that_can_be_read(kind: AxisKind) -> None:
     tables = model_of(kind, exact_bench(kind).value)
     tables["plant"].setdefault("controller", {"kind": "following"})
     drive = read(Nominal, tables, "model").drive
@@ -94,7 +94,7 @@ def test_the_owners_model_is_one_that_can_be_read(kind: Kind) -> None:
 
 @EVERY_KIND
 @pytest.mark.parametrize("tier", [Tier.F, Tier.G])
-def test_axes_follow_their_commands_stably(kind: Kind, tier: Tier) -> None:
+def test_axes_follow_their_commands_stably(kind: AxisKind, tier: Tier) -> None:
     for seed in range(3):
         bench = ForeignBench(kind, tier, np.random.default_rng(seed))
         space = space_of(kind, bench.value)
@@ -107,7 +107,7 @@ def test_axes_follow_their_commands_stably(kind: Kind, tier: Tier) -> None:
 
 
 @EVERY_KIND
-def test_steady_force_is_friction_and_weight(kind: Kind) -> None:
+def test_steady_force_is_friction_and_weight(kind: AxisKind) -> None:
     bench = exact_bench(kind)
     value, period = bench.value, kind.period_s
     speed = 0.3 * value["speed_m_per_s"]
@@ -171,7 +171,7 @@ def test_step_of_force_on_two_masses_is_that_of_scipy(name: str) -> None:
 
 
 @EVERY_KIND
-def test_with_a_right_data_sheet_the_nominal_model_is_near(kind: Kind) -> None:
+def test_with_a_right_data_sheet_the_nominal_model_is_near(kind: AxisKind) -> None:
     bench = exact_bench(kind, seed=5)
     tables = model_of(kind, bench.value)
     tables["plant"].setdefault("controller", {"kind": "following"})
@@ -228,7 +228,7 @@ def test_dead_time_delays_a_force_by_as_much() -> None:
 
 
 @EVERY_KIND
-def test_every_imperfection_can_show_and_stays_finite(kind: Kind) -> None:
+def test_every_imperfection_can_show_and_stays_finite(kind: AxisKind) -> None:
     bench = ForeignBench(kind, Tier.G, np.random.default_rng(3))
     rng = np.random.default_rng(4)
     motions = [RECIPES[name](space_of(kind, bench.value), np.random.default_rng(5)) for name in kind.motions]
@@ -297,7 +297,7 @@ def test_trial_of_foreign_axes_from_making_to_the_sheet(tmp_path: Path) -> None:
 
 
 def test_table_of_kinds_by_hand() -> None:
-    table = Table(
+    table = AnswerTable(
         effects=["a", "b"],
         chances=np.array([[0.9, 0.0], [0.8, 0.1], [0.0, 0.7]]),
         present=np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]),

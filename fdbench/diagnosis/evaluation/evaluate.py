@@ -10,7 +10,7 @@ import numpy as np
 from fdbench.diagnosis.evaluation import predictions
 from fdbench.diagnosis.evaluation.effect_forces import is_followed
 from fdbench.diagnosis.evaluation.predictions import Prediction
-from fdbench.diagnosis.evaluation.result import ALL_RECORDS, WAYS, Comparison, Evaluation, Ratio, Score
+from fdbench.diagnosis.evaluation.result import ALL_RECORDS, WAYS, Evaluation, ModelComparison, PredictionScore, Ratio
 from fdbench.diagnosis.evidence.prepare import check_alike, without_copies
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay
@@ -131,7 +131,7 @@ def _left_out(bench: _Bench) -> list[str]:
 # ---- scores ----
 
 
-def _scores(way: str, model: str, runs: Sequence[Run], found: Sequence[Prediction]) -> list[Score]:
+def _scores(way: str, model: str, runs: Sequence[Run], found: Sequence[Prediction]) -> list[PredictionScore]:
     shadows = [_shadow(run, own) for run, own in zip(runs, found, strict=True)]
     scores = []
     for channel in found[0].measured:
@@ -155,13 +155,15 @@ def _shadow(run: Run, found: Prediction) -> Run:
     )
 
 
-def _score(way: str, model: str, record: str, channel: str, found: Sequence[Prediction], floor: NoiseModel) -> Score:
+def _score(
+    way: str, model: str, record: str, channel: str, found: Sequence[Prediction], floor: NoiseModel
+) -> PredictionScore:
     errors = [own.measured[channel] - own.predicted[channel] for own in found]
     spreads = [own.measured[channel] - own.measured[channel].mean() for own in found]
     n = sum(len(error) for error in errors)
     square, spread = (sum(float(values @ values) for values in parts) for parts in (errors, spreads))
     relative = math.sqrt(square / spread) if spread > 0.0 else None
-    return Score(
+    return PredictionScore(
         way=way,
         model=model,
         record=record,
@@ -181,7 +183,7 @@ def _score(way: str, model: str, record: str, channel: str, found: Sequence[Pred
 
 def _comparisons(
     models: Sequence[str], runs: Sequence[Run], found: Mapping[tuple[str, str], Sequence[Prediction]]
-) -> list[Comparison]:
+) -> list[ModelComparison]:
     if len(models) < 2:
         return []
     return [
@@ -198,7 +200,7 @@ def _squares(found: Sequence[Prediction], channel: str, period_s: float) -> Floa
     return np.concatenate([np.add.reduceat(values, np.arange(0, len(values), length)) for values in squares])
 
 
-def _comparison(way: str, channel: str, squares: Mapping[str, FloatArray]) -> Comparison:
+def _comparison(way: str, channel: str, squares: Mapping[str, FloatArray]) -> ModelComparison:
     best = min(squares, key=lambda name: float(squares[name].sum()))
     n = len(squares[best])
     draws = np.random.default_rng(0).multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES)
@@ -211,7 +213,7 @@ def _comparison(way: str, channel: str, squares: Mapping[str, FloatArray]) -> Co
             value = float(_ratio(own.sum(), squares[best].sum()))
             ratios.append(Ratio(model=name, value=value, ci95=(low, high)))
     certain = all(ratio.ci95[0] > 1.0 for ratio in ratios)
-    return Comparison(way=way, channel=channel, best=best, ratios=tuple(ratios), certain=certain)
+    return ModelComparison(way=way, channel=channel, best=best, ratios=tuple(ratios), certain=certain)
 
 
 def _ratio(above: FloatArray | float, below: FloatArray | float) -> FloatArray:

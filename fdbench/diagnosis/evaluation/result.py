@@ -16,7 +16,7 @@ WAYS: Mapping[str, str] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Score:
+class PredictionScore:
     r"""How well one model predicts one channel of a record, or of all of them.
 
     .. math::
@@ -68,7 +68,7 @@ class Ratio:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comparison:
+class ModelComparison:
     """Which model predicts a channel best over all records.
 
     Attributes
@@ -97,9 +97,9 @@ class Evaluation:
     models, records : tuple of str
     band_Hz : float
         Up to which forces are compared by inverse dynamics; above it the derivatives of the position are noise.
-    scores : tuple of Score
+    scores : tuple of PredictionScore
         Of each record, and where there are several, of all of them.
-    comparisons : tuple of Comparison
+    comparisons : tuple of ModelComparison
         Empty for one model.
     warnings : tuple of str
     """
@@ -107,8 +107,8 @@ class Evaluation:
     models: tuple[str, ...]
     records: tuple[str, ...]
     band_Hz: float
-    scores: tuple[Score, ...]
-    comparisons: tuple[Comparison, ...]
+    scores: tuple[PredictionScore, ...]
+    comparisons: tuple[ModelComparison, ...]
     warnings: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:

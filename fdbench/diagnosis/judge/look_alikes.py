@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping
 
-from fdbench.diagnosis.answer import ForceBalances, Rival
+from fdbench.diagnosis.answer import ForceBalances, RivalReduction
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
@@ -14,7 +14,7 @@ def indistinguishable(contest: Stage, kind: type[Effect]) -> list[str]:
     return [rival.name for rival, gain in gains.items() if rival is not kind and gain >= JUDGE.alike * gains[kind]]
 
 
-def instead(contest: Stage, kind: type[Effect], same: Collection[str]) -> Rival | None:
+def instead(contest: Stage, kind: type[Effect], same: Collection[str]) -> RivalReduction | None:
     """Return the best effect that differs from one, and the share of the held-out excess that each would remove.
 
     It is the control against mere flexibility: a wrong effect, fitted just as well, should remove much less.
@@ -24,14 +24,14 @@ def instead(contest: Stage, kind: type[Effect], same: Collection[str]) -> Rival 
     if not others:
         return None
     best = max(others, key=lambda name: others[name])
-    return Rival(effect=best, reduction=others[best], reduction_of_named=gains[kind.name])
+    return RivalReduction(effect=best, reduction=others[best], reduction_of_named=gains[kind.name])
 
 
 def force_balances(removed: Mapping[type[Effect], float], kind: type[Effect], same: Collection[str]) -> ForceBalances:
     """Return what an effect removes of the force balances, and the best other effect that is distinguished from it."""
     others = {rival.name: share for rival, share in removed.items() if rival is not kind and rival.name not in same}
     best = max(others, key=lambda name: others[name], default=None)
-    rival = None if best is None else Rival(effect=best, reduction=others[best])
+    rival = None if best is None else RivalReduction(effect=best, reduction=others[best])
     return ForceBalances(reduction=removed[kind], instead=rival)
 
 

@@ -82,7 +82,7 @@ def _most(
 
 
 @dataclass(frozen=True)
-class Kind:
+class TriedFunction:
     """A function that is tried: of what, in what unit, on roots or not, and whether both directions have their own."""
 
     places: Callable[[Run], FloatArray]
@@ -91,19 +91,21 @@ class Kind:
     by_direction: bool = False
 
 
-def _kinds(drive: FeedDrive) -> dict[str, Kind]:
+def _kinds(drive: FeedDrive) -> dict[str, TriedFunction]:
     """Return the functions that are tried, by what they are functions of."""
     kinds = {
-        "velocity": Kind(lambda run: run.reference[:, 1], "m/s", root=True),
-        "position": Kind(lambda run: run.channels["position_m"], "m"),
-        "position_by_direction": Kind(lambda run: run.channels["position_m"], "m", by_direction=True),
-        "acceleration": Kind(lambda run: run.reference[:, 2], "m/s^2"),
-        "motor_force": Kind(lambda run: run.channels["motor_force_N"], "N"),
-        "time": Kind(lambda run: np.asarray(np.arange(run.n_samples) * run.period_s, dtype=np.float64), "s"),
+        "velocity": TriedFunction(lambda run: run.reference[:, 1], "m/s", root=True),
+        "position": TriedFunction(lambda run: run.channels["position_m"], "m"),
+        "position_by_direction": TriedFunction(lambda run: run.channels["position_m"], "m", by_direction=True),
+        "acceleration": TriedFunction(lambda run: run.reference[:, 2], "m/s^2"),
+        "motor_force": TriedFunction(lambda run: run.channels["motor_force_N"], "N"),
+        "time": TriedFunction(lambda run: np.asarray(np.arange(run.n_samples) * run.period_s, dtype=np.float64), "s"),
     }
     lead = getattr(drive.motor, "lead_m", None)
     if lead is not None:
-        kinds["position_within_a_lead"] = Kind(lambda run: np.asarray(np.mod(run.channels["position_m"], lead)), "m")
+        kinds["position_within_a_lead"] = TriedFunction(
+            lambda run: np.asarray(np.mod(run.channels["position_m"], lead)), "m"
+        )
     return kinds
 
 

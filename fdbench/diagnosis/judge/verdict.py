@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fdbench.diagnosis.answer import READING, Cause, Quantity, Rival, Suspect
+from fdbench.diagnosis.answer import READING, Cause, Quantity, RivalReduction, Suspect
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, energies
 from fdbench.diagnosis.judge import probability_models as confidence
@@ -60,7 +60,7 @@ class Verdict:
     ----------
     causes : tuple of Cause
     suspects : tuple of Suspect
-    nearest : Rival or None
+    nearest : RivalReduction or None
     unknown_probability, no_gap_probability : float
     features : mapping
         By the kind of claim (see `fdbench.diagnosis.judge.probability_models.ProbabilityModels`) and the name
@@ -69,7 +69,7 @@ class Verdict:
 
     causes: tuple[Cause, ...]
     suspects: tuple[Suspect, ...]
-    nearest: Rival | None
+    nearest: RivalReduction | None
     unknown_probability: float
     no_gap_probability: float
     features: Mapping[str, Mapping[str, Features]] = field(default_factory=dict)
@@ -231,9 +231,9 @@ def suspected(found: Findings, models: ProbabilityModels, belief: float) -> tupl
     return [Suspect(effect=best.kind.name, probability=chance)], {best.kind.name: features}
 
 
-def nearest(found: Findings) -> Rival | None:
+def nearest(found: Findings) -> RivalReduction | None:
     """Return the effect that explains most of what the search left, and which share of the excess."""
     last = found.stages[-1] if found.stages else None
     if last is None or not last.rivals:
         return None
-    return Rival(effect=last.rivals[0].kind.name, reduction=last.gain(last.rivals[0]))
+    return RivalReduction(effect=last.rivals[0].kind.name, reduction=last.gain(last.rivals[0]))

@@ -19,7 +19,7 @@ STRIDE = 5  # samples between two of the regression
 SEEN = (Port.MOTOR_FORCE, Port.TABLE_FORCE, Port.TABLE_INERTIA, Port.COMMAND)
 
 
-class Motion:
+class InverseMotion:
     """One run as an inverse model sees it: smoothed, differentiated, thinned out."""
 
     def __init__(self, run: Run, nominal: Nominal) -> None:

@@ -9,7 +9,7 @@ from fdbench.trials.diagnoser import CaseAnswer, Diagnoser
 
 
 @final
-class Null(Diagnoser):
+class NullDiagnoser(Diagnoser):
     """Looks at nothing.
 
     Examples

@@ -14,7 +14,7 @@ from fdbench.errors import PluginError
 from fdbench.record import FloatArray, Record
 from fdbench.trials.diagnoser import CaseAnswer, Diagnoser
 from fdbench.trials.diagnosers._common import gap_probability
-from fdbench.trials.diagnosers._force_residual import Motion, visible
+from fdbench.trials.diagnosers._force_residual import InverseMotion, visible
 
 
 @final
@@ -43,7 +43,7 @@ class PysindyRegression(Diagnoser):
         base = start(nominal)
         every = visible(candidates(base, located(replay, split, base), split.runs[0].period_s))
         runs = [run for run, out in zip(split.runs, split.held_out, strict=True) if not out.all()]
-        motions = [Motion(run, nominal) for run in runs]
+        motions = [InverseMotion(run, nominal) for run in runs]
         columns = [
             np.concatenate([motion.thinned(motion.response(member)) for motion in motions])
             for item in every

@@ -15,7 +15,7 @@ from fdbench.record import FloatArray, Record
 from fdbench.statistics import drawn_counts
 from fdbench.trials.diagnoser import CaseAnswer, Diagnoser
 from fdbench.trials.diagnosers._common import gap_probability
-from fdbench.trials.diagnosers._force_residual import STRIDE, Motion, visible
+from fdbench.trials.diagnosers._force_residual import STRIDE, InverseMotion, visible
 
 SEGMENT_S = 0.25
 BEYOND_DOUBT = 2.5  # standard deviations by which a nominal parameter must be off
@@ -105,7 +105,7 @@ def _products(runs: Sequence[Run], nominal: Nominal, every: Sequence[Candidate])
     """Return products of the residual (column 0) and all members' responses, summed over segments."""
     found = []
     for run in runs:
-        motion = Motion(run, nominal)
+        motion = InverseMotion(run, nominal)
         responses = [motion.thinned(motion.response(member)) for item in every for member in item.members]
         signals = np.stack([motion.residual, *responses])
         length = max(2, round(SEGMENT_S / (STRIDE * run.period_s)))

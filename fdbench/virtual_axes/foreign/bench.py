@@ -18,7 +18,7 @@ from fdbench.virtual_axes.foreign.kinds import (
     FORMS,
     GAIN_ERROR,
     WEIGHT_ERROR,
-    Kind,
+    AxisKind,
     body_of,
     imperfections,
     kinds,
@@ -46,10 +46,10 @@ PROCESS = ("square_N", "thrust_N")
 class ForeignAxis:
     """An axis of a kind; in each run its friction differs by a share of its own."""
 
-    kind: Kind
+    kind: AxisKind
     value: Mapping[str, float]
     body: mechanics.Body
-    loop: loops.Loop
+    loop: loops.ForeignLoop
     wrong: mechanics.Wrong
 
     def readings(self, reference: FloatArray, rng: np.random.Generator | None) -> dict[str, FloatArray]:
@@ -84,7 +84,9 @@ class ForeignAxis:
             thrust[index] = level
         return np.asarray(square + self.wrong.thrust_N * thrust)
 
-    def _march(self, command: FloatArray, loop: loops.Loop, rng: np.random.Generator | None) -> dict[str, FloatArray]:
+    def _march(
+        self, command: FloatArray, loop: loops.ForeignLoop, rng: np.random.Generator | None
+    ) -> dict[str, FloatArray]:
         n, value = len(command), self.value
         outer, noise, scale = self.process_force(command[:, :3]), np.zeros((n, 3)), 1.0
         if rng is not None:
@@ -126,7 +128,7 @@ class ForeignBench(Bench):
 
     Parameters
     ----------
-    kind : Kind
+    kind : AxisKind
     tier : Tier
         F or G, which draw from other ranges.
     rng : numpy Generator
@@ -134,7 +136,7 @@ class ForeignBench(Bench):
 
     nominal_errors: ClassVar[Mapping[str, float]] = ERRORS
 
-    def __init__(self, kind: Kind, tier: Tier, rng: np.random.Generator) -> None:
+    def __init__(self, kind: AxisKind, tier: Tier, rng: np.random.Generator) -> None:
         self.kind, self.tier = kind, tier
         self.value = nominal_values(kind, tier is Tier.F, rng)
         sizes = {

@@ -41,7 +41,7 @@ GAIN_ERROR, CONSTANT_ERROR, WEIGHT_ERROR = 0.02, 0.05, 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Kind:
+class AxisKind:
     """One kind of axis in ``kinds.toml``.
 
     Attributes
@@ -104,13 +104,13 @@ class Imperfection:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Kinds:
+class _AxisKinds:
     nominal: Mapping[str, str]
-    kinds: tuple[Kind, ...]
+    kinds: tuple[AxisKind, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Imperfections:
+class ImperfectionFile:
     """What stands in ``imperfections.toml``."""
 
     listed: tuple[Imperfection, ...]
@@ -118,22 +118,22 @@ class Imperfections:
 
 
 @lru_cache(maxsize=1)
-def _file() -> _Kinds:
-    return read(_Kinds, load_toml(KINDS), KINDS.name)
+def _file() -> _AxisKinds:
+    return read(_AxisKinds, load_toml(KINDS), KINDS.name)
 
 
-def kinds() -> tuple[Kind, ...]:
+def kinds() -> tuple[AxisKind, ...]:
     """Return every kind."""
     return _file().kinds
 
 
 @lru_cache(maxsize=1)
-def imperfections() -> Imperfections:
+def imperfections() -> ImperfectionFile:
     """Return every imperfection."""
-    return read(Imperfections, load_toml(IMPERFECTIONS), IMPERFECTIONS.name)
+    return read(ImperfectionFile, load_toml(IMPERFECTIONS), IMPERFECTIONS.name)
 
 
-def nominal_values(kind: Kind, upper: bool, rng: np.random.Generator) -> dict[str, float]:
+def nominal_values(kind: AxisKind, upper: bool, rng: np.random.Generator) -> dict[str, float]:
     """Return the drawn values of a data sheet, from the upper or the lower half of each range."""
     start = 0.5 if upper else 0.0
     found = {
@@ -158,13 +158,13 @@ def scales(value: Mapping[str, float]) -> dict[str, float]:
     }
 
 
-def space_of(kind: Kind, value: Mapping[str, float]) -> Space:
+def space_of(kind: AxisKind, value: Mapping[str, float]) -> Space:
     """Return what the machine allows; a loop in counts follows unsmoothed trapezoids."""
     smoothing_s = 0.0 if kind.form == "counts" else 0.03
     return Space(value["travel_m"], value["speed_m_per_s"], value["acceleration_m_per_s2"], kind.period_s, smoothing_s)
 
 
-def body_of(kind: Kind, value: Mapping[str, float], errors: Mapping[str, float]) -> mechanics.Body:
+def body_of(kind: AxisKind, value: Mapping[str, float], errors: Mapping[str, float]) -> mechanics.Body:
     """Return the machine whose values are off their nominal ones by ``errors``."""
     mass = value["mass_kg"] * (1.0 + errors["mass"])
     viscous = value["viscous_N_s_per_m"] * (1.0 + errors["viscous"])
@@ -198,7 +198,7 @@ def _bristle_damping(value: Mapping[str, float]) -> float:
     return BRISTLE_DAMPING * math.sqrt(value["friction_N"] / value["presliding_m"] * value["mass_kg"])
 
 
-def gains_of(kind: Kind, value: Mapping[str, float]) -> dict[str, float]:
+def gains_of(kind: AxisKind, value: Mapping[str, float]) -> dict[str, float]:
     """Return the nominal gains, for the bandwidth of the machine."""
     omega = TURN * value["bandwidth_Hz"]
     velocity_gain = float(f"{omega * value['mass_kg']:.4g}")
@@ -214,12 +214,12 @@ def gains_of(kind: Kind, value: Mapping[str, float]) -> dict[str, float]:
     }
 
 
-def loop_of(kind: Kind, value: Mapping[str, float], errors: Mapping[str, float]) -> loops.Loop:
+def loop_of(kind: AxisKind, value: Mapping[str, float], errors: Mapping[str, float]) -> loops.ForeignLoop:
     """Return the controller with its gains and the motor constant off their nominal ones by ``errors``."""
     gains = gains_of(kind, value)
     for name in ("position_gain_per_s", "velocity_gain_N_s_per_m", "integral_gain_N_per_m"):
         gains[name] *= 1.0 + errors.get(name, 0.0)
-    return loops.Loop(
+    return loops.ForeignLoop(
         form=FORMS[kind.form],
         reads_table=float(kind.feedback == "table"),
         filter_s=value.get("filter_s", 0.0),
@@ -231,7 +231,7 @@ def loop_of(kind: Kind, value: Mapping[str, float], errors: Mapping[str, float])
     )
 
 
-def model_of(kind: Kind, value: Mapping[str, float]) -> dict[str, Any]:
+def model_of(kind: AxisKind, value: Mapping[str, float]) -> dict[str, Any]:
     """Return the tables of the model file that the owner of the machine would write."""
     share = MOTOR_SHARE if kind.is_elastic else 1.0
     mass, viscous = value["mass_kg"], value["viscous_N_s_per_m"]

@@ -18,7 +18,7 @@ CASCADE, FILTERED, TACHOMETER, COUNTS, TWO_SENSORS, TORQUE = range(6)
 N_STOPS = 2
 
 
-class Loop(NamedTuple):
+class ForeignLoop(NamedTuple):
     """Settings of a controller; what a form does not have is not looked at."""
 
     form: float

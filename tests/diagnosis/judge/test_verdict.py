@@ -46,6 +46,6 @@ def test_beyond_all_doubt_look_alikes_are_divided_too() -> None:
 
 def test_the_force_balance_check_leaves_look_alikes_aside() -> None:
     removed = {DELAY: 0.5, LAG: 0.6, CABLE: 0.2}
-    best_other = answer.Rival(effect="cable_stiffness", reduction=0.2)
+    best_other = answer.RivalReduction(effect="cable_stiffness", reduction=0.2)
     assert force_balances(removed, DELAY, [LAG.name]) == ForceBalances(reduction=0.5, instead=best_other)
     assert force_balances({DELAY: 0.5}, DELAY, []) == ForceBalances(reduction=0.5)
