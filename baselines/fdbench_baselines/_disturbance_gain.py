@@ -35,13 +35,17 @@ def disturbance_gain(context: Context, regression: Regression, beta: FloatArray)
     beta : (p,) array
         Parameters of the record, in the model's order.
 
+    Examples
+    --------
+    A drive that answers 5 % weaker is 4 % heavier where the mass is left open by 4.4 % and the gain by 1.8 %.
+
     >>> from fdbench.scenario import load_scenario
     >>> context = load_scenario("ShakerConstant-v1").context()
     >>> regression = context.regression(load_scenario("ShakerConstant-v1").record(0))
     >>> paper = np.array(list(context.nominal.values()))
     >>> found = disturbance_gain(context, regression, paper * [0.95, 1.0, 1.0, 1.0] + [0.0, 0.0417, 0.0, 0.0])
     >>> round(found.gain / regression.disturbance_gain, 3), round(found.deviation, 3)
-    (0.957, 0.018)
+    (0.958, 0.016)
     """
     from scipy.optimize import nnls
 

@@ -255,8 +255,8 @@ def posterior(
 def noise_share(rest: FloatArray, step_s: float) -> float:
     """Return r: the mean square where the force rests, in the quietest 0.3 s, over that of all; 1 where it is similar.
 
-    >>> noise_share(np.append(np.full(300, 0.1), np.ones(700)), 0.001)
-    0.014144271570014143
+    >>> round(noise_share(np.append(np.full(300, 0.1), np.ones(700)), 0.001), 4)
+    0.0142
     >>> noise_share(np.append(np.full(300, 0.8), np.ones(700)), 0.001)
     1.0
     """

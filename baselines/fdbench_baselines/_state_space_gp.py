@@ -50,7 +50,7 @@ def motion(order: int, step_s: float, length_s: float) -> Motion:
 class Filtered(NamedTuple):
     """Innovations (n, m) of the columns and their variances (n,), inf where a row is missing; more for the smoother.
 
-    That is predictions (n, m) of the force, P h (n, M), P g (n, M) and g' P g (n,), g being h on the force's amplitudes.
+    That is predictions (n, m) of the force, P h and P g (n, M) and g' P g (n,), g being h on the force's amplitudes.
     """
 
     errors: FloatArray
