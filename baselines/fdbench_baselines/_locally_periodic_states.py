@@ -1,0 +1,268 @@
+"""Hyperparameters of a locally periodic force by restricted likelihood, and the force given them."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.estimator import FloatArray
+from fdbench_baselines._robust import loudness
+from fdbench_baselines._state_space_gp import Filtered, Motion, motion, run_filter, run_smoother
+
+EVALUATIONS, REFINEMENTS, TOLERANCE = 120, 60, 0.02
+# Logarithms: deviations of waves, of the level and of what grows with the feed, over the noise's; lengths in s; width.
+START = np.array([1.0, 0.0, 0.0, -1.0, 0.0, 0.0])
+LOWEST = np.array([-8.0, -1.0, -1.5, -8.0, -6.0, -8.0])
+HIGHEST = np.array([6.0, 7.0, 4.0, 6.0, 7.0, 4.0])
+SMALLEST_VARIANCE = 1e-5  # of the noise's; harmonics below are left out
+MOST_STARTS, DECISIVE, SCAN_S = 4, 10.0, 0.1
+QUIET_S, QUIETEST = 0.3, 0.5
+
+
+class Design(NamedTuple):
+    """Amplitudes: H (n, d), orders of the harmonics (d,), which grow with the feed, which are of the force; 1 or 2."""
+
+    H: FloatArray
+    harmonics: NDArray[np.intp]
+    grows: NDArray[np.bool_]
+    own: FloatArray
+    order: int
+
+    def up_to(self, harmonic: int) -> "Design":
+        """Return the design without the harmonics above."""
+        kept = self.harmonics <= harmonic
+        H = np.ascontiguousarray(self.H[:, kept])
+        return Design(H, self.harmonics[kept], self.grows[kept], self.own[kept], self.order)
+
+
+class Rows(NamedTuple):
+    """Columns (n, p + 1), target last; variance of each row's noise (n,), inf where missing; where all begins anew."""
+
+    columns: FloatArray
+    loud: FloatArray
+    fresh: NDArray[np.bool_]
+
+
+class Process(NamedTuple):
+    """What was found: s2 is the variance of the noise in units of the target squared."""
+
+    design: Design
+    motion: Motion
+    loud: FloatArray
+    fresh: NDArray[np.bool_]
+    s2: float
+    log_likelihood: float
+
+
+class Posterior(NamedTuple):
+    """Force (n,) in units of the target, its variance (n,), and what is left of the target (n,)."""
+
+    force: FloatArray
+    variance: FloatArray
+    left: FloatArray
+
+
+def designs(angle: FloatArray, harmonics: int, feed: FloatArray | None, owns_level: bool) -> list[Design]:
+    r"""Return the processes that a force may be: Ornstein-Uhlenbeck or Matern amplitudes, or those of a cut.
+
+    Parameters
+    ----------
+    angle : (n,) array
+        :math:`\varphi`.
+    harmonics : int
+        J; 0 leaves the level alone.
+    feed : (n,) array or None
+        v_r; amplitudes are then :math:`a \operatorname{sign} v_r + b v_r`, as those of a cut are.
+    owns_level : bool
+        Whether the level is part of the force, or of what the linear model misses.
+    """
+    orders = np.append(0, np.repeat(np.arange(1, harmonics + 1), 2)).astype(np.intp)
+    turned = angle[:, None] * orders
+    is_sine = (np.arange(len(orders)) % 2 == 0) & (orders > 0)
+    H = np.where(is_sine, np.sin(turned), np.cos(turned))
+    own = np.where(orders == 0, float(owns_level), 1.0)
+    if feed is not None:
+        speed = (feed / (float(np.sqrt(np.mean(feed**2))) or 1.0))[:, None]
+        both = np.hstack((H * np.sign(speed), H * speed))
+        grows = np.arange(2 * len(orders)) >= len(orders)
+        return [Design(both, np.tile(orders, 2), grows, np.tile(own, 2), 1)]
+    grows = np.zeros(len(orders), dtype=np.bool_)
+    return [Design(H, orders, grows, own, order) for order in ((1, 2) if harmonics else (1,))]
+
+
+def motions(design: Design, step_s: float, place: FloatArray) -> Motion:
+    r"""Return F, Q, P of all amplitudes at a point of the search.
+
+    Harmonics share the variance of the waves as in the periodic kernel of width :math:`\sigma_2`, whose Fourier
+    coefficients are :math:`q_j^2 \propto I_j(1 / 4 \sigma_2^2)`: Solin and Särkkä (2014), eq. (27).
+    """
+    from scipy.special import ive
+
+    wave, _, width, level, _, growth = np.exp(2.0 * place)
+    weights = ive(np.arange(design.harmonics.max() + 1), 1.0 / width)
+    weights *= wave / max(float(weights[1:].sum()), 1e-300)
+    weights[0] = level
+    scale = (weights[design.harmonics] * np.where(design.grows, growth, 1.0))[:, None, None]
+    is_level = (design.harmonics == 0)[:, None, None]
+    waves, levels = (motion(design.order, step_s, float(np.exp(place[i]))) for i in (1, 4))
+    F, Q, P = (np.where(is_level, there, here) for here, there in zip(waves, levels, strict=True))
+    return Motion(np.ascontiguousarray(F), Q * scale, P * scale)
+
+
+def filtered(rows: Rows, design: Design, move: Motion, keep: bool = True) -> Filtered:
+    """Return what the filter makes of all columns."""
+    size = (0.0,) * design.order
+    return Filtered(*run_filter(size, design.H, design.own, *move, rows.loud, rows.fresh, rows.columns, keep))
+
+
+def restricted(rows: Rows, design: Design, move: Motion) -> tuple[float, float]:
+    r"""Return the restricted log likelihood at the scale s^2 that suits best, up to a constant, and s^2.
+
+    .. math::
+        \log L = -\tfrac12 \Big( \nu \log s^2 + \sum_k \log S_k + \log |\tilde Z^T \tilde Z| \Big), \quad
+        s^2 = \min_\beta |\tilde y - \tilde Z \beta|^2 / \nu
+
+    with the tilde for innovations over the root of their variances S: the parameters are integrated out exactly.
+
+    References
+    ----------
+    Patterson and Thompson, Biometrika 58 (1971), 545-554; de Jong, The likelihood for a state space model, Biometrika
+    75 (1988), 165-169.
+    """
+    p = rows.columns.shape[1] - 1
+    run = filtered(rows, design, move, keep=False)
+    seen = run.variances < np.inf
+    if not (np.isfinite(run.errors).all() and (run.variances > 0.0).all()):
+        return -np.inf, np.nan
+    S = run.variances[seen]
+    triangle = np.abs(np.diag(np.linalg.qr(run.errors[seen] / np.sqrt(S)[:, None], mode="r")))
+    degrees = len(S) - p
+    s2 = float(triangle[p] ** 2 / degrees)
+    with np.errstate(divide="ignore"):
+        value = -0.5 * (degrees * np.log(s2) + np.sum(np.log(S))) - np.sum(np.log(triangle[:p]))
+    return float(value), s2
+
+
+def likeliest_process(
+    left: FloatArray,
+    Z: FloatArray,
+    step_s: float,
+    candidates: list[Design],
+    trusted: NDArray[np.bool_],
+    is_sudden: bool,
+) -> Process:
+    """Return the likeliest of some processes with its hyperparameters, those by the simplex of Nelder and Mead.
+
+    Rows that are not trusted count as missing, those beyond four deviations less. Where forces are ``sudden``, as when
+    a shaker is switched on, all begins anew at each row where that makes the record decisively likelier.
+    """
+    n = len(left)
+    size = np.sqrt(np.mean(Z**2, axis=0))
+    unit = float(np.sqrt(np.mean(left[trusted] ** 2))) or 1.0
+    columns = np.column_stack((Z[:, size > 0.0] / size[size > 0.0], left / unit))
+    found: list[Process] = []
+    start = START
+    for design in candidates:
+        rows = Rows(columns, np.where(trusted, 1.0, np.inf), np.zeros(n, dtype=np.bool_))
+        place, value = _climb(rows, design, step_s, start, EVALUATIONS)
+        variances = motions(design, step_s, place).P[:, 0, 0]
+        design = design.up_to(max(1, int(design.harmonics[variances > SMALLEST_VARIANCE].max(initial=0))))
+        for _ in range(MOST_STARTS if is_sudden else 0):
+            tried = _with_start(rows, design, motions(design, step_s, place), step_s)
+            there, then = _climb(tried, design, step_s, place, REFINEMENTS)
+            if then < value + DECISIVE:
+                break
+            rows, place, value = tried, there, then
+        rows = _with_outliers(rows, design, motions(design, step_s, place))
+        place, value = _climb(rows, design, step_s, place, REFINEMENTS)
+        move = motions(design, step_s, place)
+        s2 = restricted(rows, design, move)[1] * unit**2
+        found.append(Process(design, move, rows.loud, rows.fresh, s2, value))
+        start = place
+    return max(found, key=lambda process: process.log_likelihood)
+
+
+def _climb(rows: Rows, design: Design, step_s: float, start: FloatArray, evaluations: int) -> tuple[FloatArray, float]:
+    """Return the likeliest place and its value."""
+    from scipy.optimize import minimize
+
+    waves = int(design.harmonics.max())
+    free = np.array([waves > 0, waves > 0, waves > 1, True, True, design.grows.any()])
+
+    def place(point: FloatArray) -> FloatArray:
+        full = start.copy()
+        full[free] = np.clip(point, LOWEST[free], HIGHEST[free])
+        return full
+
+    def loss(point: FloatArray) -> float:
+        value = restricted(rows, design, motions(design, step_s, place(point)))[0]
+        return -value if np.isfinite(value) else 1e300
+
+    corners = start[free] + np.vstack((np.zeros(free.sum()), np.eye(int(free.sum()))))
+    options: Any = {"initial_simplex": corners, "maxfev": evaluations, "xatol": TOLERANCE, "fatol": TOLERANCE}
+    found = minimize(loss, start[free], method="Nelder-Mead", options=options)
+    return place(found.x), -float(found.fun)
+
+
+def _with_start(rows: Rows, design: Design, move: Motion, step_s: float) -> Rows:
+    """Return the rows with one more start, where it makes them likeliest: on a coarse grid, then row by row."""
+    n, far = len(rows.loud), max(1, round(SCAN_S / step_s))
+
+    def started(row: int) -> Rows:
+        fresh = rows.fresh.copy()
+        fresh[row] = True
+        return rows._replace(fresh=fresh)
+
+    def value(row: int) -> float:
+        return restricted(started(row), design, move)[0]
+
+    near = max(range(far, max(n - far, far + 1), far), key=value)
+    return started(max(range(near - far + 1, min(near + far, n)), key=value))
+
+
+def _with_outliers(rows: Rows, design: Design, move: Motion) -> Rows:
+    """Return the rows with those that stand out made louder."""
+    run = filtered(rows, design, move, keep=False)
+    seen = run.variances < np.inf
+    white = run.errors[seen] / np.sqrt(run.variances[seen])[:, None]
+    theta = np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=None)[0]
+    loud = rows.loud.copy()
+    loud[seen] *= loudness(white[:, -1] - white[:, :-1] @ theta)
+    return rows._replace(loud=loud)
+
+
+def posterior(
+    process: Process, left: FloatArray, Z: FloatArray, covariance: FloatArray, step_s: float, is_irregular: bool
+) -> Posterior:
+    r"""Return the force given all rows, with the variance that process and parameters leave.
+
+    .. math:: \hat d = \hat f + (1 - r) (y - Z \beta - \hat f)
+
+    What is left of the target is noise and, if ``is_irregular``, white force that no harmonic holds, such as that of
+    the edges of a cut: the share 1 - r of its variance, see `noise_share`.
+    """
+    design = process.design
+    rows = Rows(np.column_stack((left, Z)), process.loud, process.fresh)
+    run = filtered(rows, design, process.motion)
+    mean, variance = run_smoother((0.0,) * design.order, design.H, process.motion.F, process.fresh, *run)
+    rest = left - mean[:, 0]
+    r = noise_share(rest, step_s) if is_irregular else 1.0
+    moved = r * mean[:, 1:] + (1.0 - r) * Z
+    spread = process.s2 * (r**2 * variance + r * (1.0 - r)) + np.einsum("ij,jk,ik->i", moved, covariance, moved)
+    return Posterior(left - r * rest, spread, r * rest)
+
+
+def noise_share(rest: FloatArray, step_s: float) -> float:
+    """Return r: the mean square where the force rests, in the quietest 0.3 s, over that of all; 1 where it is similar.
+
+    >>> round(noise_share(np.append(np.full(300, 0.1), np.ones(700)), 0.001), 4)
+    0.0142
+    >>> noise_share(np.append(np.full(300, 0.8), np.ones(700)), 0.001)
+    1.0
+    """
+    window, whole = max(1, round(QUIET_S / step_s)), float(np.mean(rest**2))
+    if len(rest) < 2 * window or whole == 0.0:
+        return 1.0
+    sums = np.cumsum(np.append(0.0, rest**2))
+    quiet = float(np.min(sums[window:] - sums[:-window])) / (window * whole)
+    return quiet if quiet < QUIETEST else 1.0
