@@ -1,4 +1,4 @@
-"""The friction that a simulation with the curves on paper leaves: another curve, of speed, for each direction."""
+"""The friction that no parameter of a rigid model stands for: a curve of speed for each direction, beside its line."""
 
 from typing import NamedTuple
 
@@ -10,18 +10,44 @@ NODES = np.array([0.0, 0.1, 0.3, 0.6, 1.0])  # of the fastest speed
 
 
 class LeftFriction(NamedTuple):
-    """Force (N) at the nodes, (2, n_nodes), forward and back, and the speed (m/s) of the last one."""
+    r"""Columns :math:`H(v) - L(v) K` with hats H, lines :math:`L = (v, \operatorname{sign} v, 1)`, K = L^+ H.
 
-    force: FloatArray
-    fastest: float
+    In the motion that they are made for the columns hold nothing that viscous, Coulomb and constant force could.
 
-    def at(self, velocity: FloatArray) -> FloatArray:
-        """Return the force (n,) at velocities (n,), m/s; beyond the last node that of the last node."""
-        return np.asarray(hats(velocity, self.fastest) @ self.force.ravel())
+    Attributes
+    ----------
+    fastest_m_per_s : float
+        Speed of the last node, beyond which hats stay as they are.
+    line : (3, 2 n_nodes) array
+        K.
+
+    >>> velocity = np.sin(np.linspace(0.0, 6.0, 200))
+    >>> columns = left_friction(velocity).columns(velocity)
+    >>> bool(np.abs(columns.T @ lines(velocity)).max() < 1e-9)
+    True
+    """
+
+    fastest_m_per_s: float
+    line: FloatArray
+
+    def columns(self, velocity: FloatArray) -> FloatArray:
+        """Return the columns (n, 2 n_nodes) at velocities (n,), m/s."""
+        return np.asarray(hats(velocity, self.fastest_m_per_s) - lines(velocity) @ self.line)
+
+
+def left_friction(velocity: FloatArray) -> LeftFriction:
+    """Return the columns that belong to a motion of velocities (n,), m/s."""
+    fastest = float(np.max(np.abs(velocity)))
+    return LeftFriction(fastest, np.linalg.pinv(lines(velocity)) @ hats(velocity, fastest))
+
+
+def lines(velocity: FloatArray) -> FloatArray:
+    """Return L (n, 3)."""
+    return np.column_stack((velocity, np.sign(velocity), np.ones(len(velocity))))
 
 
 def hats(velocity: FloatArray, fastest: float) -> FloatArray:
-    """Return the weight of each node, (n, 2 n_nodes), forward first.
+    """Return the weight of each node (n, 2 n_nodes), forward first.
 
     >>> hats(np.array([0.05, -1.0]), 1.0).round(1)
     array([[0.5, 0.5, 0. , 0. , 0. , 0. , 0. , 0. , 0. , 0. ],
@@ -30,23 +56,3 @@ def hats(velocity: FloatArray, fastest: float) -> FloatArray:
     speed = np.abs(velocity) / fastest
     weights = np.column_stack([np.interp(speed, NODES, node) for node in np.eye(len(NODES))])
     return np.hstack([weights * (direction * velocity > 0.0)[:, None] for direction in (1.0, -1.0)])
-
-
-def left_friction(velocity: FloatArray, left: FloatArray, deviation_N: float, variance: float) -> LeftFriction:
-    r"""Return the curve that most likely made what is left.
-
-    .. math:: \hat c = \arg\min |r - H(v) c|^2 / \sigma^2 + |c|^2 / s^2
-
-    Parameters
-    ----------
-    velocity, left : (n,) arrays
-        v, m/s, and r, N.
-    deviation_N : float
-        s, of the force at each node beforehand.
-    variance : float
-        :math:`\sigma^2`, N^2, for each row as if rows were independent.
-    """
-    fastest = float(np.max(np.abs(velocity)))
-    H = hats(velocity, fastest)
-    ridge = variance / deviation_N**2 * np.eye(H.shape[1])
-    return LeftFriction(np.linalg.solve(H.T @ H + ridge, H.T @ left).reshape(2, -1), fastest)

@@ -105,6 +105,10 @@ def _with_effect(drive: FeedDrive, place: int, effect: Effect) -> FeedDrive:
     return dataclasses.replace(drive, effects=(*drive.effects[:place], effect, *drive.effects[place + 1 :]))
 
 
+def _with_value(effect: Effect, name: str, value: float) -> Effect:
+    return type(effect)(**{item.name: getattr(effect, item.name) for item in effect.parameters()} | {name: value})
+
+
 def _level(drive: FeedDrive, place: int) -> Callable[[FeedDrive, float], FeedDrive]:
     effect, fast = drive.effects[place], drive.velocity_limit_m_per_s
     if steady_force(effect, fast) != steady_force(effect, -fast):
@@ -112,7 +116,7 @@ def _level(drive: FeedDrive, place: int) -> Callable[[FeedDrive, float], FeedDri
     on_paper = getattr(effect, effect.amplitude)
     unit = abs(drive.friction_line.coulomb_N) or 1.0
     return lambda other, setting: _with_effect(
-        other, place, dataclasses.replace(other.effects[place], **{effect.amplitude: on_paper + setting * unit})
+        other, place, _with_value(other.effects[place], effect.amplitude, on_paper + setting * unit)
     )
 
 
@@ -120,6 +124,6 @@ def _shape(place: int, name: str) -> Callable[[FeedDrive, float], FeedDrive]:
     def moved(drive: FeedDrive, setting: float) -> FeedDrive:
         effect = drive.effects[place]
         value = math.exp(setting) * getattr(effect, name)
-        return _with_effect(drive, place, dataclasses.replace(effect, **{name: value}))
+        return _with_effect(drive, place, _with_value(effect, name, value))
 
     return moved

@@ -1,4 +1,4 @@
-"""Where a drive's knobs stand once record and data sheet have been weighed, and what its rigid model's parameters are."""
+"""Where a drive's knobs stand once record and data sheet have been weighed, and the rigid model that follows."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -3,11 +3,11 @@ r"""One step of Gauss and Newton in the parameters of a simulation, its errors w
 .. math::
     y - \hat y(\theta) - X_w c = n, \quad A(q) n = \varepsilon, \qquad
     (\hat d, \hat c) = \arg\min \sum_k \frac{1}{\ell_k}
-        \big(A(q) (y - \hat y(\theta) - S d - X_w c)_k\big)^2 + \sigma^2 (\theta + d)^T P (\theta + d)
+        \big(A(q) (y - \hat y(\theta) - S d - X_w c)_k\big)^2 + \sigma^2 |(\theta + d, c)|_P^2
 
 with :math:`S = \partial \hat y / \partial \theta`, A from what the last step left, :math:`\ell_k \ge 1` for rows that
-stand out (`_robust`) and P the precision of what is known of :math:`\theta` beforehand. The covariance lets errors go
-together within blocks of rows, as that of `_aitken`.
+stand out (`_robust`) and P the precision of what is known of both beforehand, :math:`|z|_P^2 = z^T P z`. The
+covariance lets errors go together within blocks of rows, as that of `_aitken`.
 
 References
 ----------
@@ -23,16 +23,20 @@ from fdbench_baselines._aitken import BLOCK, autoregression
 from fdbench_baselines._robust import loudness
 
 
+<<<<<<< HEAD
 class WhitenedStep(NamedTuple):
     """Change d (q,) of the parameters, its covariance (q, q), coefficients c beside, long-run variance of the errors.
 
     The long-run variance is that of n times the number of rows over which it goes on.
     """
+=======
+class Step(NamedTuple):
+    """Change d (q,) of the parameters, its covariance (q, q), and the coefficients c (m,) beside."""
+>>>>>>> oe
 
     change: FloatArray
     covariance: FloatArray
     beside: FloatArray
-    long_run_variance: float
 
 
 def whitened_step(
@@ -52,8 +56,10 @@ def whitened_step(
         Sensitivities, and columns X_w.
     left, noise : (n,) arrays
         What the simulation leaves of the record, and what is left of that by the columns beside.
-    settings, P : (q,), (q, q) arrays
-        The parameters and their precision beforehand.
+    settings : (q,) array
+        The parameters.
+    P : (q + m, q + m) array
+        Precision of parameters and coefficients beforehand, about 0.
     lags : int
         Order of A.
     """
@@ -68,9 +74,7 @@ def whitened_step(
     variance = float(np.mean(errors**2 / loud))
     scale = np.sqrt(np.mean(X**2, axis=0))
     scale[scale == 0.0] = 1.0
-    known = np.zeros((X.shape[1], X.shape[1]))
-    known[:q, :q] = variance * P
-    known /= np.outer(scale, scale)
+    known = variance * P / np.outer(scale, scale)
     weighted, scaled = X / scale / loud[:, None], X / scale
     bread = np.linalg.pinv(weighted.T @ scaled + known)
     pull = weighted.T @ y - known[:, :q] @ (settings * scale[:q])
@@ -79,5 +83,9 @@ def whitened_step(
     pulls[: len(y)] = weighted * (y - X @ solution)[:, None]
     sums = pulls.reshape(-1, BLOCK, X.shape[1]).sum(axis=1)
     covariance = (bread @ (sums.T @ sums + variance * known) @ bread.T / np.outer(scale, scale))[:q, :q]
+<<<<<<< HEAD
     long_run = variance / float(taps.sum()) ** 2
     return WhitenedStep(solution[:q], 0.5 * (covariance + covariance.T), solution[q:], long_run)
+=======
+    return Step(solution[:q], 0.5 * (covariance + covariance.T), solution[q:])
+>>>>>>> oe
