@@ -20,19 +20,11 @@ import numpy as np
 
 from fdbench.estimator import FloatArray
 from fdbench_baselines._aitken import BLOCK, autoregression
-from fdbench_baselines._robust import loudness
+from fdbench_baselines._robust import outlyingness
 
 
-<<<<<<< HEAD
-class WhitenedStep(NamedTuple):
-    """Change d (q,) of the parameters, its covariance (q, q), coefficients c beside, long-run variance of the errors.
-
-    The long-run variance is that of n times the number of rows over which it goes on.
-    """
-=======
 class Step(NamedTuple):
     """Change d (q,) of the parameters, its covariance (q, q), and the coefficients c (m,) beside."""
->>>>>>> oe
 
     change: FloatArray
     covariance: FloatArray
@@ -47,7 +39,7 @@ def whitened_step(
     settings: FloatArray,
     P: FloatArray,
     lags: int,
-) -> WhitenedStep:
+) -> Step:
     """Return the step.
 
     Parameters
@@ -70,7 +62,7 @@ def whitened_step(
     table = np.hstack((S, beside, left[:, None], noise[:, None]))
     white = fftconvolve(table, taps[:, None], axes=0)[lags : len(left)]
     X, y, errors = white[:, :-2], white[:, -2], white[:, -1]
-    loud = loudness(errors)
+    loud = outlyingness(errors)
     variance = float(np.mean(errors**2 / loud))
     scale = np.sqrt(np.mean(X**2, axis=0))
     scale[scale == 0.0] = 1.0
@@ -83,9 +75,4 @@ def whitened_step(
     pulls[: len(y)] = weighted * (y - X @ solution)[:, None]
     sums = pulls.reshape(-1, BLOCK, X.shape[1]).sum(axis=1)
     covariance = (bread @ (sums.T @ sums + variance * known) @ bread.T / np.outer(scale, scale))[:q, :q]
-<<<<<<< HEAD
-    long_run = variance / float(taps.sum()) ** 2
-    return WhitenedStep(solution[:q], 0.5 * (covariance + covariance.T), solution[q:], long_run)
-=======
     return Step(solution[:q], 0.5 * (covariance + covariance.T), solution[q:])
->>>>>>> oe

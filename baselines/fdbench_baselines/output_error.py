@@ -1,11 +1,7 @@
 """Output error: the drive on paper is simulated from its command alone, and turned until it does what was recorded."""
 
-<<<<<<< HEAD
-from typing import final
-=======
 from collections.abc import Callable
 from typing import ClassVar, NamedTuple, final
->>>>>>> oe
 
 import numpy as np
 from numpy.typing import NDArray
