@@ -20,10 +20,10 @@ import numpy as np
 
 from fdbench.estimator import FloatArray
 from fdbench_baselines._aitken import BLOCK, autoregression
-from fdbench_baselines._robust import outlyingness
+from fdbench_baselines._robust import loudness
 
 
-class Step(NamedTuple):
+class WhitenedStep(NamedTuple):
     """Change d (q,) of the parameters, its covariance (q, q), and the coefficients c (m,) beside."""
 
     change: FloatArray
@@ -39,7 +39,7 @@ def whitened_step(
     settings: FloatArray,
     P: FloatArray,
     lags: int,
-) -> Step:
+) -> WhitenedStep:
     """Return the step.
 
     Parameters
@@ -62,7 +62,7 @@ def whitened_step(
     table = np.hstack((S, beside, left[:, None], noise[:, None]))
     white = fftconvolve(table, taps[:, None], axes=0)[lags : len(left)]
     X, y, errors = white[:, :-2], white[:, -2], white[:, -1]
-    loud = outlyingness(errors)
+    loud = loudness(errors)
     variance = float(np.mean(errors**2 / loud))
     scale = np.sqrt(np.mean(X**2, axis=0))
     scale[scale == 0.0] = 1.0
@@ -75,4 +75,4 @@ def whitened_step(
     pulls[: len(y)] = weighted * (y - X @ solution)[:, None]
     sums = pulls.reshape(-1, BLOCK, X.shape[1]).sum(axis=1)
     covariance = (bread @ (sums.T @ sums + variance * known) @ bread.T / np.outer(scale, scale))[:q, :q]
-    return Step(solution[:q], 0.5 * (covariance + covariance.T), solution[q:])
+    return WhitenedStep(solution[:q], 0.5 * (covariance + covariance.T), solution[q:])

@@ -197,7 +197,8 @@ class Effect(ABC):
         both.
     calibrates : str
         Uncertain nominal parameter that the effect corrects: ``mass``, ``viscous``, ``known_effects``,
-        ``friction_side``, ``friction_form`` or ``force_offset``; within that uncertainty a gap is parametric and the effect is not a cause.
+        ``friction_side``, ``friction_form`` or ``force_offset``; within that uncertainty a gap is parametric and the
+        effect is not a cause.
     cause_type : str
         What type of cause the effect is, one of `CAUSE_TYPES`; without, that of its port, see `type_of`.
     """
