@@ -1,4 +1,4 @@
-"""A drive on paper with knobs: what an output error turns until the simulation is the record."""
+"""A nominal drive with knobs: what an output error turns until the simulation is the record."""
 
 import dataclasses
 import math
@@ -15,7 +15,7 @@ LEAST = -0.9  # setting of a factor, which stays positive
 
 
 class Knob(NamedTuple):
-    """One number that is 0 as on paper; ``turned`` gives the drive at another.
+    """One number that is 0 at the nominal value; ``turned`` gives the drive at another.
 
     ``is_stated``: it moves a parameter of the rigid model, of which the data sheet says how exact it is.
     """
@@ -28,8 +28,8 @@ class Knob(NamedTuple):
 def knobs_of(drive: FeedDrive) -> list[Knob]:
     r"""Return the knobs of a drive.
 
-    Stated are factors :math:`1 + \theta` of mass, viscous friction and each friction on paper, shared between both
-    sides as on paper, and a constant force in units of the Coulomb friction. Others are factors :math:`e^\theta` of
+    Stated are factors :math:`1 + \theta` of mass, viscous friction and each nominal friction, shared between both
+    sides as before, and a constant force in units of the Coulomb friction. Others are factors :math:`e^\theta` of
     the screw's stiffness, of the numbers that shape a friction, and of the gains of a cascade's velocity loop, in which
     the motor's constant is. The gain of a velocity loop alone cannot be told from the mass.
 
@@ -113,10 +113,10 @@ def _level(drive: FeedDrive, place: int) -> Callable[[FeedDrive, float], FeedDri
     effect, fast = drive.effects[place], drive.velocity_limit_m_per_s
     if steady_force(effect, fast) != steady_force(effect, -fast):
         return lambda other, setting: _with_effect(other, place, other.effects[place].scaled(1.0 + setting))
-    on_paper = getattr(effect, effect.amplitude)
+    nominal = getattr(effect, effect.amplitude)
     unit = abs(drive.friction_line.coulomb_N) or 1.0
     return lambda other, setting: _with_effect(
-        other, place, _with_value(other.effects[place], effect.amplitude, on_paper + setting * unit)
+        other, place, _with_value(other.effects[place], effect.amplitude, nominal + setting * unit)
     )
 
 

@@ -44,7 +44,7 @@ def weighed_settings(
     """
     stated = np.array([knob.is_stated for knob in knobs])
     free, V = settings + step.change, step.covariance
-    on_paper = rigid_parameters(context, drive, knobs, np.zeros(len(knobs)))
+    nominal = rigid_parameters(context, drive, knobs, np.zeros(len(knobs)))
     here = rigid_parameters(context, drive, knobs, settings)
     moved = [
         rigid_parameters(context, drive, knobs, settings + DIFFERENCE * unit) for unit in np.eye(len(knobs))[stated]
@@ -57,7 +57,7 @@ def weighed_settings(
     left, values, _ = np.linalg.svd(J, full_matrices=False)
     basis = left[:, values > RANK * values[0]]
     T = basis.T @ J
-    difference = basis.T @ ((here - on_paper) * size) + T @ step.change[stated]
+    difference = basis.T @ ((here - nominal) * size) + T @ step.change[stated]
     C = basis.T @ (context.covariance * np.outer(size, size)) @ basis
     confounded = basis.T @ directions(context, tuple(context.nominal))
     found = weighed(difference, C, T @ V[np.ix_(stated, stated)] @ T.T, confounded)

@@ -1,4 +1,4 @@
-"""Output error: the drive on paper is simulated from its command alone, and turned until it does what was recorded."""
+"""Output error: the nominal drive is simulated from its command alone, and turned until it does what was recorded."""
 
 from collections.abc import Callable
 from typing import ClassVar, NamedTuple, final
@@ -38,7 +38,7 @@ class _Found(NamedTuple):
 class OutputError(BatchEstimator):
     r"""Least squares of what a simulation of the closed loop leaves of the record, weighed with the data sheet.
 
-    The whole drive on paper, screw, friction curves and controller with it, is simulated from the command with its
+    The whole nominal drive, screw, friction curves and controller with it, is simulated from the command with its
     values turned by settings :math:`\theta` (`_simulated_drive`), and the target of its linear model is compared:
 
     .. math::
@@ -50,7 +50,7 @@ class OutputError(BatchEstimator):
     those of Gauss and Newton with sensitivities by differences, limited to 0.5 and halved where the drive diverges
     (`_whitened_step`). Columns X (n, m): harmonics of a process force, of a spindle or shaker that slips and drifts
     (`_process_force`), in a velocity loop behind the loop's own pole; in inverse dynamics a friction that differs
-    from the one on paper with speed and direction (`_left_friction`).
+    from the nominal one with speed and direction (`_left_friction`).
 
     Masses and levels of friction are free for the record, which is weighed in every step with the sheet's covariance
     and the doubt of a mean process force (`_mixed_estimation`); without a covariance the record alone counts. P holds
@@ -65,8 +65,8 @@ class OutputError(BatchEstimator):
     harmonics : int
         Of the period, where one is known; at least 0.
     other_deviation : float
-        How far stiffnesses, shapes of friction and gains may be from those on paper, relative, and the friction at a
-        node from the Coulomb friction on paper, of which it is a share; above 0.
+        How far stiffnesses, shapes of friction and gains may be from the nominal ones, relative, and the friction at a
+        node from nominal Coulomb friction, of which it is a share; above 0.
 
     Raises
     ------
@@ -90,19 +90,12 @@ class OutputError(BatchEstimator):
 
     Examples
     --------
-    Friction that is smooth about standstill is a step to the equation of the loop, and itself to the simulation.
+    The mass is 1.25 times that of the data sheet, so that beta_1 is 0.4 and beta_2 0.6; a shaker moves neither.
 
-    >>> from fdbench.scenario import load_scenario
-    >>> scenario = load_scenario("ShakerControl-v1")
-    >>> context, (record, truth), command = scenario.context(), scenario.observe(100), scenario.command()
-    >>> estimator = OutputError()
-    >>> estimate = estimator.fit(context, record)
-    >>> size, simulated = np.std(truth.response), estimator.predict(context, estimate, command)
-    >>> equation = context.linear_model.free_run(command, truth.parameters)
-    >>> float((100.0 * np.std(simulated - truth.response) / size).round(4)) < 0.001
-    True
-    >>> float((100.0 * np.std(equation - truth.response) / size).round(3))  # with the true parameters
-    0.003
+    >>> from fdbench_baselines._example import example_drive
+    >>> found = OutputError().fit(*example_drive(mass_ratio=1.25, wave_N=5.0, period_s=0.065))
+    >>> [round(value, 3) for value in found.parameters.values()]
+    [0.4, 0.6]
     """
 
     made_for: ClassVar[tuple[str, ...] | None] = tuple(CONFOUNDED)
@@ -134,8 +127,10 @@ class OutputError(BatchEstimator):
         known = np.where(stated, 0.0, self.other_deviation**-2.0)
         deviation_N = self.other_deviation * context.nominal.get(COULOMB, 0.0)
 
+        command = commanded(record)
+
         def simulated(at: FloatArray) -> Regression:
-            return context.regression(turned(drive, knobs, at).respond(record))
+            return context.regression(turned(drive, knobs, at).respond(command))
 
         settings = np.zeros(len(knobs))
         now = simulated(settings)
@@ -175,7 +170,7 @@ class OutputError(BatchEstimator):
         if self._found is None:
             raise PluginError("output_error: fit(context, record) must come before predict.")
         drive, friction, coefficients = self._found
-        regression = context.regression(drive.respond(command))
+        regression = context.regression(drive.respond(commanded(command)))
         if friction is None:
             return regression.target
         return np.asarray(regression.target + friction.columns(velocity(context, regression)) @ coefficients)
@@ -198,6 +193,15 @@ def velocity(context: Context, regression: Regression) -> FloatArray:
     return np.asarray(regression.regressors[:, VELOCITIES[context.model]].sum(axis=1))
 
 
+def commanded(record: Record) -> Record:
+    """Return the command of a record; where a velocity alone is commanded, with the position that it leads to."""
+    columns = {name: record[name] for name in record.columns if name.startswith("reference_")}
+    if "reference_position_m" not in columns and "reference_velocity_m_per_s" in columns:
+        velocity_m_per_s = columns["reference_velocity_m_per_s"]
+        columns["reference_position_m"] = record.sampling_time_s * np.append(0.0, np.cumsum(velocity_m_per_s[:-1]))
+    return Record({"time_s": record["time_s"], **columns}, {}, record.source)
+
+
 def stepped(
     simulated: Callable[[FloatArray], Regression], settings: FloatArray, change: FloatArray, factors: NDArray[np.bool_]
 ) -> tuple[FloatArray, Regression]:
@@ -213,4 +217,4 @@ def stepped(
             return tried, simulated(tried)
         except (SimulationDiverged, SpecError):
             continue
-    raise SpecError("output_error: the drive on paper is so near its limits that no step leaves its loop stable.")
+    raise SpecError("output_error: the nominal drive is so near its limits that no step leaves its loop stable.")
