@@ -22,6 +22,8 @@ from fdbench.estimator import FloatArray
 from fdbench_baselines._aitken import BLOCK, autoregression
 from fdbench_baselines._robust import loudness
 
+PASSES = 3
+
 
 class WhitenedStep(NamedTuple):
     """Change d (q,) of the parameters, its covariance (q, q), and the coefficients c (m,) beside."""
@@ -59,18 +61,20 @@ def whitened_step(
 
     q = S.shape[1]
     taps = autoregression(noise, lags)
-    table = np.hstack((S, beside, left[:, None], noise[:, None]))
-    white = fftconvolve(table, taps[:, None], axes=0)[lags : len(left)]
-    X, y, errors = white[:, :-2], white[:, -2], white[:, -1]
-    loud = loudness(errors)
-    variance = float(np.mean(errors**2 / loud))
+    white = fftconvolve(np.hstack((S, beside, left[:, None])), taps[:, None], axes=0)[lags : len(left)]
+    X, y = white[:, :-1], white[:, -1]
     scale = np.sqrt(np.mean(X**2, axis=0))
     scale[scale == 0.0] = 1.0
-    known = variance * P / np.outer(scale, scale)
-    weighted, scaled = X / scale / loud[:, None], X / scale
-    bread = np.linalg.pinv(weighted.T @ scaled + known)
-    pull = weighted.T @ y - known[:, :q] @ (settings * scale[:q])
-    solution = bread @ pull / scale
+    # What the first pass leaves says which rows stand out, and not the errors before, in which the step still is.
+    solution = np.linalg.lstsq(X / scale, y, rcond=None)[0] / scale
+    for _ in range(PASSES):
+        errors = y - X @ solution
+        loud = loudness(errors)
+        variance = float(np.mean(errors**2 / loud))
+        known = variance * P / np.outer(scale, scale)
+        weighted = X / scale / loud[:, None]
+        bread = np.linalg.pinv(weighted.T @ (X / scale) + known)
+        solution = bread @ (weighted.T @ y - known[:, :q] @ (settings * scale[:q])) / scale
     pulls = np.zeros((-(-len(y) // BLOCK) * BLOCK, X.shape[1]))
     pulls[: len(y)] = weighted * (y - X @ solution)[:, None]
     sums = pulls.reshape(-1, BLOCK, X.shape[1]).sum(axis=1)
