@@ -20,9 +20,7 @@ import numpy as np
 
 from fdbench.estimator import FloatArray
 from fdbench_baselines._aitken import BLOCK, autoregression
-from fdbench_baselines._robust import loudness
-
-PASSES = 3
+from fdbench_baselines._robust import robust_residual
 
 
 class WhitenedStep(NamedTuple):
@@ -65,16 +63,13 @@ def whitened_step(
     X, y = white[:, :-1], white[:, -1]
     scale = np.sqrt(np.mean(X**2, axis=0))
     scale[scale == 0.0] = 1.0
-    # What the first pass leaves says which rows stand out, and not the errors before, in which the step still is.
-    solution = np.linalg.lstsq(X / scale, y, rcond=None)[0] / scale
-    for _ in range(PASSES):
-        errors = y - X @ solution
-        loud = loudness(errors)
-        variance = float(np.mean(errors**2 / loud))
-        known = variance * P / np.outer(scale, scale)
-        weighted = X / scale / loud[:, None]
-        bread = np.linalg.pinv(weighted.T @ (X / scale) + known)
-        solution = bread @ (weighted.T @ y - known[:, :q] @ (settings * scale[:q])) / scale
+    # What the record's own step leaves says which rows stand out: the errors before still hold that step.
+    errors, loud = robust_residual(X / scale, y)
+    variance = float(np.mean(errors**2 / loud))
+    known = variance * P / np.outer(scale, scale)
+    weighted = X / scale / loud[:, None]
+    bread = np.linalg.pinv(weighted.T @ (X / scale) + known)
+    solution = bread @ (weighted.T @ y - known[:, :q] @ (settings * scale[:q])) / scale
     pulls = np.zeros((-(-len(y) // BLOCK) * BLOCK, X.shape[1]))
     pulls[: len(y)] = weighted * (y - X @ solution)[:, None]
     sums = pulls.reshape(-1, BLOCK, X.shape[1]).sum(axis=1)
