@@ -9,7 +9,9 @@ FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Smoother = Callable[[FloatArray], ComplexArray]
 
-EVALUATIONS = 60
+# Steps of the search, as logarithms of factors, and the fall of the cost that is worth one: places of a coarse lattice
+# are the same on every processor.
+STEPS, FALL = (0.8, 0.4, 0.2), 1e-2
 # Factors, as logarithms: widths and ridge are sought this far from where they start.
 REACH = 7.0
 
@@ -41,7 +43,6 @@ def smoother(points: FloatArray, values: ComplexArray, variances: FloatArray, st
         Widths to start from, in units of the points.
     """
     from scipy.linalg import cho_factor, cho_solve
-    from scipy.optimize import minimize
 
     noise = variances / np.mean(np.abs(values) ** 2)
     y = np.column_stack((values.real, values.imag))
@@ -58,21 +59,9 @@ def smoother(points: FloatArray, values: ComplexArray, variances: FloatArray, st
         misfit = float(np.sum(y * cho_solve(factored, y, check_finite=False)))
         return float(2.0 * len(y) * np.log(misfit) + 4.0 * np.sum(np.log(np.diag(factored[0]))))
 
-    n = len(start) + 1
-    found = minimize(
-        cost,
-        np.zeros(n),
-        method="Nelder-Mead",
-        bounds=[(-REACH, REACH)] * n,
-        options={
-            "maxfev": EVALUATIONS,
-            "xatol": 0.05,
-            "fatol": 0.1,
-            "initial_simplex": np.vstack((np.zeros(n), 0.7 * np.eye(n))),
-        },
-    )
-    widths = start * np.exp(found.x[:-1])
-    weights = cho_solve(factor(found.x), y, check_finite=False)
+    place = _lowest(cost, len(start) + 1)
+    widths = start * np.exp(place[:-1])
+    weights = cho_solve(factor(place), y, check_finite=False)
     learnt = points / widths
 
     def smooth(at: FloatArray) -> ComplexArray:
@@ -80,3 +69,23 @@ def smoother(points: FloatArray, values: ComplexArray, variances: FloatArray, st
         return np.asarray(real[:, 0] + 1j * real[:, 1])
 
     return smooth
+
+
+def _lowest(cost: Callable[[FloatArray], float], n: int) -> FloatArray:
+    """Return the place of a lattice where a cost of n numbers is lowest: pattern search (Hooke and Jeeves 1961).
+
+    >>> _lowest(lambda x: float((x[0] - 1.1) ** 2 + (x[1] + 0.5) ** 2), 2).round(3).tolist()
+    [1.2, -0.4]
+    """
+    place = np.zeros(n)
+    lowest = cost(place)
+    for step in STEPS:
+        turning = True
+        while turning:
+            turning = False
+            for change in (*np.diag(np.full(n, step)), *np.diag(np.full(n, -step))):
+                trial = np.clip(place + change, -REACH, REACH)
+                height = cost(trial)
+                if height < lowest - FALL:
+                    place, lowest, turning = trial, height, True
+    return place
