@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fdbench.estimator import FloatArray
 from fdbench_baselines._robust import loudness
-from fdbench_baselines._state_space_gp import Filtered, Motion, motion, run_filter, run_smoother
+from fdbench_baselines._state_space_gp import Innovations, Transition, run_filter, run_smoother, transition
 
 EVALUATIONS, REFINEMENTS, TOLERANCE = 120, 60, 0.02
 # Logarithms: deviations of waves, of the level and of what grows with the feed, over the noise's; lengths in s; width.
@@ -19,7 +19,7 @@ MOST_STARTS, DECISIVE, SCAN_S = 4, 10.0, 0.1
 QUIET_S, QUIETEST = 0.3, 0.5
 
 
-class Design(NamedTuple):
+class Amplitudes(NamedTuple):
     """Amplitudes: H (n, d), orders of the harmonics (d,), which grow with the feed, which are of the force; 1 or 2."""
 
     H: FloatArray
@@ -28,14 +28,14 @@ class Design(NamedTuple):
     own: FloatArray
     order: int
 
-    def up_to(self, harmonic: int) -> "Design":
+    def up_to(self, harmonic: int) -> "Amplitudes":
         """Return the design without the harmonics above."""
         kept = self.harmonics <= harmonic
         H = np.ascontiguousarray(self.H[:, kept])
-        return Design(H, self.harmonics[kept], self.grows[kept], self.own[kept], self.order)
+        return Amplitudes(H, self.harmonics[kept], self.grows[kept], self.own[kept], self.order)
 
 
-class Rows(NamedTuple):
+class NoisyRows(NamedTuple):
     """Columns (n, p + 1), target last; variance of each row's noise (n,), inf where missing; where all begins anew."""
 
     columns: FloatArray
@@ -43,11 +43,11 @@ class Rows(NamedTuple):
     fresh: NDArray[np.bool_]
 
 
-class Process(NamedTuple):
+class LikeliestProcess(NamedTuple):
     """What was found: s2 is the variance of the noise in units of the target squared."""
 
-    design: Design
-    motion: Motion
+    design: Amplitudes
+    motion: Transition
     loud: FloatArray
     fresh: NDArray[np.bool_]
     s2: float
@@ -62,7 +62,7 @@ class Posterior(NamedTuple):
     left: FloatArray
 
 
-def designs(angle: FloatArray, harmonics: int, feed: FloatArray | None, owns_level: bool) -> list[Design]:
+def designs(angle: FloatArray, harmonics: int, feed: FloatArray | None, owns_level: bool) -> list[Amplitudes]:
     r"""Return the processes that a force may be: Ornstein-Uhlenbeck or Matern amplitudes, or those of a cut.
 
     Parameters
@@ -85,12 +85,12 @@ def designs(angle: FloatArray, harmonics: int, feed: FloatArray | None, owns_lev
         speed = (feed / (float(np.sqrt(np.mean(feed**2))) or 1.0))[:, None]
         both = np.hstack((H * np.sign(speed), H * speed))
         grows = np.arange(2 * len(orders)) >= len(orders)
-        return [Design(both, np.tile(orders, 2), grows, np.tile(own, 2), 1)]
+        return [Amplitudes(both, np.tile(orders, 2), grows, np.tile(own, 2), 1)]
     grows = np.zeros(len(orders), dtype=np.bool_)
-    return [Design(H, orders, grows, own, order) for order in ((1, 2) if harmonics else (1,))]
+    return [Amplitudes(H, orders, grows, own, order) for order in ((1, 2) if harmonics else (1,))]
 
 
-def motions(design: Design, step_s: float, place: FloatArray) -> Motion:
+def transitions(design: Amplitudes, step_s: float, place: FloatArray) -> Transition:
     r"""Return F, Q, P of all amplitudes at a point of the search.
 
     Harmonics share the variance of the waves as in the periodic kernel of width :math:`\sigma_2`, whose Fourier
@@ -104,18 +104,18 @@ def motions(design: Design, step_s: float, place: FloatArray) -> Motion:
     weights[0] = level
     scale = (weights[design.harmonics] * np.where(design.grows, growth, 1.0))[:, None, None]
     is_level = (design.harmonics == 0)[:, None, None]
-    waves, levels = (motion(design.order, step_s, float(np.exp(place[i]))) for i in (1, 4))
+    waves, levels = (transition(design.order, step_s, float(np.exp(place[i]))) for i in (1, 4))
     F, Q, P = (np.where(is_level, there, here) for here, there in zip(waves, levels, strict=True))
-    return Motion(np.ascontiguousarray(F), Q * scale, P * scale)
+    return Transition(np.ascontiguousarray(F), Q * scale, P * scale)
 
 
-def filtered(rows: Rows, design: Design, move: Motion, keep: bool = True) -> Filtered:
+def filtered(rows: NoisyRows, design: Amplitudes, move: Transition, keep: bool = True) -> Innovations:
     """Return what the filter makes of all columns."""
     size = (0.0,) * design.order
-    return Filtered(*run_filter(size, design.H, design.own, *move, rows.loud, rows.fresh, rows.columns, keep))
+    return Innovations(*run_filter(size, design.H, design.own, *move, rows.loud, rows.fresh, rows.columns, keep))
 
 
-def restricted(rows: Rows, design: Design, move: Motion) -> tuple[float, float]:
+def restricted(rows: NoisyRows, design: Amplitudes, move: Transition) -> tuple[float, float]:
     r"""Return the restricted log likelihood at the scale s^2 that suits best, up to a constant, and s^2.
 
     .. math::
@@ -147,10 +147,10 @@ def likeliest_process(
     left: FloatArray,
     Z: FloatArray,
     step_s: float,
-    candidates: list[Design],
+    candidates: list[Amplitudes],
     trusted: NDArray[np.bool_],
     is_sudden: bool,
-) -> Process:
+) -> LikeliestProcess:
     """Return the likeliest of some processes with its hyperparameters, those by the simplex of Nelder and Mead.
 
     Rows that are not trusted count as missing, those beyond four deviations less. Where forces are ``sudden``, as when
@@ -160,29 +160,31 @@ def likeliest_process(
     size = np.sqrt(np.mean(Z**2, axis=0))
     unit = float(np.sqrt(np.mean(left[trusted] ** 2))) or 1.0
     columns = np.column_stack((Z[:, size > 0.0] / size[size > 0.0], left / unit))
-    found: list[Process] = []
+    found: list[LikeliestProcess] = []
     start = START
     for design in candidates:
-        rows = Rows(columns, np.where(trusted, 1.0, np.inf), np.zeros(n, dtype=np.bool_))
+        rows = NoisyRows(columns, np.where(trusted, 1.0, np.inf), np.zeros(n, dtype=np.bool_))
         place, value = _climb(rows, design, step_s, start, EVALUATIONS)
-        variances = motions(design, step_s, place).P[:, 0, 0]
+        variances = transitions(design, step_s, place).P[:, 0, 0]
         design = design.up_to(max(1, int(design.harmonics[variances > SMALLEST_VARIANCE].max(initial=0))))
         for _ in range(MOST_STARTS if is_sudden else 0):
-            tried = _with_start(rows, design, motions(design, step_s, place), step_s)
+            tried = _with_start(rows, design, transitions(design, step_s, place), step_s)
             there, then = _climb(tried, design, step_s, place, REFINEMENTS)
             if then < value + DECISIVE:
                 break
             rows, place, value = tried, there, then
-        rows = _with_outliers(rows, design, motions(design, step_s, place))
+        rows = _with_outliers(rows, design, transitions(design, step_s, place))
         place, value = _climb(rows, design, step_s, place, REFINEMENTS)
-        move = motions(design, step_s, place)
+        move = transitions(design, step_s, place)
         s2 = restricted(rows, design, move)[1] * unit**2
-        found.append(Process(design, move, rows.loud, rows.fresh, s2, value))
+        found.append(LikeliestProcess(design, move, rows.loud, rows.fresh, s2, value))
         start = place
     return max(found, key=lambda process: process.log_likelihood)
 
 
-def _climb(rows: Rows, design: Design, step_s: float, start: FloatArray, evaluations: int) -> tuple[FloatArray, float]:
+def _climb(
+    rows: NoisyRows, design: Amplitudes, step_s: float, start: FloatArray, evaluations: int
+) -> tuple[FloatArray, float]:
     """Return the likeliest place and its value."""
     from scipy.optimize import minimize
 
@@ -195,7 +197,7 @@ def _climb(rows: Rows, design: Design, step_s: float, start: FloatArray, evaluat
         return full
 
     def loss(point: FloatArray) -> float:
-        value = restricted(rows, design, motions(design, step_s, place(point)))[0]
+        value = restricted(rows, design, transitions(design, step_s, place(point)))[0]
         return -value if np.isfinite(value) else 1e300
 
     corners = start[free] + np.vstack((np.zeros(free.sum()), np.eye(int(free.sum()))))
@@ -204,11 +206,11 @@ def _climb(rows: Rows, design: Design, step_s: float, start: FloatArray, evaluat
     return place(found.x), -float(found.fun)
 
 
-def _with_start(rows: Rows, design: Design, move: Motion, step_s: float) -> Rows:
+def _with_start(rows: NoisyRows, design: Amplitudes, move: Transition, step_s: float) -> NoisyRows:
     """Return the rows with one more start, where it makes them likeliest: on a coarse grid, then row by row."""
     n, far = len(rows.loud), max(1, round(SCAN_S / step_s))
 
-    def started(row: int) -> Rows:
+    def started(row: int) -> NoisyRows:
         fresh = rows.fresh.copy()
         fresh[row] = True
         return rows._replace(fresh=fresh)
@@ -220,7 +222,7 @@ def _with_start(rows: Rows, design: Design, move: Motion, step_s: float) -> Rows
     return started(max(range(near - far + 1, min(near + far, n)), key=value))
 
 
-def _with_outliers(rows: Rows, design: Design, move: Motion) -> Rows:
+def _with_outliers(rows: NoisyRows, design: Amplitudes, move: Transition) -> NoisyRows:
     """Return the rows with those that stand out made louder."""
     run = filtered(rows, design, move, keep=False)
     seen = run.variances < np.inf
@@ -232,7 +234,12 @@ def _with_outliers(rows: Rows, design: Design, move: Motion) -> Rows:
 
 
 def posterior(
-    process: Process, left: FloatArray, Z: FloatArray, covariance: FloatArray, step_s: float, is_irregular: bool
+    process: LikeliestProcess,
+    left: FloatArray,
+    Z: FloatArray,
+    covariance: FloatArray,
+    step_s: float,
+    is_irregular: bool,
 ) -> Posterior:
     r"""Return the force given all rows, with the variance that process and parameters leave.
 
@@ -242,7 +249,7 @@ def posterior(
     the edges of a cut: the share 1 - r of its variance, see `noise_share`.
     """
     design = process.design
-    rows = Rows(np.column_stack((left, Z)), process.loud, process.fresh)
+    rows = NoisyRows(np.column_stack((left, Z)), process.loud, process.fresh)
     run = filtered(rows, design, process.motion)
     mean, variance = run_smoother((0.0,) * design.order, design.H, process.motion.F, process.fresh, *run)
     rest = left - mean[:, 0]
