@@ -99,7 +99,7 @@ class _ClosureCache(FunctionCache):
         self._dispatcher = dispatcher
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        digest = closure_digest(self._dispatcher)
+        digest = self._digest(sig)
         for folder in _trusted:
             self._follow(digest, str(folder / os.path.basename(self._cache_path)))
             found = super().load_overload(sig, target_context)
@@ -109,8 +109,13 @@ class _ClosureCache(FunctionCache):
         return super().load_overload(sig, target_context)
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        self._follow(closure_digest(self._dispatcher), self._cache_path)
+        self._follow(self._digest(sig), self._cache_path)
         super().save_overload(sig, data)
+
+    def _digest(self, sig: Any) -> str:
+        """Return the digest of function and types of arguments: what is kept of a named tuple names its class."""
+        classes = [_origin(item.instance_class) for item in sig if isinstance(item, types.BaseNamedTuple)]
+        return hashlib.sha256(f"{closure_digest(self._dispatcher)} {sig} {classes}".encode()).hexdigest()
 
     def _follow(self, digest: str, folder: str) -> None:
         self._cache_file: Any = IndexDataCacheFile(folder, f"{self._impl.filename_base}-{digest[:16]}", digest)

@@ -241,3 +241,32 @@ def test_no_function_is_left_to_the_cache_of_numba() -> None:
         line for line in Path(independent_simulator.__file__).read_text("utf-8").splitlines() if "import " in line
     ]
     assert not [line for line in imports if "fdbench" in line and line.startswith(("import", "from"))]
+
+
+RENAMED = r"""
+import sys
+from typing import NamedTuple
+from numba import njit
+from fdbench.compilation import kept
+class NAME(NamedTuple):
+    a: float
+@kept
+@njit
+def value(given):
+    return 2.0 * given.a
+assert value(NAME(1.5)) == 3.0
+print(sum(value.stats.cache_hits.values()))
+"""
+
+
+def test_a_renamed_class_of_an_argument_is_compiled_anew(tmp_path: Path) -> None:
+    """What numba keeps names the classes of arguments, and cannot be read once they are gone."""
+    variables = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    hits = []
+    for name in ("Noise", "Noise", "Variances", "Variances"):
+        (tmp_path / "renamed.py").write_text(RENAMED.replace("NAME", name), "utf-8")
+        command = [sys.executable, "-c", "import renamed"]
+        done = subprocess.run(command, env=os.environ | variables, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        hits.append(int(done.stdout))
+    assert hits == [0, 1, 0, 1]
