@@ -9,8 +9,16 @@ from importlib import import_module
 
 import numpy as np
 from _measure import Burst, Case, describe_machine, race
-from fdbench_baselines._locally_periodic_states import Design, Process, Rows, designs, motions, posterior, restricted
-from fdbench_baselines._state_space_gp import Motion
+from fdbench_baselines._locally_periodic_states import (
+    FoundProcess,
+    HarmonicDesign,
+    NoisyRows,
+    designs,
+    motions,
+    posterior,
+    restricted,
+)
+from fdbench_baselines._state_space_gp import StateTransition
 from scipy.linalg import cho_factor, cho_solve
 
 from fdbench.estimator import FloatArray
@@ -26,21 +34,21 @@ def data(n: int) -> tuple[FloatArray, FloatArray]:
     return time_s, 2.0 * np.cos(2.0 * np.pi * FREQUENCY_HZ * time_s) + np.random.default_rng(0).standard_normal(n)
 
 
-def process(n: int, harmonics: int) -> tuple[Design, Motion]:
+def process(n: int, harmonics: int) -> tuple[HarmonicDesign, StateTransition]:
     design = designs(2.0 * np.pi * FREQUENCY_HZ * data(n)[0], harmonics, None, True)[0]
     return design, motions(design, 1.0 / SAMPLES_PER_S, PLACE)
 
 
 def smoothed(n: int, harmonics: int) -> Burst:
     design, move = process(n, harmonics)
-    ours = Process(design, move, np.ones(n), np.zeros(n, np.bool_), 1.0, 0.0)
+    ours = FoundProcess(design, move, np.ones(n), np.zeros(n, np.bool_), 1.0, 0.0)
     y = data(n)[1]
     return lambda: posterior(ours, y, np.empty((n, 0)), EMPTY, 1.0 / SAMPLES_PER_S, False).force
 
 
 def likelihood(n: int, harmonics: int) -> Burst:
     design, move = process(n, harmonics)
-    rows = Rows(data(n)[1][:, None], np.ones(n), np.zeros(n, np.bool_))
+    rows = NoisyRows(data(n)[1][:, None], np.ones(n), np.zeros(n, np.bool_))
 
     def burst() -> None:
         restricted(rows, design, move)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fdbench.estimator import FloatArray
 from fdbench_baselines._robust import loudness
-from fdbench_baselines._state_space_gp import Filtered, Motion, motion, run_filter, run_smoother
+from fdbench_baselines._state_space_gp import FilteredColumns, StateTransition, motion, run_filter, run_smoother
 
 EVALUATIONS, REFINEMENTS, TOLERANCE = 120, 60, 0.02
 # Logarithms: deviations of waves, of the level and of what grows with the feed, over the noise's; lengths in s; width.
@@ -19,7 +19,7 @@ MOST_STARTS, DECISIVE, SCAN_S = 4, 10.0, 0.1
 QUIET_S, QUIETEST = 0.3, 0.5
 
 
-class Design(NamedTuple):
+class HarmonicDesign(NamedTuple):
     """Amplitudes: H (n, d), orders of the harmonics (d,), which grow with the feed, which are of the force; 1 or 2."""
 
     H: FloatArray
@@ -28,14 +28,14 @@ class Design(NamedTuple):
     own: FloatArray
     order: int
 
-    def up_to(self, harmonic: int) -> "Design":
+    def up_to(self, harmonic: int) -> "HarmonicDesign":
         """Return the design without the harmonics above."""
         kept = self.harmonics <= harmonic
         H = np.ascontiguousarray(self.H[:, kept])
-        return Design(H, self.harmonics[kept], self.grows[kept], self.own[kept], self.order)
+        return HarmonicDesign(H, self.harmonics[kept], self.grows[kept], self.own[kept], self.order)
 
 
-class Rows(NamedTuple):
+class NoisyRows(NamedTuple):
     """Columns (n, p + 1), target last; variance of each row's noise (n,), inf where missing; where all begins anew."""
 
     columns: FloatArray
@@ -43,11 +43,11 @@ class Rows(NamedTuple):
     fresh: NDArray[np.bool_]
 
 
-class Process(NamedTuple):
+class FoundProcess(NamedTuple):
     """What was found: s2 is the variance of the noise in units of the target squared."""
 
-    design: Design
-    motion: Motion
+    design: HarmonicDesign
+    motion: StateTransition
     loud: FloatArray
     fresh: NDArray[np.bool_]
     s2: float
@@ -62,7 +62,7 @@ class Posterior(NamedTuple):
     left: FloatArray
 
 
-def designs(angle: FloatArray, harmonics: int, feed: FloatArray | None, owns_level: bool) -> list[Design]:
+def designs(angle: FloatArray, harmonics: int, feed: FloatArray | None, owns_level: bool) -> list[HarmonicDesign]:
     r"""Return the processes that a force may be: Ornstein-Uhlenbeck or Matern amplitudes, or those of a cut.
 
     Parameters
@@ -85,12 +85,12 @@ def designs(angle: FloatArray, harmonics: int, feed: FloatArray | None, owns_lev
         speed = (feed / (float(np.sqrt(np.mean(feed**2))) or 1.0))[:, None]
         both = np.hstack((H * np.sign(speed), H * speed))
         grows = np.arange(2 * len(orders)) >= len(orders)
-        return [Design(both, np.tile(orders, 2), grows, np.tile(own, 2), 1)]
+        return [HarmonicDesign(both, np.tile(orders, 2), grows, np.tile(own, 2), 1)]
     grows = np.zeros(len(orders), dtype=np.bool_)
-    return [Design(H, orders, grows, own, order) for order in ((1, 2) if harmonics else (1,))]
+    return [HarmonicDesign(H, orders, grows, own, order) for order in ((1, 2) if harmonics else (1,))]
 
 
-def motions(design: Design, step_s: float, place: FloatArray) -> Motion:
+def motions(design: HarmonicDesign, step_s: float, place: FloatArray) -> StateTransition:
     r"""Return F, Q, P of all amplitudes at a point of the search.
 
     Harmonics share the variance of the waves as in the periodic kernel of width :math:`\sigma_2`, whose Fourier
@@ -106,16 +106,16 @@ def motions(design: Design, step_s: float, place: FloatArray) -> Motion:
     is_level = (design.harmonics == 0)[:, None, None]
     waves, levels = (motion(design.order, step_s, float(np.exp(place[i]))) for i in (1, 4))
     F, Q, P = (np.where(is_level, there, here) for here, there in zip(waves, levels, strict=True))
-    return Motion(np.ascontiguousarray(F), Q * scale, P * scale)
+    return StateTransition(np.ascontiguousarray(F), Q * scale, P * scale)
 
 
-def filtered(rows: Rows, design: Design, move: Motion, keep: bool = True) -> Filtered:
+def filtered(rows: NoisyRows, design: HarmonicDesign, move: StateTransition, keep: bool = True) -> FilteredColumns:
     """Return what the filter makes of all columns."""
     size = (0.0,) * design.order
-    return Filtered(*run_filter(size, design.H, design.own, *move, rows.loud, rows.fresh, rows.columns, keep))
+    return FilteredColumns(*run_filter(size, design.H, design.own, *move, rows.loud, rows.fresh, rows.columns, keep))
 
 
-def restricted(rows: Rows, design: Design, move: Motion) -> tuple[float, float]:
+def restricted(rows: NoisyRows, design: HarmonicDesign, move: StateTransition) -> tuple[float, float]:
     r"""Return the restricted log likelihood at the scale s^2 that suits best, up to a constant, and s^2.
 
     .. math::
@@ -147,10 +147,10 @@ def likeliest_process(
     left: FloatArray,
     Z: FloatArray,
     step_s: float,
-    candidates: list[Design],
+    candidates: list[HarmonicDesign],
     trusted: NDArray[np.bool_],
     is_sudden: bool,
-) -> Process:
+) -> FoundProcess:
     """Return the likeliest of some processes with its hyperparameters, those by the simplex of Nelder and Mead.
 
     Rows that are not trusted count as missing, those beyond four deviations less. Where forces are ``sudden``, as when
@@ -160,10 +160,10 @@ def likeliest_process(
     size = np.sqrt(np.mean(Z**2, axis=0))
     unit = float(np.sqrt(np.mean(left[trusted] ** 2))) or 1.0
     columns = np.column_stack((Z[:, size > 0.0] / size[size > 0.0], left / unit))
-    found: list[Process] = []
+    found: list[FoundProcess] = []
     start = START
     for design in candidates:
-        rows = Rows(columns, np.where(trusted, 1.0, np.inf), np.zeros(n, dtype=np.bool_))
+        rows = NoisyRows(columns, np.where(trusted, 1.0, np.inf), np.zeros(n, dtype=np.bool_))
         place, value = _climb(rows, design, step_s, start, EVALUATIONS)
         variances = motions(design, step_s, place).P[:, 0, 0]
         design = design.up_to(max(1, int(design.harmonics[variances > SMALLEST_VARIANCE].max(initial=0))))
@@ -177,12 +177,14 @@ def likeliest_process(
         place, value = _climb(rows, design, step_s, place, REFINEMENTS)
         move = motions(design, step_s, place)
         s2 = restricted(rows, design, move)[1] * unit**2
-        found.append(Process(design, move, rows.loud, rows.fresh, s2, value))
+        found.append(FoundProcess(design, move, rows.loud, rows.fresh, s2, value))
         start = place
     return max(found, key=lambda process: process.log_likelihood)
 
 
-def _climb(rows: Rows, design: Design, step_s: float, start: FloatArray, evaluations: int) -> tuple[FloatArray, float]:
+def _climb(
+    rows: NoisyRows, design: HarmonicDesign, step_s: float, start: FloatArray, evaluations: int
+) -> tuple[FloatArray, float]:
     """Return the likeliest place and its value."""
     from scipy.optimize import minimize
 
@@ -204,11 +206,11 @@ def _climb(rows: Rows, design: Design, step_s: float, start: FloatArray, evaluat
     return place(found.x), -float(found.fun)
 
 
-def _with_start(rows: Rows, design: Design, move: Motion, step_s: float) -> Rows:
+def _with_start(rows: NoisyRows, design: HarmonicDesign, move: StateTransition, step_s: float) -> NoisyRows:
     """Return the rows with one more start, where it makes them likeliest: on a coarse grid, then row by row."""
     n, far = len(rows.loud), max(1, round(SCAN_S / step_s))
 
-    def started(row: int) -> Rows:
+    def started(row: int) -> NoisyRows:
         fresh = rows.fresh.copy()
         fresh[row] = True
         return rows._replace(fresh=fresh)
@@ -220,7 +222,7 @@ def _with_start(rows: Rows, design: Design, move: Motion, step_s: float) -> Rows
     return started(max(range(near - far + 1, min(near + far, n)), key=value))
 
 
-def _with_outliers(rows: Rows, design: Design, move: Motion) -> Rows:
+def _with_outliers(rows: NoisyRows, design: HarmonicDesign, move: StateTransition) -> NoisyRows:
     """Return the rows with those that stand out made louder."""
     run = filtered(rows, design, move, keep=False)
     seen = run.variances < np.inf
@@ -232,7 +234,7 @@ def _with_outliers(rows: Rows, design: Design, move: Motion) -> Rows:
 
 
 def posterior(
-    process: Process, left: FloatArray, Z: FloatArray, covariance: FloatArray, step_s: float, is_irregular: bool
+    process: FoundProcess, left: FloatArray, Z: FloatArray, covariance: FloatArray, step_s: float, is_irregular: bool
 ) -> Posterior:
     r"""Return the force given all rows, with the variance that process and parameters leave.
 
@@ -242,7 +244,7 @@ def posterior(
     the edges of a cut: the share 1 - r of its variance, see `noise_share`.
     """
     design = process.design
-    rows = Rows(np.column_stack((left, Z)), process.loud, process.fresh)
+    rows = NoisyRows(np.column_stack((left, Z)), process.loud, process.fresh)
     run = filtered(rows, design, process.motion)
     mean, variance = run_smoother((0.0,) * design.order, design.H, process.motion.F, process.fresh, *run)
     rest = left - mean[:, 0]

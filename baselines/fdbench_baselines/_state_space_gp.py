@@ -24,7 +24,7 @@ from fdbench.compilation import kept
 from fdbench.estimator import FloatArray
 
 
-class Motion(NamedTuple):
+class StateTransition(NamedTuple):
     """How an amplitude goes on from row to row: F, Q and P_inf, each (order, order), of unit variance."""
 
     F: FloatArray
@@ -32,7 +32,7 @@ class Motion(NamedTuple):
     P: FloatArray
 
 
-def motion(order: int, step_s: float, length_s: float) -> Motion:
+def motion(order: int, step_s: float, length_s: float) -> StateTransition:
     """Return an Ornstein-Uhlenbeck process (order 1) or the Matern process of order 3/2 (order 2).
 
     >>> float(motion(1, 0.1, 0.1).F[0, 0].round(4)), float(motion(2, 0.0, 1.0).F[0, 0])
@@ -44,10 +44,10 @@ def motion(order: int, step_s: float, length_s: float) -> Motion:
         # The second state is the rate in units of sqrt(3) / length, so that both have variance 1.
         x = np.sqrt(3.0) * step_s / length_s
         P, F = np.eye(2), np.exp(-x) * np.array([[1.0 + x, x], [-x, 1.0 - x]])
-    return Motion(F, P - F @ P @ F.T, P)
+    return StateTransition(F, P - F @ P @ F.T, P)
 
 
-class Filtered(NamedTuple):
+class FilteredColumns(NamedTuple):
     """Innovations (n, m) of the columns and their variances (n,), inf where a row is missing; more for the smoother.
 
     That is predictions (n, m) of the force, P h and P g (n, M) and g' P g (n,), g being h on the force's amplitudes.
@@ -118,10 +118,10 @@ def take_in(x, P, w, S, errors):  # type: ignore[no-untyped-def]
 @kept
 @njit(error_model="numpy")
 def run_filter(size, H, own, F, Q, P0, loud, fresh, Y, keep):  # type: ignore[no-untyped-def]
-    """Return the fields of `Filtered` for columns Y (n, m), with s^2 = 1.
+    """Return the fields of `FilteredColumns` for columns Y (n, m), with s^2 = 1.
 
     ``size`` is a tuple of as many zeros as an amplitude has states; H (n, d) the h of d amplitudes, ``own`` (d,) 1 for
-    those that count as the force, F, Q, P0 (d, b, b) as in `Motion`; before a ``fresh`` row all begin anew.
+    those that count as the force, F, Q, P0 (d, b, b) as in `StateTransition`; before a ``fresh`` row all begin anew.
     A row whose ``loud`` is inf is missing. Without ``keep`` nothing is left for the smoother.
     """
     n, d = H.shape

@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 from fdbench_baselines._disturbance_gain import disturbance_gain
-from fdbench_baselines._locally_periodic_states import Process, Rows, designs, motions, posterior, restricted
-from fdbench_baselines._state_space_gp import Motion, motion
+from fdbench_baselines._locally_periodic_states import FoundProcess, NoisyRows, designs, motions, posterior, restricted
+from fdbench_baselines._state_space_gp import StateTransition, motion
 from fdbench_baselines.kalman import Kalman
 from fdbench_baselines.state_space_gp import StateSpaceGp
 
@@ -64,7 +64,7 @@ def test_likelihood_and_force_are_those_of_the_dense_process(index: int, is_fed:
     seen = np.isfinite(loud)
     design = designs(ANGLE, 3, feed, True)[index]
     move = motions(design, STEP_S, PLACE)
-    value, s2 = restricted(Rows(np.column_stack((Z, LEFT)), loud, fresh), design, move)
+    value, s2 = restricted(NoisyRows(np.column_stack((Z, LEFT)), loud, fresh), design, move)
 
     K = dense_covariance(index, feed, fresh)
     A = K[np.ix_(seen, seen)] + np.diag(loud[seen])
@@ -79,7 +79,7 @@ def test_likelihood_and_force_are_those_of_the_dense_process(index: int, is_fed:
     assert s2 == pytest.approx(expected_s2, rel=1e-10)
 
     V = np.array([[0.3, 0.1], [0.1, 0.2]])
-    found = posterior(Process(design, move, loud, fresh, s2, value), LEFT, Z, V, STEP_S, False)
+    found = posterior(FoundProcess(design, move, loud, fresh, s2, value), LEFT, Z, V, STEP_S, False)
     gain = K[:, seen] @ inverse
     np.testing.assert_allclose(found.force, gain @ LEFT[seen], atol=1e-9)
     moved = gain @ Z[seen]
@@ -98,7 +98,7 @@ def test_the_level_is_left_out_where_it_is_no_force() -> None:
     """All that a level explains then stays in what is left."""
     design = designs(np.zeros(N), 0, None, False)[0]
     move = motions(design, STEP_S, PLACE)
-    process = Process(design, move, np.ones(N), np.zeros(N, np.bool_), 1.0, 0.0)
+    process = FoundProcess(design, move, np.ones(N), np.zeros(N, np.bool_), 1.0, 0.0)
     found = posterior(process, LEFT, Z, np.zeros((2, 2)), STEP_S, False)
     np.testing.assert_array_equal(found.force, np.zeros(N))
     np.testing.assert_array_equal(found.left, LEFT)
@@ -107,19 +107,19 @@ def test_the_level_is_left_out_where_it_is_no_force() -> None:
 def test_variance_is_calibrated_on_the_process_itself() -> None:
     """95 % intervals hold 95 % of a force that is drawn from the process, as 40 draws can tell."""
     design = designs(ANGLE, 1, None, True)[0]
-    move: Motion = motions(design, STEP_S, PLACE)
+    move: StateTransition = motions(design, STEP_S, PLACE)
     root = np.linalg.cholesky(_covariance(design.H, design.harmonics, move) + 1e-12 * np.eye(N))
     inside = []
     for _ in range(40):
         force = root @ RANDOM.standard_normal(N)
-        process = Process(design, move, np.ones(N), np.zeros(N, np.bool_), 1.0, 0.0)
+        process = FoundProcess(design, move, np.ones(N), np.zeros(N, np.bool_), 1.0, 0.0)
         empty = np.empty((N, 0))
         found = posterior(process, force + RANDOM.standard_normal(N), empty, np.empty((0, 0)), STEP_S, False)
         inside.append(np.mean(np.abs(found.force - force) < 1.96 * np.sqrt(found.variance)))
     assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
 
 
-def _covariance(H: FloatArray, harmonics: FloatArray, move: Motion) -> FloatArray:
+def _covariance(H: FloatArray, harmonics: FloatArray, move: StateTransition) -> FloatArray:
     lag_s = np.abs(TIME_S[:, None] - TIME_S)
     total = np.zeros((N, N))
     for i, harmonic in enumerate(harmonics):
