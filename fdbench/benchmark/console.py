@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def progress(screen: "Console") -> Iterator[Callable[[Progress], None]]:
     """Yield a callback that draws a bar on a terminal, and prints a line for each finished job elsewhere."""
     if not screen.is_terminal:
-        yield lambda told: screen.print(_line(told), soft_wrap=True) if told.runs else None
+        yield lambda progress: screen.print(_line(progress), soft_wrap=True) if progress.runs else None
         return
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
@@ -30,17 +30,17 @@ def progress(screen: "Console") -> Iterator[Callable[[Progress], None]]:
     with Bar(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as bar:
         job = bar.add_task("running", total=None)
 
-        def show(told: Progress) -> None:
-            text = f"{told.runs[0].scenario} seed {told.runs[0].seed}" if told.runs else "running"
-            bar.update(job, completed=told.done, total=told.total, description=text)
+        def show(progress: Progress) -> None:
+            text = f"{progress.runs[0].scenario} seed {progress.runs[0].seed}" if progress.runs else "running"
+            bar.update(job, completed=progress.done, total=progress.total, description=text)
 
         yield show
 
 
-def _line(told: Progress) -> str:
-    first = told.runs[0]
-    bad = sorted({run.status for run in told.runs} - {OK, SKIPPED})
-    return f"{told.done}/{told.total} {first.scenario} seed {first.seed}{': ' + ', '.join(bad) if bad else ''}"
+def _line(progress: Progress) -> str:
+    first = progress.runs[0]
+    bad = sorted({run.status for run in progress.runs} - {OK, SKIPPED})
+    return f"{progress.done}/{progress.total} {first.scenario} seed {first.seed}{': ' + ', '.join(bad) if bad else ''}"
 
 
 def ranking_table(scores: "pd.DataFrame") -> "Table | str":

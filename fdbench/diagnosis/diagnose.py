@@ -113,7 +113,11 @@ def diagnose(
     hypotheses = [item.variant() for item in (given, calibrated, final)]
     every = [replay.simulate(run, hypotheses) for run in split.runs]
     simulated = [[{name: values[i] for name, values in own.items()} for own in every] for i in range(3)]
-    seen = [mark for mark in ready.marks if mean_energy(mark, split.plain.noise_models) > EVIDENCE.smallest_artefact]
+    seen = [
+        artefact
+        for artefact in ready.artefacts
+        if mean_energy(artefact, split.plain.noise_models) > EVIDENCE.smallest_artefact
+    ]
     findings = Findings(
         search=search,
         given=given,
@@ -122,7 +126,7 @@ def diagnose(
         stages=stages,
         contests=contests,
         reductions=reductions,
-        marks=seen,
+        artefacts=seen,
     )
     models = models or probability_models.models()
     judged = verdict(findings, models)

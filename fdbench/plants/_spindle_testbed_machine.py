@@ -51,7 +51,7 @@ class Unbalance:
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class TestbedMachine:
+class SpindleTestbedMachine:
     r"""Force and vibration at a constant speed.
 
     .. math::

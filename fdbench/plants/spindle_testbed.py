@@ -8,7 +8,7 @@ import numpy as np
 from fdbench.errors import RecordError, SpecError
 from fdbench.plants._plant import LinearModel, Plant
 from fdbench.plants._spectra import Spectra
-from fdbench.plants._spindle_testbed_machine import TestbedMachine
+from fdbench.plants._spindle_testbed_machine import SpindleTestbedMachine
 from fdbench.plants._spindle_testbed_plan import ForceLevels, RandomSegments, SpindleSpeeds
 from fdbench.record import Record
 from fdbench.regression import Regression
@@ -52,7 +52,7 @@ class SpindleTestbed(Plant):
     is what estimators work on. ``machine`` is a stand-in for the measured testbed, not a part of the published method.
 
     Source: Qu and Vogl, Estimating dynamic cutting forces of machine tools from measured vibrations using sparse
-    regression with nonlinear function basis, section 3; the equations of `TestbedMachine` are ours.
+    regression with nonlinear function basis, section 3; the equations of `SpindleTestbedMachine` are ours.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class SpindleTestbed(Plant):
     force_limit_N, acceleration_limit_m_per_s2 : float
         Ranges of the sensors.
     withheld : RandomSegments, ForceLevels or SpindleSpeeds
-    machine : TestbedMachine
+    machine : SpindleTestbedMachine
     """
 
     lowest_speed_rad_per_s: float = positive()
@@ -80,7 +80,7 @@ class SpindleTestbed(Plant):
     force_limit_N: float = positive()
     acceleration_limit_m_per_s2: float = positive()
     withheld: RandomSegments | ForceLevels | SpindleSpeeds
-    machine: TestbedMachine
+    machine: SpindleTestbedMachine
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -126,7 +126,7 @@ def cause_tables(answer: Answer) -> Iterator[Html]:
             rows.append([cause.effect if number == 0 else "", text, shown, known])
     yield table(["effect", "parameter", "value", "95 % interval"], rows, "llrl")
     yield table(
-        ["effect", "probability", "share", "share of its own", "cannot be told apart from"],
+        ["effect", "probability", "share", "share of its own", "cannot be distinguished from"],
         [
             [
                 cause.effect,

@@ -92,7 +92,7 @@ def verdict(answer: Answer) -> Iterator[str]:
         else:
             yield "No gap beyond the noise: these records show nothing that the model lacks."
         if causes:
-            yield f"Nothing is blamed; {_names(causes)} fitted a little of it, which is not to be relied on."
+            yield f"No cause is named; {_names(causes)} fitted a little of it, which is not to be relied on."
         return
     for cause in causes:
         rivals = cause.indistinguishable_from
@@ -107,7 +107,7 @@ def verdict(answer: Answer) -> Iterator[str]:
             continue
         if rivals:
             names = " or ".join([cause.effect, *rivals])
-            yield f"Cannot be told apart on these data: {names}. Whichever it is explains {share}."
+            yield f"Cannot be distinguished on these data: {names}. Whichever it is explains {share}."
         else:
             probability = probability_text(cause.probability)
             words = f"Cause: {cause.effect}" if cause.probability >= LIKELY else f"Perhaps {cause.effect}"

@@ -100,7 +100,7 @@ class RecordingSetup:
     @property
     def holds(self) -> bool:
         """Whether the logger held samples."""
-        return any(mark.interpolated for mark in self.ready.marks)
+        return any(artefact.interpolated for artefact in self.ready.artefacts)
 
     @staticmethod
     def command(run: Run) -> FloatArray:

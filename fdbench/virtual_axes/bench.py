@@ -115,7 +115,7 @@ class Detectability:
         return np.asarray(np.sqrt(np.mean(differences**2, axis=1, keepdims=True)) / self.noise)
 
     def mean_square(self, axis: VirtualAxis, beside_nominal_errors: bool) -> float:
-        """Return the largest mean square over the motions of what noise apart differs from the healthy machine.
+        """Return the largest mean square over the motions of the deviation from the healthy machine, without noise.
 
         Parameters
         ----------

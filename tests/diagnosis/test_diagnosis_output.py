@@ -231,7 +231,10 @@ def test_every_honest_answer_has_its_words(found: Diagnosis) -> None:
             {"no_gap_probability": 0.0, "unknown_probability": 0.97, **small(found, 9.0, 8.0)},
             "None of the known effects",
         ),
-        ({"causes": (both,)}, "Cannot be told apart on these data: direction_dependent_friction or constant_force or"),
+        (
+            {"causes": (both,)},
+            "Cannot be distinguished on these data: direction_dependent_friction or constant_force or",
+        ),
         ({"causes": (cause,), "unknown_probability": 0.8}, "Something else is missing too"),
         ({"causes": (cause,), "unknown_probability": 0.1}, "Cause: direction_dependent_friction, probability 0.90"),
         ({"causes": (weak,), "unknown_probability": 0.1}, "Perhaps direction_dependent_friction"),

@@ -16,7 +16,7 @@ from fdbench.estimator import Estimate, estimators
 from fdbench.metrics import Outcome, metrics
 from fdbench.plants import SpectralPlant
 from fdbench.plants._spectra import Spectra
-from fdbench.plants._spindle_testbed_machine import HousingMode, TestbedMachine, harmonic_sums
+from fdbench.plants._spindle_testbed_machine import HousingMode, SpindleTestbedMachine, harmonic_sums
 from fdbench.plants._spindle_testbed_plan import ForceLevels, RandomSegments, SpindleSpeeds
 from fdbench.plants.spindle_testbed import SpindleTestbed
 from fdbench.record import Record
@@ -224,7 +224,7 @@ def test_harmonic_sums_are_the_sums() -> None:
     np.testing.assert_allclose(harmonic_sums(c, 0.37, len(k)), expected, rtol=0, atol=1e-11)
 
 
-def quiet(**changes: object) -> TestbedMachine:
+def quiet(**changes: object) -> SpindleTestbedMachine:
     """Return a machine with nothing but its modes."""
     machine = bed(load_scenario("SpindleTestbedForce-v0")).machine
     plain = {"unbalance": (), "cage_depth": 0.0, "nonlinear_acceleration_m_per_s2": 1e12}

@@ -41,7 +41,7 @@ class Aligned:
     replay : Replay
     split : Split
     judged_on : str
-    marks : list of Artefact
+    artefacts : list of Artefact
     others : list of Apart
         Runs of another condition, which are in none of the rest.
     warnings : list of str
@@ -52,7 +52,7 @@ class Aligned:
     replay: Replay
     split: Split
     judged_on: str
-    marks: list[Artefact]
+    artefacts: list[Artefact]
     others: list[Apart]
     warnings: list[str]
 
@@ -101,18 +101,18 @@ def aligned(
     if baseline is not None:
         split = dataclasses.replace(split, noise_models=baseline.noise(split.noise_models, split.runs))
     held = held_artefact(raw_runs, runs, counts)
-    marks = [] if held is None else [held]
+    artefacts = [] if held is None else [held]
     grid = grid_artefact(runs, replay)
     if grid is not None and mean_energy(grid, split.noise_models) > EVIDENCE.smallest_artefact:
         split = dataclasses.replace(split, noise_models=raised(split.noise_models, grid.energy))
-        marks.append(grid)
+        artefacts.append(grid)
     return Aligned(
         nominal=nominal,
         runs=runs,
         replay=replay,
         split=split,
         judged_on=judged_on,
-        marks=marks,
+        artefacts=artefacts,
         others=others,
         warnings=warnings,
     )
@@ -140,9 +140,9 @@ def with_run_to_run_covariance(replay: Replay, ready: Aligned, calibrated: Hypot
     """Return the split in which changes from run to run, about the re-calibrated model, are separated from noise."""
     found = Repeatability(replay, calibrated, ready.runs)
     noise: Mapping[str, NoiseModel] = found.noise_models
-    for mark in ready.marks:
-        if not mark.interpolated:
-            noise = raised(noise, mark.energy)
+    for artefact in ready.artefacts:
+        if not artefact.interpolated:
+            noise = raised(noise, artefact.energy)
     changes = [found.change(run, noise) for run in ready.split.runs]
     return dataclasses.replace(ready.split, noise_models=noise, changes=changes)
 

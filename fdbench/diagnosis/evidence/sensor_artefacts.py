@@ -176,11 +176,11 @@ def _energy(runs: Sequence[Run], replay: Replay, effect: Effect) -> dict[str, fl
     return {name: total / sum(run.n_samples for run in runs) for name, total in sums.items()}
 
 
-def energies(mark: Artefact, noise_models: Mapping[str, NoiseModel]) -> FloatArray:
+def energies(artefact: Artefact, noise_models: Mapping[str, NoiseModel]) -> FloatArray:
     """Return the mean square that an effect brings into each channel, in units of the floor."""
-    return np.array([mark.energy[name] / floor.rms**2 for name, floor in noise_models.items()])
+    return np.array([artefact.energy[name] / floor.rms**2 for name, floor in noise_models.items()])
 
 
-def mean_energy(mark: Artefact, noise_models: Mapping[str, NoiseModel]) -> float:
+def mean_energy(artefact: Artefact, noise_models: Mapping[str, NoiseModel]) -> float:
     """Return the mean square that an effect brings into the channels, in units of the floor."""
-    return float(np.mean(energies(mark, noise_models)))
+    return float(np.mean(energies(artefact, noise_models)))

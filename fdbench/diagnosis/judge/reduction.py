@@ -149,7 +149,11 @@ def shrinkage(
     means, draws = reductions.mean(), reductions.mean(reductions.draws())
     place = {subset: index for index, subset in enumerate(reductions.subsets)}
     by_channel = {name: reductions.of_channel(index) for index, name in enumerate(split.noise_models)}
-    steps = [held_step(mark, float(means[0]), by_channel, split.noise_models) for mark in seen if mark.interpolated]
+    steps = [
+        held_step(artefact, float(means[0]), by_channel, split.noise_models)
+        for artefact in seen
+        if artefact.interpolated
+    ]
     for count, effect in enumerate(final.effects):
         before, after = place[tuple(range(count))], place[tuple(range(count + 1))]
         steps.append(
@@ -176,14 +180,14 @@ def shrinkage(
 
 
 def held_step(
-    mark: Artefact, after: float, by_channel: Mapping[str, FloatArray], noise_models: Mapping[str, NoiseModel]
+    artefact: Artefact, after: float, by_channel: Mapping[str, FloatArray], noise_models: Mapping[str, NoiseModel]
 ) -> Step:
     """Return the step from the samples as they were logged to those that are compared."""
-    energy = mean_energy(mark, noise_models)
-    own = {name: mark.energy[name] / floor.rms**2 for name, floor in noise_models.items()}
-    low, high = (energy * bound / mark.value for bound in (mark.low, mark.high))
+    energy = mean_energy(artefact, noise_models)
+    own = {name: artefact.energy[name] / floor.rms**2 for name, floor in noise_models.items()}
+    low, high = (energy * bound / artefact.value for bound in (artefact.low, artefact.high))
     return Step(
-        added=mark.kind.name,
+        added=artefact.kind.name,
         before=after + energy,
         after=after,
         reduction=energy / (after + energy),

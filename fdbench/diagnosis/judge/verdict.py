@@ -38,7 +38,7 @@ class Findings:
     stages, contests : sequences of Stage
         Of the search, and for each final effect the model without it beside its rivals.
     reductions : Reductions
-    marks : sequence of Artefact
+    artefacts : sequence of Artefact
         Effects that are seen in the readings themselves.
     """
 
@@ -49,7 +49,7 @@ class Findings:
     stages: Sequence[Stage]
     contests: Sequence[Stage]
     reductions: Reductions
-    marks: Sequence[Artefact]
+    artefacts: Sequence[Artefact]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,12 +110,13 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     noise_models = plain.noise_models
     as_given = channel_gaps(search.replay, plain, found.given)
     interpolated = sum(
-        (energies(mark, noise_models) for mark in found.marks if mark.interpolated), np.zeros(len(noise_models))
+        (energies(artefact, noise_models) for artefact in found.artefacts if artefact.interpolated),
+        np.zeros(len(noise_models)),
     )
     recalibrated = np.array([reductions.of_channel(place)[0] for place in range(len(noise_models))])
     shares = Shares(recalibrated, interpolated)
     repaired = np.array([reductions.of_channel(place)[-1] for place in range(len(noise_models))])
-    belief = plausibility_discount(Shares(as_given, interpolated).of(np.maximum(repaired - JUDGE.unrepeated, 0.0)))
+    discount = plausibility_discount(Shares(as_given, interpolated).of(np.maximum(repaired - JUDGE.unrepeated, 0.0)))
     with_equivalents = found.final.nominal.with_equivalents
     closed = [reductions.of_channel(place)[0] - reductions.of_channel(place) for place in range(len(noise_models))]
     by_subset = {
@@ -136,7 +137,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         removed = force_balances_removed(search.replay, search.split, contest)
         effect_features_of[OR.join((effect.name, *same))] = features
         odds = divided(contest, type(effect), same, models.effect.probability(features))
-        chances = {name: belief * p for name, p in odds.items()}
+        chances = {name: discount * p for name, p in odds.items()}
         own = np.maximum([part[index] for part in parts], 0.0)
         causes.append(
             Cause(
@@ -157,10 +158,10 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         )
     corrected = Shares(as_given, interpolated).of(np.maximum(as_given - recalibrated, 0.0))
     values, value_features_of, moved = deviating_parameters(search, found.final, corrected, models)
-    causes += [dataclasses.replace(value, probability=belief * value.probability) for value in values]
-    causes += [marked(mark, shares.of(energies(mark, noise_models))) for mark in found.marks]
+    causes += [dataclasses.replace(value, probability=discount * value.probability) for value in values]
+    causes += [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
-    suspects, suspect_features_of = suspected(found, models, belief)
+    suspects, suspect_features_of = suspected(found, models, discount)
     before = search.compared(found.base, [(Effect, found.final, True)])
     left = gather(search.replay, search.split, found.final, ())
     unknown = confidence.unknown_features(before.rivals[0].misfit, left.worst())
@@ -169,7 +170,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     surest = max((cause.probability for cause in causes), default=0.0)
     claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": value_features_of}
     within_noise = noise_alone(float(reductions.mean()[0]))
-    unknown_probability = max(models.unknown.probability(unknown), 1.0 - belief)
+    unknown_probability = max(models.unknown.probability(unknown), 1.0 - discount)
     return Verdict(
         causes=tuple(causes),
         suspects=tuple(suspects),
@@ -205,21 +206,21 @@ def plausibility_discount(left: float) -> float:
     return min(1.0, (1.0 - left) / JUDGE.enough)
 
 
-def marked(mark: Artefact, share: float) -> Cause:
+def artefact_cause(artefact: Artefact, share: float) -> Cause:
     """Return the cause that is seen in the readings themselves."""
-    amplitude = mark.kind.amplitude
-    unit = next(item.unit for item in mark.kind.parameters() if item.name == amplitude)
+    amplitude = artefact.kind.amplitude
+    unit = next(item.unit for item in artefact.kind.parameters() if item.name == amplitude)
     return Cause(
-        effect=mark.kind.name,
+        effect=artefact.kind.name,
         kind=READING,
-        probability=mark.probability,
+        probability=artefact.probability,
         share=share,
         unique_share=share,
-        parameters={amplitude: Quantity(value=mark.value, ci95=(mark.low, mark.high), unit=unit)},
+        parameters={amplitude: Quantity(value=artefact.value, ci95=(artefact.low, artefact.high), unit=unit)},
     )
 
 
-def suspected(found: Findings, models: ProbabilityModels, belief: float) -> tuple[list[Suspect], dict[str, Features]]:
+def suspected(found: Findings, models: ProbabilityModels, discount: float) -> tuple[list[Suspect], dict[str, Features]]:
     """Return the effect that the search came closest to adding when it ended, if any, and its features."""
     last = found.stages[-1] if found.stages else None
     named = {type(effect) for effect in found.final.effects}
@@ -227,7 +228,7 @@ def suspected(found: Findings, models: ProbabilityModels, belief: float) -> tupl
         return [], {}
     best = last.rivals[0]
     features = confidence.effect_features(last, best.kind)
-    chance = belief * min(models.suspect.probability(features), JUDGE.named)
+    chance = discount * min(models.suspect.probability(features), JUDGE.named)
     return [Suspect(effect=best.kind.name, probability=chance)], {best.kind.name: features}
 
 
