@@ -114,7 +114,9 @@ class _ClosureCache(FunctionCache):
 
     def _digest(self, sig: Any) -> str:
         """Return the digest of function and types of arguments: what is kept of a named tuple names its class."""
-        classes = [_origin(item.instance_class) for item in sig if isinstance(item, types.BaseNamedTuple)]
+        classes = [
+            _origin(item.instance_class) for item in sig if isinstance(item, types.NamedTuple | types.NamedUniTuple)
+        ]
         return hashlib.sha256(f"{closure_digest(self._dispatcher)} {sig} {classes}".encode()).hexdigest()
 
     def _follow(self, digest: str, folder: str) -> None:
