@@ -241,11 +241,13 @@ def nominal_parameters(nominal: Nominal) -> tuple[NominalParameter, ...]:
         if doubt.transition_velocity > 0.0 and any(item.name == WIDTH for item in known.parameters())
     ]
     offsets = [kind for kind in nominal.library if kind.calibrates == "force_offset"]
+    # A known constant force is a weight, as uncertain as a mass.
+    weight = sum(abs(amplitude_of(known)) for known in drive.effects if known.calibrates == "force_offset")
     found += [
         NominalParameter(
             name="force_offset",
             kind="force_offset",
-            deviation=doubt.force_offset_N,
+            deviation=math.hypot(doubt.force_offset_N, doubt.mass * weight),
             effect=silent(kind),
             amplitude=kind.amplitude,
         )
