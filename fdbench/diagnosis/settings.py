@@ -1,7 +1,7 @@
 """Tuned numbers of the diagnosis, each with its meaning and origin.
 
 Numbers that are definitions, sizes of arrays, or what a division needs so as not to be one by zero, stand where they
-are used. Defaults of [uncertainty] in a model file are in `fdbench.diagnosis.model.nominal.Uncertainty`.
+are used; defaults of [uncertainty] in a model file, in `Uncertainty`. docs/reference/settings.md has their effect.
 """
 
 from collections.abc import Iterator, Mapping
@@ -16,9 +16,12 @@ CONVENTION = "convention"
 LEARNED = "the probability models were learned with it"
 
 
-def number(value: Any, meaning: str, origin: str = CHOSEN) -> Any:
-    """Return the field of a number; its unit is the suffix of its name, without one it is a ratio or a count."""
-    return field(default=value, metadata={"meaning": meaning, "origin": origin})
+def number(value: Any, meaning: str, origin: str = CHOSEN, zero: float = 0.0) -> Any:
+    """Return the field of a number; its unit is the suffix of its name, without one it is a ratio or a count.
+
+    ``zero`` is what the number is halved and doubled from: a level of 0.9 is twice as far from 1 as one of 0.95.
+    """
+    return field(default=value, metadata={"meaning": meaning, "origin": origin, "zero": zero})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +32,7 @@ class RecordsSettings:
     same_motion: float = number(1e-3, "the same between measured motions")
     sudden_bend: float = number(20.0, "times the next bend of a command that counts as a step of its rate")
     shortest_lap_s: float = number(0.5, "after which a command may repeat itself within a record")
-    longest_lap: float = number(0.7, "share of a record that one lap may take")
+    longest_lap: float = number(0.7, "share of a record that one lap may take", zero=1.0)
     start_samples: int = number(5, "first samples through which a line gives position and velocity of the start")
     assumed_quantile: float = number(0.25, "of the power of all pieces of a record, read as noise without repeats")
     piece_samples: int = number(256, "length of the pieces of a record that spectra of noise are means over")
@@ -56,7 +59,7 @@ class PlausibleSettings:
     other_zero: float = number(0.5, "share of the command's range by which position and command may differ throughout")
     swapped: float = number(-0.5, "correlation below which a sign is swapped")
     unrelated: float = number(0.3, "correlation below which two columns do not belong together")
-    alike: float = number(0.8, "correlation above which two forces have the same shape")
+    alike: float = number(0.8, "correlation above which two forces have the same shape", zero=1.0)
     wrong_gain: float = number(2.0, "ratio of two forces of the same shape that is warned of")
     useless_gain: float = number(10.0, "ratio of two forces of the same shape that is refused")
     at_limit: float = number(0.3, "share of samples at the greatest force, which only an unstable loop reaches")
@@ -91,10 +94,10 @@ class ModelSettings:
     least_replacement: float = number(0.1, "of a known effect that another one in its place must have in a linear fit")
     most_replacement: float = number(3.0, "of a known effect that another one in its place may have in a linear fit")
     largest_change: float = number(4.0, "times the tried size that one linear fit may make of an effect")
-    highest_of_nyquist: float = number(0.8, "frequency of a mode or line that samples still show")
+    highest_of_nyquist: float = number(0.8, "frequency of a mode or line that samples still show", zero=1.0)
     coarser_substeps: tuple[int, ...] = number((3, 4, 5, 6, 8), "substeps that are tried where the model has more")
     substeps_error: float = number(0.1, "of the noise, root mean square, by which coarser substeps may move a reading")
-    slower: float = number(0.8, "factor of the bandwidth of a virtual controller that rings or is loud")
+    slower: float = number(0.8, "factor of the bandwidth of a virtual controller that rings or is loud", zero=1.0)
     lowest_Hz: float = number(1.0, "bandwidth of a virtual controller that has to hold the axis")
     quietest_Hz: float = number(5.0, "bandwidth of a virtual controller that is slow enough for any noise")
     highest_peak: float = number(1.5, "of the complementary sensitivity of its loop")
@@ -118,9 +121,7 @@ class BaselineSettings:
 class EvidenceSettings:
     """What counts as evidence."""
 
-    model_error: float = number(
-        0.03, "of the gap in the weights of segments", "chosen: 3 % error of a response is none"
-    )
+    model_error: float = number(0.03, "of the gap, in the weights of segments", "chosen: 3 % of a response is none")
     explained_error: float = number(1e-3, "of what effects explain, which are not exactly of the library's form")
     segment_s: float = number(0.25, "stretches of time whose sums are weighted, and drawn whole by the bootstrap")
     held_out: float = number(1.0 / 3.0, "share of a record that is judged on, without repeats, laps or other records")
@@ -130,7 +131,9 @@ class EvidenceSettings:
     grid_nearest: float = number(0.5, "steps of a grid: smallest differences of readings that are looked at")
     grid_furthest: float = number(3.5, "steps of a grid: largest differences of readings that are looked at")
     grid_coarsest_m: float = number(1e-4, "coarsest step of an encoder that is tried")
-    grid_ratio: float = number(1.015, "of neighbouring steps that are tried; also the bounds of the step that is found")
+    grid_ratio: float = number(
+        1.015, "of neighbouring steps that are tried, and bounds of the one that is found", zero=1.0
+    )
     grid_steps: int = number(700, "steps that are tried")
     grid_cells: int = number(50, "for each step; of many differences in one cell one counts: a steady speed is no grid")
     grid_exact: float = number(1e-6, "of a step by which a reading on the grid may move when it is rounded again")
@@ -150,7 +153,7 @@ class SearchSettings:
     refined: int = number(3, "classes that are refined in closed loop before one is chosen, at most")
     serious: float = number(0.5, "share of the best gain that makes a class worth refining")
     smallest_gain: float = number(0.04, "share of the excess misfit that an effect must remove")
-    noise_alone: float = number(1.05, "misfit below which nothing is left to explain")
+    noise_alone: float = number(1.05, "misfit below which nothing is left to explain", zero=1.0)
     effective_samples: float = number(60.0, "independent samples that a misfit is worth at most, for probabilities")
     steps: int = number(8, "Gauss-Newton steps of a refinement at most")
     converged: float = number(3e-4, "fall of the objective, relative to its excess over noise, that ends a refinement")
@@ -194,9 +197,9 @@ class JudgeSettings:
     named: float = number(0.5, "probability above which causes stand first", "more likely than not")
     enough: float = number(0.5, "share of the gap that everything named must explain to be believed")
     unrepeated: float = number(10.0, "ratio to the floor of three repeats that one run may reach by chance")
-    alike: float = number(0.9, "of what the best removes, removed by a rival that is indistinguishable")
+    alike: float = number(0.9, "of what the best removes, removed by a rival that is indistinguishable", zero=1.0)
     fewest: float = number(0.01, "probability of a rival that is worth mentioning")
-    level: float = number(0.9, "probability with which the cause is one of a set", CONVENTION)
+    level: float = number(0.9, "probability with which the cause is one of a set", CONVENTION, zero=1.0)
     rest_cells: int = number(24, "of a function that the rest may depend on")
     rest_shrinkage: float = number(50.0, "samples that such a cell counts for too few by")
     rest_smallest: float = number(0.02, "share of the rest that is worth mentioning")
@@ -210,21 +213,17 @@ class JudgeSettings:
 class ExperimentSettings:
     """The proposal of a next experiment."""
 
-    sure: float = number(0.9, "probability from which on a verdict needs no further experiment")
+    sure: float = number(0.9, "probability from which on a verdict needs no further experiment", zero=1.0)
     smallest_gain: float = number(0.02, "probability that the truth must be expected to win")
     most_rivals: int = number(6, "rivals that compete at most")
     smallest_probability: float = number(0.02, "of a rival that competes")
-    overlooked: float = number(
-        0.1, "least probability that the cause is one that the records gave no reason to consider"
-    )
+    overlooked: float = number(0.1, "least probability of all causes that the records gave no reason to consider")
     price_per_s: float = number(3e-4, "probability that a second of machine time has to bring")
     split_log_odds: float = number(3.0, "expected log odds of two causes that a motion separates", "20 to 1")
     followed: float = number(0.1, "share of the stroke by which the simulated axis may miss the command")
     used_travel: float = number(0.5, "share of the travel that a stroke may take where the records do not show more")
-    used_velocity: float = number(0.8, "share of the velocity limit that motions are made for")
-    used_force: float = number(
-        0.5, "share of the greatest force that accelerates; the rest is for friction and control"
-    )
+    used_velocity: float = number(0.8, "share of the velocity limit that motions are made for", zero=1.0)
+    used_force: float = number(0.5, "share of the greatest force that accelerates; friction and control have the rest")
     fade_s: float = number(0.25, "time in which multisines and sines begin and end")
 
 
@@ -241,6 +240,7 @@ class Setting:
     name: str
     meaning: str
     origin: str
+    zero: float
 
     @property
     def value(self) -> Any:
@@ -281,8 +281,6 @@ def changed(numbers: Mapping[str, Any]) -> Iterator[None]:
     SpecError
         If there is no number of such a name.
 
-    Examples
-    --------
     >>> with changed({"search.smallest_gain": 0.02}):
     ...     SEARCH.smallest_gain
     0.02
