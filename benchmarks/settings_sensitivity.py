@@ -32,7 +32,7 @@ from fdbench.record import FloatArray, Record
 from fdbench.trials import seal
 from fdbench.trials.answer import read_case
 from fdbench.trials.make import make, read_manifest
-from fdbench.trials.score import Table, exact_set, top
+from fdbench.trials.score import AnswerTable, exact_set, top
 from fdbench.units import unit_of
 from fdbench.virtual_axes.cases import Tier
 
@@ -123,18 +123,18 @@ class Bench:
 @contextmanager
 def reads(first: set[str]) -> Iterator[list[set[str]]]:
     """Put the names of all numbers that are read into the set that the list holds."""
-    into = [first]
+    into, stages = [first], {id(stage): name for name, stage in STAGES.items()}
 
     def recording(stage: Any, name: str) -> Any:
-        into[0].add(f"{type(stage).__name__.lower()}.{name}")
+        into[0].add(f"{stages[id(stage)]}.{name}")
         return object.__getattribute__(stage, name)
 
-    for stage in STAGES:
+    for stage in STAGES.values():
         type(stage).__getattribute__ = recording
     try:
         yield into
     finally:
-        for stage in STAGES:
+        for stage in STAGES.values():
             del type(stage).__getattribute__
 
 
@@ -165,7 +165,7 @@ def scored(found: Verdict, case: "Sealed") -> dict[str, float]:
     chances |= {cause.effect: cause.probability for cause in found.causes}
     listed = {item["name"] for item in case.truth["listed"]}
     nothing = np.array([math.nan])
-    table = Table(
+    table = AnswerTable(
         effects=list(case.effects),
         chances=np.array([[chances.get(name, 0.0) for name in case.effects]]),
         present=np.array([[float(name in listed) for name in case.effects]]),
@@ -324,12 +324,11 @@ def page(found: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     by_number: dict[str, list[Mapping[str, Any]]] = {}
     for line in found:
         by_number.setdefault(line["number"], []).append(line)
-    for stage in STAGES:
-        kind = type(stage)
+    for title, stage in STAGES.items():
         yield ""
-        yield f"## {kind.__name__.lower()}"
+        yield f"## {title}"
         yield ""
-        yield str(kind.__doc__)
+        yield str(stage.__doc__)
         yield ""
         yield "| number | value | meaning | origin | halved | doubled |"
         yield "| --- | ---: | --- | --- | --- | --- |"

@@ -17,10 +17,7 @@ LEARNED = "the probability models were learned with it"
 
 
 def number(value: Any, meaning: str, origin: str = CHOSEN, zero: float = 0.0) -> Any:
-    """Return the field of a number; its unit is the suffix of its name, without one it is a ratio or a count.
-
-    ``zero`` is what the number is halved and doubled from: a level of 0.9 is twice as far from 1 as one of 0.95.
-    """
+    """Return the field of a number, in the unit that its name ends with; ``zero`` is what it is halved towards."""
     return field(default=value, metadata={"meaning": meaning, "origin": origin, "zero": zero})
 
 
@@ -131,9 +128,7 @@ class EvidenceSettings:
     grid_nearest: float = number(0.5, "steps of a grid: smallest differences of readings that are looked at")
     grid_furthest: float = number(3.5, "steps of a grid: largest differences of readings that are looked at")
     grid_coarsest_m: float = number(1e-4, "coarsest step of an encoder that is tried")
-    grid_ratio: float = number(
-        1.015, "of neighbouring steps that are tried, and bounds of the one that is found", zero=1.0
-    )
+    grid_ratio: float = number(1.015, "of neighbouring steps that are tried; bounds of the one found", zero=1.0)
     grid_steps: int = number(700, "steps that are tried")
     grid_cells: int = number(50, "for each step; of many differences in one cell one counts: a steady speed is no grid")
     grid_exact: float = number(1e-6, "of a step by which a reading on the grid may move when it is rounded again")
@@ -229,7 +224,16 @@ class ExperimentSettings:
 
 RECORDS, PLAUSIBLE, MODEL, BASELINE = RecordsSettings(), PlausibleSettings(), ModelSettings(), BaselineSettings()
 EVIDENCE, SEARCH, JUDGE, EXPERIMENT = EvidenceSettings(), SearchSettings(), JudgeSettings(), ExperimentSettings()
-STAGES = (RECORDS, PLAUSIBLE, MODEL, BASELINE, EVIDENCE, SEARCH, JUDGE, EXPERIMENT)
+STAGES: Mapping[str, Any] = {
+    "records": RECORDS,
+    "plausible": PLAUSIBLE,
+    "model": MODEL,
+    "baseline": BASELINE,
+    "evidence": EVIDENCE,
+    "search": SEARCH,
+    "judge": JUDGE,
+    "experiment": EXPERIMENT,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,10 +263,8 @@ def settings() -> dict[str, Setting]:
     'share of the excess misfit that an effect must remove'
     """
     return {
-        f"{type(stage).__name__.removesuffix('Settings').lower()}.{item.name}": Setting(
-            stage=stage, name=item.name, **item.metadata
-        )
-        for stage in STAGES
+        f"{name}.{item.name}": Setting(stage=stage, name=item.name, **item.metadata)
+        for name, stage in STAGES.items()
         for item in fields(stage)
     }
 
@@ -271,15 +273,10 @@ def settings() -> dict[str, Setting]:
 def changed(numbers: Mapping[str, Any]) -> Iterator[None]:
     """Diagnose with other numbers for a while, in all threads of this process but in no other process.
 
-    Parameters
-    ----------
-    numbers : mapping
-        Values by names as ``search.smallest_gain``.
-
     Raises
     ------
     SpecError
-        If there is no number of such a name.
+        If there is no number of a name.
 
     >>> with changed({"search.smallest_gain": 0.02}):
     ...     SEARCH.smallest_gain
