@@ -108,7 +108,8 @@ def diagnose(
     split = search.split = with_explained(split, gather(replay, split, base, ()))
     final, stages = search.run(base)
     final, contests = search.review(final, stages)
-    final = settled(Search(replay, split.plain), calibrated, final)
+    # The search weighs what friction may do in each run; what is judged, drawn and written is one model for all.
+    final = Search(replay, split.plain).refine(final) if final.effects else calibrated
     reductions = reductions_of(replay, split.plain, calibrated, final)
     hypotheses = [item.variant() for item in (given, calibrated, final)]
     every = [replay.simulate(run, hypotheses) for run in split.runs]
@@ -198,17 +199,6 @@ def calibrated_on(
     ]
     known = dataclasses.replace(as_nominal(model), uncertainty=Uncertainty(**dataclasses.asdict(BASELINE)))
     return known, Baseline(runs=runs, residuals=residuals)
-
-
-def settled(search: Search, calibrated: Hypothesis, final: Hypothesis) -> Hypothesis:
-    """Return the final hypothesis with the numbers that predict the records best, friction of all runs being one.
-
-    The search weighs what friction may do in each run; what is judged, drawn and written is one model for all.
-    """
-    if not final.effects:
-        return calibrated
-    starts = (final, dataclasses.replace(final, shifts=calibrated.shifts))
-    return min((search.refine(item) for item in starts), key=search.objective)
 
 
 def write_experiment(found: Diagnosis, path: str | Path) -> Diagnosis:

@@ -1,7 +1,7 @@
 """Tuned numbers of the diagnosis, each with its meaning and origin.
 
 Numbers that are definitions, sizes of arrays, or what a division needs so as not to be one by zero, stand where they
-are used. Defaults of [uncertainty] in a model file are in `fdbench.diagnosis.model.nominal.Uncertainty`.
+are used; defaults of [uncertainty] in a model file, in `Uncertainty`. docs/reference/settings.md has their effect.
 """
 
 from collections.abc import Iterator, Mapping
@@ -16,9 +16,9 @@ CONVENTION = "convention"
 LEARNED = "the probability models were learned with it"
 
 
-def number(value: Any, meaning: str, origin: str = CHOSEN) -> Any:
-    """Return the field of a number; its unit is the suffix of its name, without one it is a ratio or a count."""
-    return field(default=value, metadata={"meaning": meaning, "origin": origin})
+def number(value: Any, meaning: str, origin: str = CHOSEN, zero: float = 0.0) -> Any:
+    """Return the field of a number, in the unit that its name ends with; ``zero`` is what it is halved towards."""
+    return field(default=value, metadata={"meaning": meaning, "origin": origin, "zero": zero})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +29,7 @@ class RecordsSettings:
     same_motion: float = number(1e-3, "the same between measured motions")
     sudden_bend: float = number(20.0, "times the next bend of a command that counts as a step of its rate")
     shortest_lap_s: float = number(0.5, "after which a command may repeat itself within a record")
-    longest_lap: float = number(0.7, "share of a record that one lap may take")
+    longest_lap: float = number(0.7, "share of a record that one lap may take", zero=1.0)
     start_samples: int = number(5, "first samples through which a line gives position and velocity of the start")
     assumed_quantile: float = number(0.25, "of the power of all pieces of a record, read as noise without repeats")
     piece_samples: int = number(256, "length of the pieces of a record that spectra of noise are means over")
@@ -56,7 +56,7 @@ class PlausibleSettings:
     other_zero: float = number(0.5, "share of the command's range by which position and command may differ throughout")
     swapped: float = number(-0.5, "correlation below which a sign is swapped")
     unrelated: float = number(0.3, "correlation below which two columns do not belong together")
-    alike: float = number(0.8, "correlation above which two forces have the same shape")
+    alike: float = number(0.8, "correlation above which two forces have the same shape", zero=1.0)
     wrong_gain: float = number(2.0, "ratio of two forces of the same shape that is warned of")
     useless_gain: float = number(10.0, "ratio of two forces of the same shape that is refused")
     at_limit: float = number(0.3, "share of samples at the greatest force, which only an unstable loop reaches")
@@ -91,10 +91,10 @@ class ModelSettings:
     least_replacement: float = number(0.1, "of a known effect that another one in its place must have in a linear fit")
     most_replacement: float = number(3.0, "of a known effect that another one in its place may have in a linear fit")
     largest_change: float = number(4.0, "times the tried size that one linear fit may make of an effect")
-    highest_of_nyquist: float = number(0.8, "frequency of a mode or line that samples still show")
+    highest_of_nyquist: float = number(0.8, "frequency of a mode or line that samples still show", zero=1.0)
     coarser_substeps: tuple[int, ...] = number((3, 4, 5, 6, 8), "substeps that are tried where the model has more")
     substeps_error: float = number(0.1, "of the noise, root mean square, by which coarser substeps may move a reading")
-    slower: float = number(0.8, "factor of the bandwidth of a virtual controller that rings or is loud")
+    slower: float = number(0.8, "factor of the bandwidth of a virtual controller that rings or is loud", zero=1.0)
     lowest_Hz: float = number(1.0, "bandwidth of a virtual controller that has to hold the axis")
     quietest_Hz: float = number(5.0, "bandwidth of a virtual controller that is slow enough for any noise")
     highest_peak: float = number(1.5, "of the complementary sensitivity of its loop")
@@ -118,9 +118,7 @@ class BaselineSettings:
 class EvidenceSettings:
     """What counts as evidence."""
 
-    model_error: float = number(
-        0.03, "of the gap in the weights of segments", "chosen: 3 % error of a response is none"
-    )
+    model_error: float = number(0.03, "of the gap, in the weights of segments", "chosen: 3 % of a response is none")
     explained_error: float = number(1e-3, "of what effects explain, which are not exactly of the library's form")
     segment_s: float = number(0.25, "stretches of time whose sums are weighted, and drawn whole by the bootstrap")
     held_out: float = number(1.0 / 3.0, "share of a record that is judged on, without repeats, laps or other records")
@@ -130,7 +128,7 @@ class EvidenceSettings:
     grid_nearest: float = number(0.5, "steps of a grid: smallest differences of readings that are looked at")
     grid_furthest: float = number(3.5, "steps of a grid: largest differences of readings that are looked at")
     grid_coarsest_m: float = number(1e-4, "coarsest step of an encoder that is tried")
-    grid_ratio: float = number(1.015, "of neighbouring steps that are tried; also the bounds of the step that is found")
+    grid_ratio: float = number(1.015, "of neighbouring steps that are tried; bounds of the one found", zero=1.0)
     grid_steps: int = number(700, "steps that are tried")
     grid_cells: int = number(50, "for each step; of many differences in one cell one counts: a steady speed is no grid")
     grid_exact: float = number(1e-6, "of a step by which a reading on the grid may move when it is rounded again")
@@ -150,7 +148,7 @@ class SearchSettings:
     refined: int = number(3, "classes that are refined in closed loop before one is chosen, at most")
     serious: float = number(0.5, "share of the best gain that makes a class worth refining")
     smallest_gain: float = number(0.04, "share of the excess misfit that an effect must remove")
-    noise_alone: float = number(1.05, "misfit below which nothing is left to explain")
+    noise_alone: float = number(1.05, "misfit below which nothing is left to explain", zero=1.0)
     effective_samples: float = number(60.0, "independent samples that a misfit is worth at most, for probabilities")
     steps: int = number(8, "Gauss-Newton steps of a refinement at most")
     converged: float = number(3e-4, "fall of the objective, relative to its excess over noise, that ends a refinement")
@@ -194,9 +192,9 @@ class JudgeSettings:
     named: float = number(0.5, "probability above which causes stand first", "more likely than not")
     enough: float = number(0.5, "share of the gap that everything named must explain to be believed")
     unrepeated: float = number(10.0, "ratio to the floor of three repeats that one run may reach by chance")
-    alike: float = number(0.9, "of what the best removes, removed by a rival that is indistinguishable")
+    alike: float = number(0.9, "of what the best removes, removed by a rival that is indistinguishable", zero=1.0)
     fewest: float = number(0.01, "probability of a rival that is worth mentioning")
-    level: float = number(0.9, "probability with which the cause is one of a set", CONVENTION)
+    level: float = number(0.9, "probability with which the cause is one of a set", CONVENTION, zero=1.0)
     rest_cells: int = number(24, "of a function that the rest may depend on")
     rest_shrinkage: float = number(50.0, "samples that such a cell counts for too few by")
     rest_smallest: float = number(0.02, "share of the rest that is worth mentioning")
@@ -210,27 +208,32 @@ class JudgeSettings:
 class ExperimentSettings:
     """The proposal of a next experiment."""
 
-    sure: float = number(0.9, "probability from which on a verdict needs no further experiment")
+    sure: float = number(0.9, "probability from which on a verdict needs no further experiment", zero=1.0)
     smallest_gain: float = number(0.02, "probability that the truth must be expected to win")
     most_rivals: int = number(6, "rivals that compete at most")
     smallest_probability: float = number(0.02, "of a rival that competes")
-    overlooked: float = number(
-        0.1, "least probability that the cause is one that the records gave no reason to consider"
-    )
+    overlooked: float = number(0.1, "least probability of all causes that the records gave no reason to consider")
     price_per_s: float = number(3e-4, "probability that a second of machine time has to bring")
     split_log_odds: float = number(3.0, "expected log odds of two causes that a motion separates", "20 to 1")
     followed: float = number(0.1, "share of the stroke by which the simulated axis may miss the command")
     used_travel: float = number(0.5, "share of the travel that a stroke may take where the records do not show more")
-    used_velocity: float = number(0.8, "share of the velocity limit that motions are made for")
-    used_force: float = number(
-        0.5, "share of the greatest force that accelerates; the rest is for friction and control"
-    )
+    used_velocity: float = number(0.8, "share of the velocity limit that motions are made for", zero=1.0)
+    used_force: float = number(0.5, "share of the greatest force that accelerates; friction and control have the rest")
     fade_s: float = number(0.25, "time in which multisines and sines begin and end")
 
 
 RECORDS, PLAUSIBLE, MODEL, BASELINE = RecordsSettings(), PlausibleSettings(), ModelSettings(), BaselineSettings()
 EVIDENCE, SEARCH, JUDGE, EXPERIMENT = EvidenceSettings(), SearchSettings(), JudgeSettings(), ExperimentSettings()
-STAGES = (RECORDS, PLAUSIBLE, MODEL, BASELINE, EVIDENCE, SEARCH, JUDGE, EXPERIMENT)
+STAGES: Mapping[str, Any] = {
+    "records": RECORDS,
+    "plausible": PLAUSIBLE,
+    "model": MODEL,
+    "baseline": BASELINE,
+    "evidence": EVIDENCE,
+    "search": SEARCH,
+    "judge": JUDGE,
+    "experiment": EXPERIMENT,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -241,6 +244,7 @@ class Setting:
     name: str
     meaning: str
     origin: str
+    zero: float
 
     @property
     def value(self) -> Any:
@@ -259,10 +263,8 @@ def settings() -> dict[str, Setting]:
     'share of the excess misfit that an effect must remove'
     """
     return {
-        f"{type(stage).__name__.removesuffix('Settings').lower()}.{item.name}": Setting(
-            stage=stage, name=item.name, **item.metadata
-        )
-        for stage in STAGES
+        f"{name}.{item.name}": Setting(stage=stage, name=item.name, **item.metadata)
+        for name, stage in STAGES.items()
         for item in fields(stage)
     }
 
@@ -271,18 +273,11 @@ def settings() -> dict[str, Setting]:
 def changed(numbers: Mapping[str, Any]) -> Iterator[None]:
     """Diagnose with other numbers for a while, in all threads of this process but in no other process.
 
-    Parameters
-    ----------
-    numbers : mapping
-        Values by names as ``search.smallest_gain``.
-
     Raises
     ------
     SpecError
-        If there is no number of such a name.
+        If there is no number of a name.
 
-    Examples
-    --------
     >>> with changed({"search.smallest_gain": 0.02}):
     ...     SEARCH.smallest_gain
     0.02

@@ -11,13 +11,16 @@ import pytest
 
 import fdbench.api
 from fdbench.catalogue import scenario_ids
+from fdbench.diagnosis.settings import settings
 from fdbench.effects import effects
 from fdbench.estimator import estimators
 from fdbench.metrics import metrics
+from fdbench.units import unit_of
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SCRIPT = REPOSITORY / "docs" / "make_reference.py"
 FILES = ("api.md", "effects.md", "estimators.md", "metrics.md", "scenarios.md")
+MEASURED = ("settings.md",)  # by a benchmark, hours long
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +48,19 @@ def test_page_is_up_to_date(name: str, pages: dict[str, str]) -> None:
 
 def test_no_other_page_is_there(pages: dict[str, str]) -> None:
     assert sorted(pages) == sorted(FILES)
-    assert sorted(path.name for path in (REPOSITORY / "docs" / "reference").iterdir()) == sorted(FILES)
+    assert sorted(path.name for path in (REPOSITORY / "docs" / "reference").iterdir()) == sorted((*FILES, *MEASURED))
+
+
+@pytest.mark.parametrize("name", settings())
+def test_a_setting_has_a_row_with_its_value(name: str) -> None:
+    setting = settings()[name]
+    rows = (REPOSITORY / "docs" / "reference" / "settings.md").read_text("utf-8").splitlines()
+    (row,) = (row for row in rows if row.startswith(f"| `{name}` |"))
+    values = setting.value if isinstance(setting.value, tuple) else (setting.value,)
+    said = f"{', '.join(f'{value:.6g}' for value in values)} {unit_of(setting.name)}".strip()
+    assert row.split(" | ")[1:4] == [said, setting.meaning, setting.origin], (
+        "out of date: run python benchmarks/settings_sensitivity.py --table"
+    )
 
 
 @pytest.mark.parametrize(

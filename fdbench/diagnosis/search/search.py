@@ -195,12 +195,6 @@ class Search:
                 break
         return hypothesis
 
-    def objective(self, hypothesis: Hypothesis) -> float:
-        """Return the weighted squared gap on the training segments, with the weights of its own gap, and the prior."""
-        evidence = gather(self.replay, self.split, hypothesis, (), fitted_only=True)
-        inside = ~evidence.held_out
-        return float((np.log1p(evidence.gaps / evidence.counts) * evidence.counts)[inside].sum()) + hypothesis.penalty()
-
     def probed(self, hypothesis: Hypothesis, beside: Sequence[Hypothesis] = ()) -> Evidence:
         """Return the responses to a step of each number of a hypothesis, on the runs of which something is fitted.
 
