@@ -174,6 +174,7 @@ class NominalParameter:
         """Return the drive moved by ``shift`` standard deviations, and an effect that has to be added for it."""
         change = shift * self.deviation
         if self.kind == "friction_side" and self.effect is not None:
+            change = min(max(change, -1.0), 1.0)
             moved = change * amplitude_of(drive.effects[self.index])
             return _with_known(drive, self.index, 1.0 - change), (self.effect.changed(**{self.amplitude: moved}),)
         if self.effect is not None:
