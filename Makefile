@@ -36,13 +36,13 @@ benchmark: $(RUNTIME)
 	@for script in benchmarks/*_speed.py; do echo; $(BIN)/python $$script || exit; done
 
 test: $(TEST)
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # As on other processors: kernels of linear algebra without vectors and with wide ones, machine code for any.
 WIDE := $(shell grep -qw avx512dq /proc/cpuinfo 2>/dev/null && echo OPENBLAS_CORETYPE=SkylakeX || echo OPENBLAS_CORETYPE=Haswell)
 test-processors: $(TEST)
 	@for processor in "OPENBLAS_CORETYPE=Prescott NUMBA_CPU_NAME=generic" "$(WIDE)"; do \
-	  echo "as on $$processor"; env $$processor $(BIN)/python -m pytest -n 2 --dist loadfile -q -m linear_algebra tests || exit; \
+	  echo "as on $$processor"; env $$processor $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -q -m linear_algebra tests || exit; \
 	done
 
 check: $(TEST)

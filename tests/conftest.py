@@ -11,6 +11,25 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 # Estimators that are run by a test, and must not be imported by it.
 collect_ignore_glob = ["sandbox/cheats/*", "sandbox/misbehaving/*", "sandbox/neighbours/*"]
 
+# Files of few long tests, which begin first: none of them is left to one process at the end.
+LONGEST = (
+    "diagnosis/test_diagnosis.py",
+    "project/test_readme.py",
+    "trials/test_small_trials.py",
+    "trials/test_machine_calibration.py",
+    "diagnosis/test_emps.py",
+    "test_processors.py",
+    "sandbox/test_misbehaving.py",
+    "diagnosis/model/test_virtual_controller.py",
+    "report/test_report.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the longest files first; the order within a file stays."""
+    places = {REPOSITORY / "tests" / name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: places.get(item.path, len(LONGEST)))
+
 
 def shared_file(*parts: str) -> Path:
     """Return the path of a reference file, or skip the test with the reason that it is absent."""
