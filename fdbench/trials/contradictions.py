@@ -1,0 +1,46 @@
+"""Contradictions: what no answer may say at the same time."""
+
+from collections.abc import Iterator
+
+from fdbench.diagnosis.answer import Answer
+
+NAMED = 0.5  # probability above which a cause is named
+WORSE = 1.02  # ratio of two gaps that no noise of the judgement explains
+ROUNDING = 1e-9
+
+
+def contradictions(answer: Answer) -> Iterator[str]:
+    """Yield each pair of statements of an answer that cannot both hold; nothing where it agrees with itself.
+
+    Of probabilities: "no gap" beside an unknown or a named cause. Of sizes: a named cause that explains nothing, a step
+    after which more is left, shares beyond the whole, a final model that is worse than the one without its effects.
+    """
+    for name, value in (("unknown", answer.unknown_probability), ("no gap", answer.no_gap_probability)):
+        if not 0.0 <= value <= 1.0:
+            yield f"the probability of {name} is {value:g}"
+    if answer.no_gap_probability + answer.unknown_probability > 1.0 + ROUNDING:
+        yield f"no gap {answer.no_gap_probability:.3g} and unknown {answer.unknown_probability:.3g}"
+    steps = {step.added: step for step in answer.shrinkage.steps}
+    for cause in answer.causes:
+        said = f"{cause.effect} with probability {cause.probability:.3g}"
+        if not 0.0 <= cause.probability <= 1.0:
+            yield f"{said}"
+        if cause.probability + answer.no_gap_probability > 1.0 + ROUNDING:
+            yield f"{said} and no gap {answer.no_gap_probability:.3g}"
+        if not -ROUNDING <= cause.unique_share <= cause.share + ROUNDING or cause.share > 1.0 + ROUNDING:
+            yield f"{said}: share {cause.share:.3g}, of its own {cause.unique_share:.3g}"
+        if cause.probability > NAMED and cause.share <= 0.0:
+            yield f"{said}, and it explains {cause.share:.3g} of the gap"
+        step = steps.get(cause.effect)
+        if cause.probability > NAMED and step is not None and step.reduction <= 0.0:
+            yield f"{said}, and with it {step.after:.3g} is left of {step.before:.3g}"
+    for channel_shares in (answer.where.motion, answer.where.channel):
+        total = sum(channel_shares.values())
+        if channel_shares and not (abs(total) < 1e-6 or abs(total - 1.0) < 1e-6):
+            yield f"shares of {', '.join(channel_shares)} add up to {total:.6g}"
+    before, after = (
+        sum((getattr(own, stage) / own.noise_floor) ** 2 for own in answer.gap.channels.values())
+        for stage in ("recalibrated", "repaired")
+    )
+    if after > WORSE**2 * before:
+        yield f"the final model leaves {after / before:.3g} times the mean square of the re-calibrated one"
