@@ -149,8 +149,8 @@ def fingerprint(ready: Aligned) -> str:
         found.update(mask.tobytes())
     for name, floor in ready.split.noise_models.items():
         found.update(name.encode() + floor.spectrum.tobytes())
-    for mark in ready.marks:
-        found.update(repr(mark).encode())
+    for artefact in ready.artefacts:
+        found.update(repr(artefact).encode())
     found.update(repr((ready.nominal, len(ready.others))).encode())
     return found.hexdigest()
 
