@@ -164,7 +164,7 @@ class Cause:
     probability : float
     share, unique_share : float
         Of the mean squared gap after re-calibration, shared by the mean over all orders, and what no other cause
-        explains; of a value, of the nominal gap.
+        explains (no more than its share); of a value, of the nominal gap.
     parameters : mapping of str to Quantity
     indistinguishable_from : tuple of str
     share_of_channel : mapping of str to float

@@ -145,7 +145,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
                 probability=chances[effect.name],
                 share=shares.of(own),
                 share_of_channel=dict(zip(noise_models, shares.by_channel(own).tolist(), strict=True)),
-                unique_share=shares.of(np.maximum(by_subset[everything] - by_subset[alone], 0.0)),
+                unique_share=min(shares.of(own), shares.of(np.maximum(by_subset[everything] - by_subset[alone], 0.0))),
                 parameters=parameters(effect, bounds[index]),
                 indistinguishable_from=tuple(with_equivalents([effect.name, *same])[1:]),
                 alternatives={name: p for name, p in chances.items() if name != effect.name},
