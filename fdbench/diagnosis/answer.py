@@ -394,7 +394,7 @@ class Course:
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessForce:
-    """A force that acts in a record of another condition, which is not diagnosed.
+    """A force that acts in a record of another condition, or that does not repeat with the motion.
 
     Attributes
     ----------
@@ -402,7 +402,8 @@ class ProcessForce:
     condition : str or None
         As the record names it.
     beside : str
-        ``repeats``: it is what differs from records of the same command; ``model``: from the final model.
+        ``repeats``: it is what differs from records of the same command; ``model``: from the final model, the record
+        being left out of all the rest; ``nominal``: from the nominal model, in a record that is diagnosed.
     rms_N, mean_N, largest_N : float
         On the axis, in the direction of its position.
     standard_deviation_N : float
@@ -462,7 +463,7 @@ class Answer:
     parametric : Parametric
     noise_floor : mapping of str to NoiseFloor
     process_forces : tuple of ProcessForce
-        Of records of another condition, which are left out of all the rest.
+        Of records of another condition, which are left out of all the rest, and of those whose laps do not repeat.
     recorded : Recorded or None
     """
 

@@ -19,7 +19,7 @@ from fdbench.diagnosis.judge.cause_types import cause_types
 from fdbench.diagnosis.judge.gap import gap_of, noise_floor
 from fdbench.diagnosis.judge.localise import Gaps, where
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
-from fdbench.diagnosis.judge.process_force import process_forces
+from fdbench.diagnosis.judge.process_force import process_forces, unsteady_forces
 from fdbench.diagnosis.judge.reduction import channel_gaps, parametric, reductions_of, shrinkage
 from fdbench.diagnosis.judge.residual_dependence import dependences
 from fdbench.diagnosis.judge.verdict import Findings, verdict
@@ -153,7 +153,10 @@ def diagnose(
             name: noise_floor(floor, unit_of(name), split.runs[0].period_s)
             for name, floor in split.noise_models.items()
         },
-        process_forces=tuple(process_forces(ready.others, split.runs, replay, final)),
+        process_forces=(
+            *process_forces(ready.others, split.runs, replay, final),
+            *unsteady_forces(ready.unsteady, replay, given),
+        ),
         recorded=Recorded(
             records=sum(run.repeats for run in split.runs),
             samples=sum(run.repeats * run.n_samples for run in split.runs),

@@ -35,6 +35,7 @@ class RecordsSettings:
     piece_samples: int = number(256, "length of the pieces of a record that spectra of noise are means over")
     long_piece_samples: int = number(1024, "the same where repeats differ, if records are as long")
     beyond: float = number(5.0, "times the noise within a condition by which the force of another one differs")
+    restless: float = number(0.1, "of its force, root mean square, by which laps differ that are no repeats")
     resting: float = number(1e-3, "share of the greatest speed below which friction has no sign")
     neighbouring_frequencies: int = number(4, "on either side, over which an assumed spectrum of noise is smoothed")
 

@@ -38,7 +38,7 @@ def sections(answer: Answer) -> list[Section]:
         Section("Where the gap lies", list(_where(answer))),
         Section("Causes", list(_causes(answer))),
         Section("How far the gap shrinks", list(_shrinkage(answer))),
-        Section("Forces of other conditions", list(_process_forces(answer))),
+        Section("Process forces", list(_process_forces(answer))),
     ]
 
 

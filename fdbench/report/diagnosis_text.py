@@ -51,7 +51,7 @@ def summary(answer: Answer) -> str:
         ("Where the re-calibrated gap lies (share of what is beyond the noise)", _where(answer)),
         ("Causes (share of the mean squared gap after re-calibration)", _causes(answer)),
         ("How far it shrinks: mean squared gap in units of the noise floor", shrinkage(answer)),
-        ("Forces of other conditions, by inverse dynamics", process_forces(answer)),
+        ("Process forces, by inverse dynamics", process_forces(answer)),
         ("Doubts", doubts(answer)),
     )
     for heading, content in sections:
@@ -78,9 +78,7 @@ def verdict(answer: Answer) -> Iterator[str]:
     causes, unknown, none = answer.causes, answer.unknown_probability, answer.no_gap_probability
     if answer.warnings:
         yield "Read the warnings under Doubts first: what they speak of may be what is explained here."
-    if answer.process_forces:
-        records = " and ".join(Path(force.record).name for force in answer.process_forces)
-        yield f"Of another condition and left out: {records}; the force that acts there stands below."
+    yield from _other_forces(answer)
     measured = any(floor.measured_from_repeats for floor in answer.noise_floor.values())
     if not measured and answer.shrinkage.judged_on != "held-out":
         yield "Nothing was repeated and no other motion held out: a first guess, whatever the probabilities say."
@@ -136,6 +134,18 @@ def verdict(answer: Answer) -> Iterator[str]:
         yield f"What is left depends most on {words}: a function of it would remove {percent(best.share)}{where}."
 
 
+def _other_forces(answer: Answer) -> Iterator[str]:
+    elsewhere = [Path(force.record).name for force in answer.process_forces if force.beside != "nominal"]
+    if elsewhere:
+        yield f"Of another condition and left out: {' and '.join(elsewhere)}; the force that acts there stands below."
+    for force in answer.process_forces:
+        if force.beside == "nominal":
+            yield (
+                f"A force of {si_text(force.rms_N, 'N')} rms acts in {Path(force.record).name} that does not repeat "
+                "with the motion; it stands below."
+            )
+
+
 def process_forces(answer: Answer) -> Iterator[str]:
     """Yield what acts in each record of another condition: how large, when, at which frequency, how sure."""
     for force in answer.process_forces:
@@ -143,13 +153,12 @@ def process_forces(answer: Answer) -> Iterator[str]:
         beside = {
             "repeats": "beside the records of the same command",
             "model": "beside the final model, whose own error is in it",
+            "nominal": "beside the nominal model, whose own error is in it",
         }[force.beside]
+        left_out = "" if force.beside == "nominal" else " The record is left out of all the rest."
         within = JUDGE.sure_of_force * force.standard_deviation_N
         if force.rms_N <= within:
-            yield (
-                f"{force.record}{condition}: no more than {si_text(within, 'N')} acts {beside}; the record is left "
-                "out of all the rest."
-            )
+            yield (f"{force.record}{condition}: no more than {si_text(within, 'N')} acts {beside}.{left_out}")
             continue
         first, last = force.range_s
         line = ""
@@ -159,7 +168,7 @@ def process_forces(answer: Answer) -> Iterator[str]:
             f"{force.record}{condition}: a force acts that the model and the other records lack, {beside}: "
             f"{si_text(force.rms_N, 'N')} rms, {si_text(force.mean_N, 'N')} on average, "
             f"{si_text(force.largest_N, 'N')} at most{line}, from {first:.3g} to {last:.3g} s; each value is known to "
-            f"{si_text(1.96 * force.standard_deviation_N, 'N')} (95 %). The record is left out of all the rest."
+            f"{si_text(1.96 * force.standard_deviation_N, 'N')} (95 %).{left_out}"
         )
 
 

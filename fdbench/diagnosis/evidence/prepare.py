@@ -19,7 +19,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.nominal import Covered, Nominal
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.model.virtual_controller import prepared
-from fdbench.diagnosis.records.conditions import Apart, apart
+from fdbench.diagnosis.records.conditions import Apart, apart, restless
 from fdbench.diagnosis.records.noise_model import NoiseModel, noise_models, raised
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record
 from fdbench.diagnosis.records.runs import Run, merged, prepare, same_command
@@ -44,6 +44,8 @@ class Aligned:
     artefacts : list of Artefact
     others : list of Apart
         Runs of another condition, which are in none of the rest.
+    unsteady : list of Run
+        Those with a force that does not repeat with the motion.
     warnings : list of str
     """
 
@@ -54,6 +56,7 @@ class Aligned:
     judged_on: str
     artefacts: list[Artefact]
     others: list[Apart]
+    unsteady: list[Run]
     warnings: list[str]
 
 
@@ -74,7 +77,8 @@ def aligned(
     longest = max(run.n_samples * run.period_s for run in raw_runs)
     nominal = nominal.beside(Covered(fastest_m_per_s=fastest, longest_s=longest))
     replay, given = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
-    runs, counts = [], []
+    runs: list[Run] = []
+    counts, unsteady = [], []
     for run in raw_runs:
         as_nominal = {name: values[0] for name, values in replay.simulate(run, [given.variant()]).items()}
         warnings += check_alignment(run, as_nominal)
@@ -85,6 +89,13 @@ def aligned(
                 warnings.append(
                     f"{run.name}: no baseline record has its command, so the error of the model's form does not cancel."
                 )
+        if restless(mended):
+            mended = dataclasses.replace(mended, lap=None)
+            unsteady.append(mended)
+            warnings.append(
+                f"{run.name}: its laps differ by more than a tenth of the force. A force acts that does not repeat "
+                "with the motion; it is shown by itself, and what else is named was told beside it."
+            )
         runs.append(mended.beside(as_nominal))
         counts.append(n_held)
     others = apart(runs)
@@ -114,6 +125,7 @@ def aligned(
         judged_on=judged_on,
         artefacts=artefacts,
         others=others,
+        unsteady=unsteady,
         warnings=warnings,
     )
 

@@ -11,7 +11,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.conditions import Apart
 from fdbench.diagnosis.records.runs import Run
-from fdbench.diagnosis.settings import JUDGE
+from fdbench.diagnosis.settings import EVIDENCE, JUDGE
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 
@@ -39,19 +39,35 @@ def process_forces(
     return [_process_force(item, runs, replay, final, drive) for item in found]
 
 
+def unsteady_forces(runs: Sequence[Run], replay: Replay, nominal: Hypothesis) -> list[ProcessForce]:
+    """Return the force that acts in each record where it does not repeat with the motion: beside the nominal model.
+
+    A model that is fitted to such a record takes up a part of the force. What the nominal one leaves has the errors of
+    its values in it, which the standard deviation does not count.
+    """
+    found = []
+    for run in runs:
+        force = force_on_axis(run, run.channels, _simulated(replay, nominal, run), nominal.nominal.drive)
+        found.append(_described(run, force, _quiet(run, force), "nominal"))
+    return found
+
+
 def _process_force(
     item: Apart, runs: Sequence[Run], replay: Replay, final: Hypothesis, drive: FeedDrive
 ) -> ProcessForce:
     run, repeats = item.run, item.repeats
     if repeats:
         usual: Channels = {name: np.mean([own.channels[name] for own in repeats], axis=0) for name in run.channels}
-        between = _error_of_repeats(repeats, drive)
+        error = _error_of_repeats(repeats, drive)
     else:
         usual = _simulated(replay, final, run)
         lefts = [force_on_axis(own, own.channels, _simulated(replay, final, own), drive) for own in runs]
-        between = _rms(np.concatenate(lefts))
+        error = _rms(np.concatenate(lefts))
     force = force_on_axis(run, run.channels, usual, drive)
-    error = _quiet(force) if between is None else between
+    return _described(run, force, _quiet(run, force) if error is None else error, "repeats" if repeats else "model")
+
+
+def _described(run: Run, force: FloatArray, error: float, beside: str) -> ProcessForce:
     time = JUDGE.force_balance_margin_s + np.arange(len(force)) * run.period_s
     there = np.flatnonzero(np.abs(force) > JUDGE.sure_of_force * error)
     first, last = (there[0], there[-1]) if len(there) else (0, len(force) - 1)
@@ -60,7 +76,7 @@ def _process_force(
     return ProcessForce(
         record=run.name,
         condition=run.condition,
-        beside="repeats" if repeats else "model",
+        beside=beside,
         rms_N=_rms(force),
         mean_N=float(force.mean()),
         largest_N=float(force[np.argmax(np.abs(force))]),
@@ -105,9 +121,10 @@ def _error_of_repeats(repeats: Sequence[Run], drive: FeedDrive) -> float | None:
     return _rms(force_on_axis(first, later, before, drive))
 
 
-def _quiet(force: FloatArray) -> float:
-    """Return the standard deviation in the quietest of ten stretches."""
-    return float(min(np.std(part) for part in np.array_split(force, 10)))
+def _quiet(run: Run, force: FloatArray) -> float:
+    """Return the standard deviation about the mean in the quietest tenth of short stretches."""
+    n_parts = max(1, round(len(force) * run.period_s / EVIDENCE.segment_s))
+    return float(np.quantile([np.std(part) for part in np.array_split(force, n_parts)], 0.1))
 
 
 def _line(force: FloatArray, period_s: float) -> tuple[float | None, float | None]:

@@ -1,7 +1,10 @@
 """Conditions: records of one command that differ by more than repeats do were taken under another force."""
 
+import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -62,6 +65,23 @@ def _largest_of_one_condition(group: Sequence[Run]) -> list[Run]:
         else:
             part.append(index)
     return [group[index] for index in max(parts, key=len)]
+
+
+def restless(run: Run) -> bool:
+    """Return whether a force acts that does not repeat with the motion: laps differ by a tenth of the force and more.
+
+    Such laps are no repeats, and what they differ by is no noise.
+    """
+    if run.lap is None:
+        return False
+    later, before = (dataclasses.replace(run, left=None, motion=None, **part) for part in _laps(run, run.lap))
+    return _rms(_unlike(later, before)) > math.sqrt(2.0) * RECORDS.restless * _rms(run.channels[FORCE])
+
+
+def _laps(run: Run, lap: int) -> list[dict[str, Any]]:
+    """Return reference and force without the first lap, and without the last."""
+    parts = (slice(lap, None), slice(-lap))
+    return [{"reference": run.reference[part], "channels": {FORCE: run.channels[FORCE][part]}} for part in parts]
 
 
 def _force(run: Run) -> FloatArray:

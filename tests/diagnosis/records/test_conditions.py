@@ -1,5 +1,7 @@
 """Records under another force than their repeats are told apart, and the force is found by inverse dynamics."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from axis_lab import as_built, drive, protocol, record
@@ -9,6 +11,7 @@ from fdbench.diagnosis.evidence.prepare import aligned
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.effects import Effect, effects
 from fdbench.errors import SpecError
+from fdbench.plants.feed_drive import Following
 from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.report.diagnosis_text import summary
@@ -97,3 +100,26 @@ def test_a_condition_is_a_word(tmp_path) -> None:
     mapping.write_text('[record]\nfile = "cut.csv"\ncondition = 3\n[columns]\ntime_s = { from = "a" }\n')
     with pytest.raises(SpecError, match="'condition' is 3; it has to be a text"):
         read_record(mapping)
+
+
+def test_a_force_that_does_not_repeat_with_the_laps_is_no_noise() -> None:
+    """Pulses of 1.3 Hz over laps of 1 s: nothing that the library has, and not named as one of its effects."""
+    place = np.arange(6000) * 1e-3
+    lap = np.concatenate([0.05 * (1.0 - np.cos(2.0 * np.pi * place[:1000]))] * 6)
+    speed, acceleration = np.gradient(lap, 1e-3), np.gradient(np.gradient(lap, 1e-3), 1e-3)
+    axis = drive()
+    pulses = np.where(np.mod(1.3 * place, 1.0) < 0.3, 400.0, 0.0)
+    noise = np.random.default_rng(0).normal(size=6000)
+    force = axis.mass_kg * acceleration + 600.0 * speed + 120.0 * np.tanh(speed / 1e-3) + pulses + noise
+    columns = {"time_s": place, "motor_position_m": lap, "motor_force_N": force}
+    answer = diagnose(
+        Nominal(
+            plant=dataclasses.replace(axis, controller=Following(), screw=None, table=None),
+            simulation=Simulation(substeps=10),
+        ),
+        [Record(columns, {}, "pulses")],
+    ).answer
+    (own,) = answer.process_forces
+    assert own.beside == "nominal"
+    assert any("does not repeat with the motion" in text for text in answer.warnings)
+    assert answer.unknown_probability > 0.5
