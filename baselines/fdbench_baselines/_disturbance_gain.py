@@ -26,8 +26,8 @@ def disturbance_gain(context: Context, regression: Regression, beta: FloatArray)
         \mathrm{var} = \sigma_m^2 (1 - \sigma_m^2 J_m^T C^{-1} J_m)
 
     with mass, loop gain, viscous and Coulomb friction for :math:`\theta`. The record tells their ratios alone, but the
-    sheet's covariance C how much of an unexpected ratio is the mass's. Without C, or in another model, the gain is as
-    on paper.
+    sheet's covariance C how much of an unexpected ratio is the mass's. Without C, or in another model, the gain is
+    nominal.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ def disturbance_gain(context: Context, regression: Regression, beta: FloatArray)
     >>> from fdbench.scenario import load_scenario
     >>> context = load_scenario("ShakerConstant-v1").context()
     >>> regression = context.regression(load_scenario("ShakerConstant-v1").record(0))
-    >>> paper = np.array(list(context.nominal.values()))
-    >>> found = disturbance_gain(context, regression, paper * [0.95, 1.0, 1.0, 1.0] + [0.0, 0.0417, 0.0, 0.0])
+    >>> nominal = np.array(list(context.nominal.values()))
+    >>> found = disturbance_gain(context, regression, nominal * [0.95, 1.0, 1.0, 1.0] + [0.0, 0.0417, 0.0, 0.0])
     >>> round(found.gain / regression.disturbance_gain, 3), round(found.deviation, 3)
     (0.958, 0.016)
     """
@@ -61,16 +61,16 @@ def disturbance_gain(context: Context, regression: Regression, beta: FloatArray)
         replace(model, line=replace(line, viscous_N_s_per_m=line.viscous_N_s_per_m * more)),
         replace(model, line=replace(line, coulomb_N=line.coulomb_N * more)),
     )
-    paper = np.array(list(context.nominal.values()))
+    nominal = np.array(list(context.nominal.values()))
     # The sum of beta_1 and beta_2, the drive's pole, is known far better than either.
-    turn = np.eye(len(paper))
+    turn = np.eye(len(nominal))
     turn[1, 0] = 1.0
     size = np.sqrt(np.diag(turn @ context.covariance @ turn.T))
     turn = turn / size[:, None]
-    J = turn @ np.array([(list(other.nominal_parameters(period_s).values()) - paper) / STEP for other in moved]).T
+    J = turn @ np.array([(list(other.nominal_parameters(period_s).values()) - nominal) / STEP for other in moved]).T
     squares = np.column_stack([np.outer(column, column).ravel() for column in J.T])
     variances = nnls(squares, (turn @ context.covariance @ turn.T).ravel())[0]
     weight = variances[0] * np.linalg.lstsq((J * variances) @ J.T, J[:, 0], rcond=1e-10)[0]
-    heavier = float(weight @ turn @ (beta - paper))
+    heavier = float(weight @ turn @ (beta - nominal))
     spread = float(variances[0] * (1.0 - weight @ J[:, 0]))
     return Gain(regression.disturbance_gain * float(np.exp(-heavier)), float(np.sqrt(max(spread, 0.0))))

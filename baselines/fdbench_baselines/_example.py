@@ -10,10 +10,13 @@ from fdbench.plants._controllers import VelocityLoop
 from fdbench.plants._plant import LinearModel
 from fdbench.plants._spectra import Spectra
 from fdbench.plants._spindle_modal import ComplianceMode
+from fdbench.plants._spindle_testbed_machine import HousingMode, SpindleTestbedMachine
+from fdbench.plants._spindle_testbed_plan import SpindleSpeeds
 from fdbench.plants.feed_drive import FeedDrive, LinearMotor, RotaryMotor
 from fdbench.plants.sensor_network import NODES, Deviations, SensorNetwork
 from fdbench.plants.slot_milling import SlotMilling
 from fdbench.plants.spindle import Spindle
+from fdbench.plants.spindle_testbed import SpindleTestbed
 from fdbench.record import Record
 
 
@@ -104,6 +107,59 @@ def example_spectra(power: int) -> Example:
     plant = GivenSpectra(Spectra(features=x, targets=targets, training=training, samples_per_segment=8))
     context = Context(sampling_time_s=0.001, plant=cast(Plant, plant), model="inverse_frequency_response")
     return Example(context, Record({"time_s": 0.001 * np.arange(8 * len(x), dtype=np.float64)}))
+
+
+def example_testbed() -> Example:
+    r"""Return a spindle testbed at 10, 12, ... 20 Hz and 100, 200, 300 N, and 0.5 s of each; 14 Hz is withheld.
+
+    The force is a pulse at the trigger, of equal cosines in all orders up to 80 Hz, on a housing that is nearly a
+    spring; each order has 1 m/s^2 more, without force:
+
+    .. math:: F = A \sum_m \cos m \Omega t, \qquad a = \sum_m \mathrm{Re} (1 + A H(m \Omega)) e^{j m \Omega t}
+    """
+    sampling_time_s, segment_s, bandwidth_Hz, levels_N = 0.005, 0.5, 80.0, np.array([100.0, 200.0, 300.0])
+    speeds_Hz, withheld_Hz = np.linspace(10.0, 20.0, 6), 14.0
+    machine = SpindleTestbedMachine(
+        pulse_width_rad=0.01,
+        harmonics=8,
+        highest_frequency_Hz=bandwidth_Hz,
+        modes=(
+            HousingMode(frequency_Hz=1000.0, damping_ratio=0.05, mass_kg=0.1, frequency_change=0.0, damping_change=0.0),
+        ),
+        cage_depth=0.0,
+        cage_order=0.5,
+        nonlinear_acceleration_m_per_s2=1e9,
+        angle_jitter_rad=0.0,
+        force_deviation=0.0,
+    )
+    plant = SpindleTestbed(
+        lowest_speed_rad_per_s=2.0 * np.pi * speeds_Hz[0],
+        highest_speed_rad_per_s=2.0 * np.pi * speeds_Hz[-1],
+        n_speeds=len(speeds_Hz),
+        lowest_force_N=levels_N[0],
+        highest_force_N=levels_N[-1],
+        n_forces=len(levels_N),
+        segment_s=segment_s,
+        segments_per_condition=1,
+        bandwidth_Hz=bandwidth_Hz,
+        force_limit_N=1e4,
+        acceleration_limit_m_per_s2=100.0,
+        withheld=SpindleSpeeds(speeds_rad_per_s=(2.0 * np.pi * withheld_Hz,)),
+        machine=machine,
+    )
+    n = round(segment_s / sampling_time_s)
+    time_s, conditions = sampling_time_s * np.arange(n), []
+    for speed_Hz in speeds_Hz:
+        omega = 2.0 * np.pi * speed_Hz * np.arange(1, int(bandwidth_Hz / speed_Hz) + 1)
+        response, waves = machine.accelerance(omega, speed_Hz / speeds_Hz[-1]), np.exp(1j * np.outer(time_s, omega))
+        measured = np.full(n, float(speed_Hz != withheld_Hz))
+        for level_N in levels_N:
+            acceleration = (waves @ (1.0 + level_N * response)).real
+            conditions.append((acceleration, measured * level_N * waves.real.sum(axis=1), measured))
+    columns = dict(zip(("acceleration_m_per_s2", "force_N", "training_sample"), np.hstack(conditions), strict=True))
+    columns["time_s"] = sampling_time_s * np.arange(len(columns["force_N"]), dtype=np.float64)
+    context = Context(sampling_time_s=sampling_time_s, plant=plant, model="inverse_frequency_response")
+    return Example(context, Record(columns))
 
 
 def example_network(force_N: float) -> Example:

@@ -1,6 +1,6 @@
 """Output error: the nominal drive is simulated from its command alone, and turned until it does what was recorded."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import ClassVar, NamedTuple, final
 
 import numpy as np
@@ -98,9 +98,6 @@ class OutputError(BatchEstimator):
     [0.4, 0.6]
     """
 
-    expected_failures: ClassVar[Mapping[str, str]] = {
-        "has_right_examples": "its example loads a scenario, which a worker refuses"
-    }
     made_for: ClassVar[tuple[str, ...] | None] = tuple(CONFOUNDED)
 
     def __init__(self, iterations: int = 8, harmonics: int = 6, other_deviation: float = 0.2) -> None:

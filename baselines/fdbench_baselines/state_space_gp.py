@@ -68,13 +68,12 @@ class StateSpaceGp(BatchEstimator):
 
     Examples
     --------
-    A shaker of 1.2 N, whose mean over a sampling time has an amplitude of 1.15 N.
+    Quarters of a period of a shaker, a sine of 5 N in 32 samples.
 
-    >>> from fdbench.scenario import load_scenario
-    >>> scenario = load_scenario("ShakerConstant-v0")
-    >>> force = StateSpaceGp(harmonics=1).fit(scenario.context(), scenario.record(100)).disturbance_N
-    >>> round(float(np.sqrt(2.0 * np.mean(force[1000:3000] ** 2))), 2)
-    1.14
+    >>> from fdbench_baselines._example import example_drive
+    >>> found = StateSpaceGp(harmonics=1).fit(*example_drive(wave_N=5.0, period_s=0.32))
+    >>> [abs(force) for force in found.disturbance_N[192:224:8].round(1).tolist()]
+    [0.0, 5.0, 0.0, 5.0]
     """
 
     made_for: ClassVar[tuple[str, ...] | None] = (STATE_SPACE, *CONFOUNDED)

@@ -14,7 +14,7 @@ import pytest
 from conftest import REPOSITORY
 from rich.console import Console
 from scipy import stats
-from test_benchmark import short_scenario
+from short_scenario import short_scenario
 from typer.testing import CliRunner
 
 from fdbench.benchmark.compare import (

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
-from test_benchmark import short_scenario
+from short_scenario import short_scenario
 
 from fdbench.benchmark.run import run
 from fdbench.benchmark.store import RunKey, Store
