@@ -49,8 +49,8 @@ def smoother(points: FloatArray, values: ComplexArray, variances: FloatArray, st
 
     def factor(logarithms: FloatArray) -> tuple[FloatArray, bool]:
         gram = kernel(points / (start * np.exp(logarithms[:-1])), points / (start * np.exp(logarithms[:-1])))
-        # 1e-10 is the rounding of a matrix of ones; values are never as exact.
-        gram[np.diag_indices(len(gram))] += np.exp(logarithms[-1]) * noise + 1e-10
+        # Values are never as exact as 1e-8, and a smaller ridge leaves too few digits alike on all processors.
+        gram[np.diag_indices(len(gram))] += np.exp(logarithms[-1]) * noise + 1e-8
         factored: tuple[FloatArray, bool] = cho_factor(gram, lower=True, overwrite_a=True, check_finite=False)
         return factored
 

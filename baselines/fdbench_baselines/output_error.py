@@ -21,6 +21,7 @@ from fdbench_baselines._turned_drive import rigid_parameters, weighed_settings
 from fdbench_baselines._whitened_step import whitened_step
 
 LAGS = 40
+DECIMALS = 6  # of a setting
 DIFFERENCE, LARGEST, SMALLEST = 1e-3, 0.5, 1e-4  # of a setting: for a sensitivity, and of steps
 HALVINGS, LISTENED = 8, 2  # of a step that diverges; passes in which the period is sought anew
 COULOMB = "coulomb_friction_N"
@@ -211,7 +212,8 @@ def stepped(
     """
     change = change / max(1.0, float(np.max(np.abs(change))) / LARGEST)
     for halving in range(HALVINGS):
-        tried = settings + change / 2.0**halving
+        # Rounded, so that what the last bits of processors differ by does not grow from step to step.
+        tried = np.round(settings + change / 2.0**halving, DECIMALS)
         tried[factors] = np.maximum(tried[factors], LEAST)
         try:
             return tried, simulated(tried)

@@ -58,8 +58,9 @@ class InverseDynamics:
                 f"cutoff_frequency_Hz = {self.cutoff_frequency_Hz:g} is not below the record's Nyquist frequency "
                 f"of {nyquist:g} Hz."
             )
-        b, a = signal.butter(BUTTERWORTH_ORDER, self.cutoff_frequency_Hz / nyquist)
-        smooth = signal.filtfilt(b, a, position, padtype="odd", padlen=3 * BUTTERWORTH_ORDER)
+        # In sections: one polynomial of a low cutoff leaves half of the digits, another half on another processor.
+        low_pass = signal.butter(BUTTERWORTH_ORDER, self.cutoff_frequency_Hz / nyquist, output="sos")
+        smooth = signal.sosfiltfilt(low_pass, position, padtype="odd", padlen=3 * BUTTERWORTH_ORDER)
         velocity = np.gradient(smooth, period_s)
         acceleration = np.gradient(velocity, period_s)
         forward = 0.5 * (1.0 + np.sign(velocity))
@@ -74,9 +75,9 @@ class InverseDynamics:
             raise RecordError(f"{n} samples are too few for a decimation by {r}; at least {4 * r} are needed.")
         rows = np.arange(n)
         if r > 1:
-            b, a = signal.cheby1(CHEBYSHEV_ORDER, CHEBYSHEV_RIPPLE_DB, CHEBYSHEV_EDGE / r)
+            sharp = signal.cheby1(CHEBYSHEV_ORDER, CHEBYSHEV_RIPPLE_DB, CHEBYSHEV_EDGE / r, output="sos")
             first = r - (r * -(-n // r) - n) - 1
-            table = signal.filtfilt(b, a, table, axis=0, padtype="odd", padlen=3 * CHEBYSHEV_ORDER)
+            table = signal.sosfiltfilt(sharp, table, axis=0, padtype="odd", padlen=3 * CHEBYSHEV_ORDER)
             table, rows = table[first::r], rows[first::r]
         return table[:, :-1], table[:, -1], rows + self.transient_samples
 
