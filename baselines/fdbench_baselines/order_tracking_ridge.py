@@ -13,6 +13,8 @@ from fdbench.record import Record
 from fdbench.simulate.spectra import lines as spectral_lines
 from fdbench_baselines._kernel_ridge import ComplexArray, FloatArray, Smoother, smoother
 
+# Singular value, relative to the largest: an order above the band hardly shows in it.
+SMALLEST = 1e-4
 PASSES = 4
 # Where the search for the kernel's widths starts: about a resonance's width, and a part of the highest speed.
 START_HZ, START_SHARE = 4.0, 0.3
@@ -158,7 +160,7 @@ def track(plant: SpindleTestbed, record: Record) -> list[Speed]:
         )
         # One order above the band leaks into it and is fitted, but not used.
         columns = np.r_[: min(n + 1, n_all), n_all : n_all + min(n + 1, n_all)]
-        inverses = np.linalg.pinv(basis[:, :, columns])[places]
+        inverses = np.linalg.pinv(basis[:, :, columns], SMALLEST)[places]
         force, orders, squares = (
             np.einsum("sol,sl->so", inverses, rows[segments]) for rows in (spectra.targets, spectra.features, squared)
         )
