@@ -8,13 +8,14 @@ from typing import final
 
 import numpy as np
 
+from fdbench.compilation import kept
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.errors import SpecError
 from fdbench.plants._controllers import Cascade
 from fdbench.plants.feed_drive import RotaryMotor
 from fdbench.record import FloatArray
 from fdbench.specification import load_toml, read
-from fdbench.virtual_axes import independent_simulator as independent_simulator
+from fdbench.virtual_axes import independent_simulator
 from fdbench.virtual_axes.bench import (
     FORCE_NOISE_N,
     NOTHING,
@@ -25,6 +26,9 @@ from fdbench.virtual_axes.bench import (
     Injected,
     between,
 )
+
+# The simulator knows nothing of this package, which keeps the machine code of it all.
+kept(independent_simulator.march)
 
 FILE = Path(__file__).with_name("independent_axis.toml")
 COLOUR = 0.4
