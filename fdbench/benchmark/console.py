@@ -122,7 +122,7 @@ def tracebacks_text(store: Store, keys: Iterable[RunKey]) -> str:
 def stale_text(stale: Sequence[RunKey]) -> str:
     """Return what is said of runs that are left out of the tables.
 
-    >>> print(stale_text([Key("S-v0", "x", 0), Key("S-v0", "x", 1)]))
+    >>> print(stale_text([RunKey("S-v0", "x", 0), RunKey("S-v0", "x", 1)]))
     Left out: 2 earlier runs of x on S-v0, as their scenario, their estimator or the code has changed since. Run them
     again to have them back.
     """

@@ -31,6 +31,7 @@ class CoulombFriction(Effect):
     port = Port.TABLE_FORCE
     amplitude = "coulomb_force_N"
     calibrates = "known_effects"
+    confusable_with = ("motor_coulomb_friction",)
 
     coulomb_force_N: float = parameter("F_c", low=-1000.0, high=5000.0, typical=60.0)
     transition_velocity_m_per_s: float = parameter("v_0", low=1e-5, high=0.05, typical=1e-3)

@@ -81,7 +81,7 @@ class LinearSystem:
     >>> A, B, C = np.array([[0.0, 1.0], [-100.0, -1.0]]), np.array([[0.0], [0.5]]), np.array([[1.0, 0.0]])
     >>> system = continuous(A, B, C, ["force_N"], ["position_m"], 1e-3)
     >>> system.modes()
-    [Mode(frequency_Hz=1.59154, damping_ratio=0.05)]
+    [Pole(frequency_Hz=1.59154, damping_ratio=0.05)]
     >>> round(float(abs(system.plant_response(np.array([1e-6]))[0, 0, 0])), 6)
     0.005
     """
@@ -199,7 +199,7 @@ def modes(poles: Sequence[complex] | ComplexArray) -> list[Pole]:
     """Return the modes of poles in the plane of s, one for each pair, slowest first.
 
     >>> modes([-3.0 + 4.0j, -3.0 - 4.0j])
-    [Mode(frequency_Hz=0.7957747154594768, damping_ratio=0.6)]
+    [Pole(frequency_Hz=0.7957747154594768, damping_ratio=0.6)]
     """
     found = []
     for pole in sorted((complex(pole) for pole in poles), key=abs):

@@ -46,7 +46,7 @@ class Spindle(Plant):
 
     Examples
     --------
-    >>> mode = Mode(frequency_Hz=753.0, damping_ratio=0.0297, modal_gain_per_kg=25.756)
+    >>> mode = ComplianceMode(frequency_Hz=753.0, damping_ratio=0.0297, modal_gain_per_kg=25.756)
     >>> round(mode.compliance_m_per_N * 1e6, 4)  # um/N
     1.1506
     """

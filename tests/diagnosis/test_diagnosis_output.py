@@ -2,6 +2,7 @@
 
 import base64
 import json
+import math
 import re
 import sys
 from collections.abc import Iterator
@@ -306,7 +307,8 @@ def test_sums_and_replacements(nominal: Nominal) -> None:
     shifts = tuple(2.0 if name == "force_offset" else 0.0 for name in names)
     offset = as_nominal(replace(paper, shifts=shifts)).drive.effects
     forces = [effect.constant_force_N for effect in offset if type(effect).name == "constant_force"]
-    assert forces == [pytest.approx(-3.1648 + 2.0 * nominal.uncertainty.force_offset_N)]
+    deviation = math.hypot(nominal.uncertainty.force_offset_N, nominal.uncertainty.mass * 3.1648)
+    assert forces == [pytest.approx(-3.1648 + 2.0 * deviation)]
     lugre = effects.get("lugre_friction").typical()
     replaced = as_nominal(paper.with_effect(lugre, replaces=0)).drive.effects
     assert [type(effect).name for effect in replaced] == ["constant_force", "lugre_friction"]

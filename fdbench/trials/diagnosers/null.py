@@ -14,7 +14,7 @@ class NullDiagnoser(Diagnoser):
 
     Examples
     --------
-    >>> Null().diagnose(None, [], []).none
+    >>> NullDiagnoser().diagnose(None, [], []).none
     1.0
     """
 
