@@ -42,7 +42,7 @@ BAR_S = 15.0  # CPU time of such a verdict on one core
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Case:
+class InjectedCase:
     """What is injected in which axis; ``seed`` draws the axis, its records and its noise."""
 
     kind: str
@@ -57,18 +57,18 @@ class Case:
 # ---- what is run ----
 
 
-def plan(rounds: int, n_pairs: int, n_empty: int) -> list[Case]:
+def plan(rounds: int, n_pairs: int, n_empty: int) -> list[InjectedCase]:
     """Return all cases: each effect ``rounds`` times, then pairs, nothing, and what is timed."""
     bench = LibraryBench(model(np.random.default_rng(0)), ERRORS, protocol.PERIOD_S)
     logged = [name for name in effects.names() if effects.get(name).port is Port.LOGGING]
     names = [*bench.names(listed=True), *logged]
-    cases = [Case(kind="one", injected=(name,), seed=seed) for seed in range(rounds) for name in names]
+    cases = [InjectedCase(kind="one", injected=(name,), seed=seed) for seed in range(rounds) for name in names]
     pairs = [pair for pair in itertools.combinations(names, 2) if not alike(*pair) and not bench.clash(*pair)]
     order = np.random.default_rng(0).permutation(len(pairs)).tolist()
-    cases += [Case(kind="pair", injected=pairs[place], seed=seed) for seed, place in enumerate(order[:n_pairs])]
-    cases += [Case(kind="none", injected=(), seed=seed) for seed in range(n_empty)]
+    cases += [InjectedCase(kind="pair", injected=pairs[place], seed=seed) for seed, place in enumerate(order[:n_pairs])]
+    cases += [InjectedCase(kind="none", injected=(), seed=seed) for seed in range(n_empty)]
     searched = [pairs[place] for place in reversed(order) if all(is_searched(name) for name in pairs[place])]
-    return cases + [Case(kind="time", injected=searched[0][:count], seed=count) for count in range(3)]
+    return cases + [InjectedCase(kind="time", injected=searched[0][:count], seed=count) for count in range(3)]
 
 
 def is_searched(name: str) -> bool:
@@ -103,7 +103,7 @@ def long_motions(rng: np.random.Generator) -> list[FloatArray]:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Recorded:
+class RecordedCase:
     """Nominal model, records, and what is in them: parameters, and mean squares in units of the noise."""
 
     nominal: Nominal
@@ -113,7 +113,7 @@ class Recorded:
     visible: Mapping[str, float]
 
 
-def record(case: Case, rng: np.random.Generator) -> Recorded | None:
+def record(case: InjectedCase, rng: np.random.Generator) -> RecordedCase | None:
     """Draw and record the axis of a case; None where its loop is not stable."""
     nominal = model(rng)
     errors = {name: size * float(np.clip(rng.standard_normal(), -2.0, 2.0)) for name, size in ERRORS.items()}
@@ -144,7 +144,7 @@ def record(case: Case, rng: np.random.Generator) -> Recorded | None:
             readings = as_logged(readings, logger, rng, protocol.PERIOD_S)
         return tiers.record_of(name, motion, readings, sides)
 
-    return Recorded(
+    return RecordedCase(
         nominal=nominal,
         records=[recorded(f"{index}_{turn}", part) for index, part in enumerate(fitted) for turn in range(repeats)],
         holdouts=[recorded(f"held_out_{index}", part) for index, part in enumerate(judged)],
@@ -156,7 +156,7 @@ def record(case: Case, rng: np.random.Generator) -> Recorded | None:
     )
 
 
-def run(case: Case) -> dict[str, Any]:
+def run(case: InjectedCase) -> dict[str, Any]:
     """Record an axis with what is injected, diagnose it, and return the line of the file."""
     rng = np.random.default_rng([list(KINDS).index(case.kind), case.seed, *"+".join(case.injected).encode()])
     drawn = (record(case, rng) for _ in range(MOST_AXES))

@@ -47,7 +47,7 @@ class Injected:
         return type(self.effect).name
 
 
-class Axis:
+class MeasuredAxis:
     """A record of a real axis and the nominal model, which says what an effect would change in it."""
 
     def __init__(self, nominal: Nominal, record: Record) -> None:
@@ -137,7 +137,7 @@ def found_size(answer: Mapping[str, Any], effect: Effect) -> str:
     )
 
 
-def injected_table(axis: Axis, native: Mapping[str, Any]) -> None:
+def injected_table(axis: MeasuredAxis, native: Mapping[str, Any]) -> None:
     own = list(causes(native))
     documented = max(native["causes"], key=lambda cause: cause["share"])["effect"]
     print(f"\nWith nothing injected: {words(own)}.")
@@ -183,7 +183,7 @@ def part(record: Record, first: int, last: int, name: str) -> Record:
     return Record({**columns, "time_s": columns["time_s"] - columns["time_s"][0]}, source=name)
 
 
-def parts(axis: Axis) -> dict[str, tuple[list[Record], list[Record]]]:
+def parts(axis: MeasuredAxis) -> dict[str, tuple[list[Record], list[Record]]]:
     """Return records to fit and to judge on, by what they are."""
     lap = axis.run.lap
     if lap is None:
@@ -202,7 +202,7 @@ def parts(axis: Axis) -> dict[str, tuple[list[Record], list[Record]]]:
     }
 
 
-def stability_table(axis: Axis) -> dict[str, Any]:
+def stability_table(axis: MeasuredAxis) -> dict[str, Any]:
     """Print the verdict on each part, and return that on the whole record."""
     answers = {
         name: diagnose(axis.nominal, records, holdouts).answer.as_json()
@@ -237,7 +237,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=default, help="folder of DATA_EMPS.mat")
     given = parser.parse_args()
     record = read_record(EXAMPLE / "emps.toml", given.data)
-    axis = Axis(load_nominal(EXAMPLE / "model.toml"), record)
+    axis = MeasuredAxis(load_nominal(EXAMPLE / "model.toml"), record)
     injected_table(axis, stability_table(axis))
 
 

@@ -60,7 +60,7 @@ class SameStart(Exception):
 # ---- one case ----
 
 
-class Bench:
+class CaseBench:
     """One case, diagnosed once with all simulations and reads of numbers kept, and again with other numbers."""
 
     def __init__(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> None:
@@ -251,7 +251,7 @@ def run(folder: Path, count: int) -> None:
             if not left:
                 continue
             begun = process_time()
-            bench = Bench(*read_case(sealed.place, sealed.files))
+            bench = CaseBench(*read_case(sealed.place, sealed.files))
             base = scored(bench.base, sealed)
             print(f"{case}: {process_time() - begun:.1f} s CPU, {len(bench.read['after'])} numbers read", flush=True)
             for name, factor in left:

@@ -1,4 +1,4 @@
-"""The seeded bootstrap: how often groups or which rows are drawn with replacement, and the interval that follows."""
+"""What several parts compute alike: the root mean square, and the seeded bootstrap with the interval that follows."""
 
 from typing import Any
 
@@ -6,6 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+
+
+def rms(values: FloatArray) -> float:
+    """Return the root mean square.
+
+    >>> rms(np.array([3.0, -3.0]))
+    3.0
+    """
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def drawn_counts(groups: NDArray[Any], n_resamples: int, seed: int = 0) -> FloatArray:

@@ -80,15 +80,6 @@ def alternating_disturbance(outcome: Outcome) -> Disturbance:
     return Disturbance(estimate - estimate.mean(), truth - truth.mean())
 
 
-def rms(values: FloatArray) -> float:
-    """Return the root mean square.
-
-    >>> rms(np.array([3.0, -3.0]))
-    3.0
-    """
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 def no_white_floor(outcome: Outcome) -> str | None:
     """Return why the scenario's noise is not that of a white equation error, or None if it is.
 

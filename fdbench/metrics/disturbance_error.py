@@ -3,7 +3,8 @@
 from typing import final
 
 from fdbench.metrics._metric import Metric, Outcome
-from fdbench.metrics._series import alternating_disturbance, no_disturbance, rms
+from fdbench.metrics._series import alternating_disturbance, no_disturbance
+from fdbench.statistics import rms
 
 
 @final

@@ -5,8 +5,9 @@ from typing import final
 import numpy as np
 
 from fdbench.metrics._metric import Metric, Outcome
-from fdbench.metrics._series import alternating_disturbance, no_disturbance, rms
+from fdbench.metrics._series import alternating_disturbance, no_disturbance
 from fdbench.regression import FloatArray
+from fdbench.statistics import rms
 
 
 @final

@@ -5,7 +5,7 @@ from typing import final
 import numpy as np
 
 from fdbench.metrics._metric import Metric, Outcome
-from fdbench.metrics._series import rms
+from fdbench.statistics import rms
 
 
 @final

@@ -5,7 +5,8 @@ from typing import final
 import numpy as np
 
 from fdbench.metrics._metric import Metric, Outcome
-from fdbench.metrics._series import claimed, not_claimed, rms
+from fdbench.metrics._series import claimed, not_claimed
+from fdbench.statistics import rms
 
 
 @final

@@ -16,6 +16,7 @@ from fdbench.reproduce._row import Parts, Row
 from fdbench.scenario import Scenario, load_scenario
 from fdbench.simulate.stage import Response
 from fdbench.simulate.system import Noise
+from fdbench.statistics import rms
 
 PAPER = "Chou, Duan, Okwudire"
 SEEDS = 5
@@ -29,7 +30,7 @@ FloatArray = NDArray[np.float64]
 
 def rms_um(values: FloatArray) -> float:
     """Return the root mean square of values in m, in um."""
-    return UM_PER_M * float(np.sqrt(np.mean(values**2)))
+    return UM_PER_M * rms(values)
 
 
 def moves_of(scenario: Scenario) -> tuple[JerkLimitedMoves, tuple[float, float, float]]:

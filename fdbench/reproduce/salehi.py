@@ -17,6 +17,7 @@ from fdbench.record import FloatArray, Record
 from fdbench.reproduce._row import Parts, Row
 from fdbench.scenario import Reality, Scenario, load_scenario
 from fdbench.simulate.system import Noise
+from fdbench.statistics import rms
 
 PAPER = "Salehi 2013"
 HALF_POWER = 0.5**0.5
@@ -89,11 +90,6 @@ def deviation_of(claim: Estimate) -> float:
     if claim.disturbance_variance_N2 is None:
         raise SpecError("the estimator claims no variance.")
     return float(np.sqrt(claim.disturbance_variance_N2[-1]))
-
-
-def rms(values: FloatArray) -> float:
-    """Return the root of the mean square."""
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def space_of(scenario: Scenario) -> StateSpace:

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 
 from fdbench.diagnosis.answer import Answer
+from fdbench.diagnosis.settings import JUDGE
 
-NAMED = 0.5  # probability above which a cause is named
 WORSE = 1.02  # ratio of two gaps that no noise of the judgement explains
 ROUNDING = 1e-9
 
@@ -29,10 +29,10 @@ def contradictions(answer: Answer) -> Iterator[str]:
             yield f"{said} and no gap {answer.no_gap_probability:.3g}"
         if not -ROUNDING <= cause.unique_share <= cause.share + ROUNDING or cause.share > 1.0 + ROUNDING:
             yield f"{said}: share {cause.share:.3g}, of its own {cause.unique_share:.3g}"
-        if cause.probability > NAMED and cause.share <= 0.0:
+        if cause.probability > JUDGE.named and cause.share <= 0.0:
             yield f"{said}, and it explains {cause.share:.3g} of the gap"
         step = steps.get(cause.effect)
-        if cause.probability > NAMED and step is not None and step.reduction <= 0.0:
+        if cause.probability > JUDGE.named and step is not None and step.reduction <= 0.0:
             yield f"{said}, and with it {step.after:.3g} is left of {step.before:.3g}"
     for channel_shares in (answer.where.motion, answer.where.channel):
         total = sum(channel_shares.values())

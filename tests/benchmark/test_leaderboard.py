@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import REPOSITORY
 from joblib.externals.loky import get_reusable_executor
 from rich.console import Console
 from scipy.stats import trim_mean
+from short_scenario import short_scenario
 
 from fdbench.benchmark.console import nothing_good_text, ranking_table, trouble_table
 from fdbench.benchmark.leaderboard import (
@@ -389,18 +389,8 @@ acceleration_limit_m_per_s2 = 1.5
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with two scenarios, one of which cannot be run, three seeds and one estimator that fails once."""
     folder = tmp_path_factory.mktemp("results")
-    text = (REPOSITORY / "scenarios" / "ShakerConstant-v0.toml").read_text("utf-8")
-    changes = {
-        "duration_s = 12.0": "duration_s = 3.0",
-        "hold_s = 0.6306306306306306": "hold_s = 0.15",
-        "start_s = 2.0": "start_s = 0.3",
-        "stop_s = 10.0": "stop_s = 2.9",
-        "window_s = [2.4, 9.6]": "window_s = [0.4, 2.8]",
-    }
-    for old, new in changes.items():
-        assert old in text
-        text = text.replace(old, new)
-    (folder / "Short-v0.toml").write_text(text + DRAWN, "utf-8")
+    with Path(short_scenario(folder, "Short-v0")).open("a", encoding="utf-8") as file:
+        file.write(DRAWN)
     seed_1 = float(load_scenario(folder / "Short-v0.toml").record(1)["velocity_m_per_s"][9])
     (folder / "sometimes.py").write_text(
         "from fdbench.estimator import BatchEstimator, Estimate\n\n\n"

@@ -80,7 +80,7 @@ def aligned(
     runs: list[Run] = []
     counts, unsteady = [], []
     for run in raw_runs:
-        as_nominal = {name: values[0] for name, values in replay.simulate(run, [given.variant()]).items()}
+        as_nominal = replay.alone(run, given.variant())
         warnings += check_alignment(run, as_nominal)
         mended, n_held = interpolated(run, as_nominal)
         if baseline is not None:

@@ -10,10 +10,12 @@ from fdbench.diagnosis.judge.force_balance_check import smoothed
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.conditions import Apart
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import Run, between_laps
+from fdbench.diagnosis.search.periods import inertia_and_drag
 from fdbench.diagnosis.settings import EVIDENCE, JUDGE
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
+from fdbench.statistics import rms
 
 Channels = Mapping[str, FloatArray]
 
@@ -47,7 +49,7 @@ def unsteady_forces(runs: Sequence[Run], replay: Replay, nominal: Hypothesis) ->
     """
     found = []
     for run in runs:
-        force = force_on_axis(run, run.channels, _simulated(replay, nominal, run), nominal.nominal.drive)
+        force = force_on_axis(run, run.channels, replay.alone(run, nominal.variant()), nominal.nominal.drive)
         found.append(_described(run, force, _quiet(run, force), "nominal"))
     return found
 
@@ -60,9 +62,9 @@ def _process_force(
         usual: Channels = {name: np.mean([own.channels[name] for own in repeats], axis=0) for name in run.channels}
         error = _error_of_repeats(repeats, drive)
     else:
-        usual = _simulated(replay, final, run)
-        lefts = [force_on_axis(own, own.channels, _simulated(replay, final, own), drive) for own in runs]
-        error = _rms(np.concatenate(lefts))
+        usual = replay.alone(run, final.variant())
+        lefts = [force_on_axis(own, own.channels, replay.alone(own, final.variant()), drive) for own in runs]
+        error = rms(np.concatenate(lefts))
     force = force_on_axis(run, run.channels, usual, drive)
     return _described(run, force, _quiet(run, force) if error is None else error, "repeats" if repeats else "model")
 
@@ -77,7 +79,7 @@ def _described(run: Run, force: FloatArray, error: float, beside: str) -> Proces
         record=run.name,
         condition=run.condition,
         beside=beside,
-        rms_N=_rms(force),
+        rms_N=rms(force),
         mean_N=float(force.mean()),
         largest_N=float(force[np.argmax(np.abs(force))]),
         standard_deviation_N=error,
@@ -98,27 +100,21 @@ def force_on_axis(run: Run, channels: Channels, usual: Channels, drive: FeedDriv
     """
     h = run.period_s
     x, force = (channels[name] - usual[name] for name in ("position_m", "motor_force_N"))
-    acceleration = (x[3:] - x[2:-1] - x[1:-2] + x[:-3]) / (2.0 * h**2)
-    speed = (x[2:-1] - x[1:-2]) / h
-    found = drive.mass_kg * acceleration + drive.viscous_friction_N_s_per_m * speed - force[1:-2]
+    found = inertia_and_drag(drive.mass_kg, drive.viscous_friction_N_s_per_m, x, h) - force[1:-2]
     margin = round(JUDGE.force_balance_margin_s / h)
     return np.asarray(smoothed(found, h)[margin : len(found) - margin])
-
-
-def _simulated(replay: Replay, final: Hypothesis, run: Run) -> Channels:
-    return {name: values[0] for name, values in replay.simulate(run, [final.variant()]).items()}
 
 
 def _error_of_repeats(repeats: Sequence[Run], drive: FeedDrive) -> float | None:
     """Return the root mean square of the force between two repeats, or two laps of one; None where there is neither."""
     first = repeats[0]
     if len(repeats) > 1:
-        return _rms(force_on_axis(first, repeats[1].channels, first.channels, drive))
+        return rms(force_on_axis(first, repeats[1].channels, first.channels, drive))
     if first.lap is None:
         return None
-    later = {name: values[first.lap :] for name, values in first.channels.items()}
-    before = {name: values[: -first.lap] for name, values in first.channels.items()}
-    return _rms(force_on_axis(first, later, before, drive))
+    apart_by_a_lap = {name: between_laps(values, first.lap) for name, values in first.channels.items()}
+    none = {name: np.zeros_like(values) for name, values in apart_by_a_lap.items()}
+    return rms(force_on_axis(first, apart_by_a_lap, none, drive))
 
 
 def _quiet(run: Run, force: FloatArray) -> float:
@@ -138,7 +134,3 @@ def _line(force: FloatArray, period_s: float) -> tuple[float | None, float | Non
     near = slice(max(0, peak - 2), peak + 3)
     frequency = float(np.average(np.arange(n // 2 + 1)[near], weights=power[near])) / (n * period_s)
     return frequency, math.sqrt(2.0 * share * float(np.var(force)))
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

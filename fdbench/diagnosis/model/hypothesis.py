@@ -239,7 +239,7 @@ def nominal_parameters(nominal: Nominal) -> tuple[NominalParameter, ...]:
     found += [
         NominalParameter(name=f"width_{known.name}", kind="width", index=index, deviation=doubt.transition_velocity)
         for index, known in enumerate(drive.effects)
-        if doubt.transition_velocity > 0.0 and any(item.name == WIDTH for item in known.parameters())
+        if doubt.transition_velocity > 0.0 and _turns_sign(known)
     ]
     offsets = [kind for kind in nominal.library if kind.calibrates == "force_offset"]
     # A known constant force is a weight, as uncertain as a mass.
@@ -263,9 +263,7 @@ def _friction_side(nominal: Nominal) -> list[NominalParameter]:
     drive, deviation = nominal.drive, nominal.uncertainty.friction_side
     kinds = [kind for kind in nominal.library if kind.calibrates == "friction_side"]
     known = [
-        index
-        for index, item in enumerate(drive.effects)
-        if type(item).port is Port.TABLE_FORCE and any(p.name == WIDTH for p in item.parameters())
+        index for index, item in enumerate(drive.effects) if type(item).port is Port.TABLE_FORCE and _turns_sign(item)
     ]
     if not kinds or not known or drive.screw is None or deviation == 0.0 or kinds[0] in map(type, drive.effects):
         return []
@@ -285,7 +283,7 @@ def _friction_side(nominal: Nominal) -> list[NominalParameter]:
 def _friction_form(nominal: Nominal) -> list[NominalParameter]:
     """Return the bumps of a free friction curve, within a share of the friction that is known."""
     drive, doubt = nominal.drive, nominal.uncertainty
-    known = sum(abs(amplitude_of(item)) for item in drive.effects if any(p.name == WIDTH for p in item.parameters()))
+    known = sum(abs(amplitude_of(item)) for item in drive.effects if _turns_sign(item))
     kinds = [kind for kind in nominal.library if kind.calibrates == "friction_form"]
     deviation = doubt.friction_form * known
     if not kinds or deviation == 0.0 or nominal.covered.fastest_m_per_s == 0.0:
@@ -297,6 +295,11 @@ def _friction_form(nominal: Nominal) -> list[NominalParameter]:
         )
         for name in (kinds[0].amplitude, *kinds[0].further_amplitudes)
     ]
+
+
+def _turns_sign(effect: Effect) -> bool:
+    """Return whether an effect is a friction that turns its sign over some speed."""
+    return any(item.name == WIDTH for item in effect.parameters())
 
 
 def silent(kind: type[Effect]) -> Effect:

@@ -87,6 +87,10 @@ class Replay:
             list(_threads().map(advance, blocks))
         return result
 
+    def alone(self, run: Run, variant: Variant) -> dict[str, FloatArray]:
+        """Return each channel of the run as one variant has it, (n_samples,)."""
+        return {name: values[0] for name, values in self.simulate(run, [variant]).items()}
+
     def coarsened(self, runs: Sequence[Run], noise_models: Mapping[str, NoiseModel]) -> "Replay":
         """Return the simulator with the fewest substeps that move no reading by a tenth of the noise within a run."""
         plain = [Variant(plant=self.drive)]

@@ -189,8 +189,12 @@ def differences(runs: Sequence[Run], channel: str) -> list[FloatArray]:
     pairs = repeated(runs)
     if pairs:
         return [deviations(later, channel) - deviations(run, channel) for run, later in pairs]
-    laps = [(deviations(run, channel), run.lap) for run in runs if run.lap is not None]
-    return [values[lap:] - values[:-lap] for values, lap in laps]
+    return [between_laps(deviations(run, channel), run.lap) for run in runs if run.lap is not None]
+
+
+def between_laps(values: FloatArray, lap: int) -> FloatArray:
+    """Return by how much values differ from those a lap before."""
+    return values[lap:] - values[:-lap]
 
 
 def deviations(run: Run, channel: str) -> FloatArray:
@@ -198,8 +202,8 @@ def deviations(run: Run, channel: str) -> FloatArray:
     return run.channels[channel] if run.left is None or run.motion is None else run.left[channel]
 
 
-def merged(runs: Sequence[Run]) -> list[Run]:
-    """Return one run for each command, the mean of its repeats; their noise is lower by the root of their number."""
+def by_command(runs: Sequence[Run]) -> list[list[Run]]:
+    """Return the repeats of each command, in the order in which the commands come first."""
     groups: list[list[Run]] = []
     for run in runs:
         group = next((group for group in groups if same_command(group[0], run)), None)
@@ -207,7 +211,12 @@ def merged(runs: Sequence[Run]) -> list[Run]:
             groups.append([run])
         else:
             group.append(run)
-    return [_mean(group) for group in groups]
+    return groups
+
+
+def merged(runs: Sequence[Run]) -> list[Run]:
+    """Return one run for each command, the mean of its repeats; their noise is lower by the root of their number."""
+    return [_mean(group) for group in by_command(runs)]
 
 
 def _mean(group: Sequence[Run]) -> Run:

@@ -23,7 +23,7 @@ def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list
     """
     simulated: list[dict[str, FloatArray]] = []
     for run in split.runs:
-        found = {name: values[0] for name, values in replay.simulate(run, [base.variant()]).items()}
+        found = replay.alone(run, base.variant())
         finite = np.logical_and.reduce([np.isfinite(values) for values in found.values()])
         simulated.append({name: np.where(finite, values, run.channels[name]) for name, values in found.items()})
     gaps = [
@@ -68,12 +68,8 @@ def inverse_dynamics_residuals(
     noise = {name: floor.rms for name, floor in noise_models.items()}
     motor, table, screw = drive.motor, drive.table, drive.screw
 
-    def inertia_and_drag(mass_kg: float, viscous: float, x: FloatArray) -> FloatArray:
-        acceleration = (x[..., 3:] - x[..., 2:-1] - x[..., 1:-2] + x[..., :-3]) / (2.0 * h**2)
-        return np.asarray(mass_kg * acceleration + viscous * (x[..., 2:-1] - x[..., 1:-2]) / h)
-
     if screw is None or table is None or DEFLECTION not in gap:
-        left = force - inertia_and_drag(drive.mass_kg, drive.viscous_friction_N_s_per_m, position)
+        left = force - inertia_and_drag(drive.mass_kg, drive.viscous_friction_N_s_per_m, position, h)
         return np.asarray(left / math.hypot(noise["motor_force_N"], drive.mass_kg / h**2 * noise["position_m"]))[None]
     deflection = gap[DEFLECTION]
     x_t = position if drive.controller.uses_table else position - deflection
@@ -83,8 +79,8 @@ def inverse_dynamics_residuals(
         + c * (deflection[..., 2:-1] - deflection[..., 1:-2]) / h
     )
     spread = noise[DEFLECTION] * math.hypot(k / math.sqrt(2.0), c * math.sqrt(2.0) / h)
-    on_motor = force - inertia_and_drag(motor.mass_kg, motor.viscous_friction_N_s_per_m, x_t + deflection) - spring
-    on_table = spring - inertia_and_drag(table.mass_kg, table.viscous_friction_N_s_per_m, x_t)
+    on_motor = force - inertia_and_drag(motor.mass_kg, motor.viscous_friction_N_s_per_m, x_t + deflection, h) - spring
+    on_table = spring - inertia_and_drag(table.mass_kg, table.viscous_friction_N_s_per_m, x_t, h)
     jerky = noise["position_m"] / h**2
     return np.stack(
         [
@@ -92,6 +88,12 @@ def inverse_dynamics_residuals(
             on_table / math.hypot(table.mass_kg * jerky, spread),
         ]
     )
+
+
+def inertia_and_drag(mass_kg: float, viscous: float, x: FloatArray, h: float) -> FloatArray:
+    """Return the force that moves a mass against viscous friction along x, in the middle between samples h apart."""
+    acceleration = (x[..., 3:] - x[..., 2:-1] - x[..., 1:-2] + x[..., :-3]) / (2.0 * h**2)
+    return np.asarray(mass_kg * acceleration + viscous * (x[..., 2:-1] - x[..., 1:-2]) / h)
 
 
 def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[float]:
