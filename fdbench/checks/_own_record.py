@@ -36,7 +36,11 @@ def is_named_first(kind: type[Effect]) -> None:
         If another effect comes first, or none is named.
     """
     nominal = read(Nominal, load_toml(AXIS), AXIS.name)
-    if kind.port is not Port.LOGGING and kind not in nominal.library and not kind.same_signal_as:
+    if (
+        kind.port is not Port.LOGGING
+        and kind not in (item.declared for item in nominal.library)
+        and not kind.same_signal_as
+    ):
         what = "random" if kind.random else "a process force of unknown course"
         raise NotApplicable(f"a diagnosis does not look for it: it is {what}")
     answer = diagnose(nominal, *recorded(kind, nominal)).answer

@@ -84,6 +84,10 @@ class PlausibleSettings:
 class ModelSettings:
     """Hypotheses, the effects that are tried, how they are simulated, and the virtual controller."""
 
+    usual_speed_m_per_s: float = number(0.3, "fastest speed of an axis that the declared sizes of effects are for")
+    usual_force_N: float = number(150.0, "root mean square of its force")
+    usual_force_offset_N: float = number(2.0, "standard deviation of its force offset, where a model has none")
+    usual_span: float = number(3.0, "factor either way within which an axis is a usual one", zero=1.0)
     smallest_mass: float = number(0.05, "of the nominal mass, below which re-calibration does not go")
     freedom: float = number(3.0, "degrees of freedom of Student's t of a nominal parameter: a few are far off")
     line_step: float = number(3e-4, "relative step of a period in a fit", "a record holds hundreds of periods")
@@ -144,6 +148,7 @@ class SearchSettings:
     """The search for effects."""
 
     most_effects: int = number(4, "effects that are added at most")
+    oversized: float = number(5.0, "times the gap that the response to a tried effect may be before it is made smaller")
     rescaled: int = number(10, "classes that are simulated again at their fitted size")
     sizes: tuple[float, ...] = number((1.0, 0.5), "of that size: large effects are not proportional to it")
     refined: int = number(3, "classes that are refined in closed loop before one is chosen, at most")

@@ -201,6 +201,8 @@ class Effect(ABC):
         effect is not a cause.
     cause_type : str
         What type of cause the effect is, one of `CAUSE_TYPES`; without, that of its port, see `type_of`.
+    declared : type
+        The effect as its file declares it; another class where it is that of an axis of another size, see `at_scale`.
     """
 
     name: ClassVar[str]
@@ -219,6 +221,12 @@ class Effect(ABC):
     cause_type: ClassVar[str] = ""
     kernel: ClassVar[Any]
     expected_failures: ClassVar[Mapping[str, str]] = {}
+    declared: ClassVar[type["Effect"]]
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "declared" not in vars(cls):
+            cls.declared = cls
 
     @classmethod
     def type_of(cls) -> str:

@@ -88,7 +88,7 @@ class RecordingSetup:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all that the cases depend on: code, effects, model, motions, columns and noise."""
-        kinds = [inspect.getsource(kind) for kind in self.ready.nominal.library]
+        kinds = [inspect.getsource(kind.declared) for kind in self.ready.nominal.library]
         model = toml_lines(table_of(self.nominal, Nominal))
         held = [run.held.tobytes() if self.holds and run.held is not None else b"" for run in self.ready.runs]
         moved = [self.command(run).tobytes() for run in self.ready.runs]
@@ -143,7 +143,7 @@ class RecordingSetup:
         deviations = {
             **dict.fromkeys(("motor_mass", "table_mass"), doubt.mass),
             **dict.fromkeys(("motor_viscous", "table_viscous"), doubt.viscous),
-            **{"known": doubt.known_effects, "offset_N": doubt.force_offset_N},
+            **{"known": doubt.known_effects, "offset_N": self.ready.nominal.force_offset_N},
         }
         errors = {name: size * float(np.clip(rng.standard_normal(), -2.0, 2.0)) for name, size in deviations.items()}
         bench = self.bench(errors, noises)

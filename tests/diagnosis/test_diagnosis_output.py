@@ -307,7 +307,7 @@ def test_sums_and_replacements(nominal: Nominal) -> None:
     shifts = tuple(2.0 if name == "force_offset" else 0.0 for name in names)
     offset = as_nominal(replace(paper, shifts=shifts)).drive.effects
     forces = [effect.constant_force_N for effect in offset if type(effect).name == "constant_force"]
-    deviation = math.hypot(nominal.uncertainty.force_offset_N, nominal.uncertainty.mass * 3.1648)
+    deviation = math.hypot(nominal.force_offset_N, nominal.uncertainty.mass * 3.1648)
     assert forces == [pytest.approx(-3.1648 + 2.0 * deviation)]
     lugre = effects.get("lugre_friction").typical()
     replaced = as_nominal(paper.with_effect(lugre, replaces=0)).drive.effects

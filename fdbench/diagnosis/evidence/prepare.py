@@ -26,6 +26,7 @@ from fdbench.diagnosis.records.runs import Run, merged, prepare, same_command
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.errors import RecordError
 from fdbench.record import Record
+from fdbench.statistics import rms
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,7 +76,9 @@ def aligned(
         check_record(run, drive)
     fastest = max(float(np.abs(run.reference[:, 1]).max()) for run in raw_runs)
     longest = max(run.n_samples * run.period_s for run in raw_runs)
-    nominal = nominal.beside(Covered(fastest_m_per_s=fastest, longest_s=longest))
+    force = max(rms(run.channels["motor_force_N"]) for run in raw_runs)
+    nominal = nominal.beside(Covered(fastest_m_per_s=fastest, longest_s=longest, force_N=force))
+    drive = nominal.drive
     replay, given = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
     runs: list[Run] = []
     counts, unsteady = [], []
@@ -113,7 +116,7 @@ def aligned(
         split = dataclasses.replace(split, noise_models=baseline.noise(split.noise_models, split.runs))
     held = held_artefact(raw_runs, runs, counts)
     artefacts = [] if held is None else [held]
-    grid = grid_artefact(runs, replay)
+    grid = grid_artefact(runs, replay, nominal.scale.length)
     if grid is not None and mean_energy(grid, split.noise_models) > EVIDENCE.smallest_artefact:
         split = dataclasses.replace(split, noise_models=raised(split.noise_models, grid.energy))
         artefacts.append(grid)

@@ -93,7 +93,7 @@ def held_artefact(raw: Sequence[Run], mended: Sequence[Run], counts: Sequence[in
 # ---- readings on a grid ----
 
 
-def grid_artefact(runs: Sequence[Run], replay: Replay) -> Artefact | None:
+def grid_artefact(runs: Sequence[Run], replay: Replay, length: float) -> Artefact | None:
     """Return the effect of an encoder that leaves the differences between readings as they are, or None.
 
     Such an effect moves every reading to a grid: applied once more, it changes nothing. The grid that the differences
@@ -106,7 +106,7 @@ def grid_artefact(runs: Sequence[Run], replay: Replay) -> Artefact | None:
             if not readings:
                 continue
             differences = np.concatenate([np.abs(np.diff(values)) for values in readings])
-            found = _coarsest_grid(kind, np.sort(differences[differences > 0.0]))
+            found = _coarsest_grid(kind, np.sort(differences[differences > 0.0]), length * EVIDENCE.grid_coarsest_m)
             if found is not None and (best is None or found[0] < best[0]):
                 best = found
     if best is None:
@@ -133,10 +133,10 @@ def _readings(runs: Sequence[Run], drive: FeedDrive, port: Port) -> Iterator[Flo
             yield run.channels["position_m"] + sign * run.channels[DEFLECTION]
 
 
-def _coarsest_grid(kind: type[Effect], differences: FloatArray) -> tuple[float, Effect] | None:
+def _coarsest_grid(kind: type[Effect], differences: FloatArray, coarsest_m: float) -> tuple[float, Effect] | None:
     """Return the distance from the coarsest grid that the differences lie on, and the effect; None without one."""
     bounds = next(item for item in kind.parameters() if item.name == kind.amplitude)
-    steps = min(EVIDENCE.grid_coarsest_m, bounds.high) * EVIDENCE.grid_ratio ** -np.arange(EVIDENCE.grid_steps)
+    steps = min(coarsest_m, bounds.high) * EVIDENCE.grid_ratio ** -np.arange(EVIDENCE.grid_steps)
     nearest, furthest, n_cells = EVIDENCE.grid_nearest, EVIDENCE.grid_furthest, EVIDENCE.grid_cells
     anything = np.linspace(nearest, furthest, int((furthest - nearest) * n_cells))
     found: tuple[float, Effect] | None = None

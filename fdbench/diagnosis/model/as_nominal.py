@@ -24,7 +24,7 @@ def as_nominal(hypothesis: Hypothesis) -> Nominal:
 def _adds_up(known: Effect, added: Effect) -> bool:
     """Return whether two effects of a re-calibrated kind are one with the sum of their amplitudes."""
     kind = type(added)
-    if type(known) is not kind or not kind.calibrates or kind.further_amplitudes:
+    if known.declared is not kind.declared or not kind.calibrates or kind.further_amplitudes:
         return False
     item = next(item for item in kind.parameters() if item.name == kind.amplitude)
     same = with_amplitude(known, amplitude_of(added)) == added

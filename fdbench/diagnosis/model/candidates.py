@@ -66,10 +66,10 @@ class Candidate:
         return Candidate(members=(effect.changed(**changes),))
 
     def sizes(self, shares: Sequence[float]) -> "list[Candidate]":
-        """Return one effect at shares of its size; a replacement has no other size."""
+        """Return the candidate at shares of its size; a replacement has no other size."""
         if self.replaces is not None:
             return [self]
-        return [Candidate(members=(self.members[0].scaled(share),)) for share in shares]
+        return [Candidate(members=tuple(member.scaled(share) for member in self.members)) for share in shares]
 
 
 def middle_shapes(items: Iterable[Candidate]) -> list[Candidate]:
@@ -106,13 +106,13 @@ def candidates(
         Sampling time of the records; no frequency above 0.8 of the Nyquist frequency is a candidate.
     """
     drive = base.nominal.drive
-    present = {type(effect) for effect in (*base.effects, *drive.effects)}
+    present = {effect.declared for effect in (*base.effects, *drive.effects)}
     covered = {item.cause(base.nominal) for item in nominal_parameters(base.nominal)}
     found: list[Candidate] = []
     highest_Hz = math.inf if period_s is None else MODEL.highest_of_nyquist * 0.5 / period_s
     for kind in base.nominal.library:
         unseen = drive.screw is None and (kind.port is Port.TABLE_SCALE or kind.needs_screw)
-        if kind not in present and kind.name not in covered and not unseen:
+        if kind.declared not in present and kind.name not in covered and not unseen:
             found += [item for item in _of_kind(base, kind, located) if _fastest_Hz(item.members[0]) <= highest_Hz]
     return found
 

@@ -91,13 +91,13 @@ class Hypothesis:
 
     def with_effect(self, effect: Effect, replaces: int | None = None) -> "Hypothesis":
         """Return the hypothesis with one more effect, or with another one of the same class."""
-        others = tuple(item for item in self.effects if type(item) is not type(effect))
+        others = tuple(item for item in self.effects if item.declared is not effect.declared)
         replaced = self.replaced if replaces is None else tuple(sorted({*self.replaced, replaces}))
         return dataclasses.replace(self, effects=(*others, effect), replaced=replaced)
 
     def without_effect(self, kind: type[Effect]) -> "Hypothesis":
         """Return the hypothesis without the effect of a class; a known effect that it replaced comes back."""
-        effects = tuple(item for item in self.effects if type(item) is not kind)
+        effects = tuple(item for item in self.effects if item.declared is not kind.declared)
         replaced = tuple(
             index
             for index in self.replaced
@@ -110,8 +110,8 @@ def merged(offsets: Sequence[Effect], effects: Sequence[Effect]) -> tuple[Effect
     """Return the effects with the offsets of re-calibration added to those of the same class."""
     result = list(effects)
     for offset in offsets:
-        kind = type(offset)
-        place = next((index for index, item in enumerate(result) if type(item) is kind), None)
+        kind = offset.declared
+        place = next((index for index, item in enumerate(result) if item.declared is kind), None)
         if place is None:
             result.append(offset)
         else:
@@ -248,12 +248,12 @@ def nominal_parameters(nominal: Nominal) -> tuple[NominalParameter, ...]:
         NominalParameter(
             name="force_offset",
             kind="force_offset",
-            deviation=math.hypot(doubt.force_offset_N, doubt.mass * weight),
+            deviation=math.hypot(nominal.force_offset_N, doubt.mass * weight),
             effect=silent(kind),
             amplitude=kind.amplitude,
         )
         for kind in offsets[:1]
-        if doubt.force_offset_N > 0.0
+        if nominal.force_offset_N > 0.0
     ]
     return (*found, *_friction_side(nominal), *_friction_form(nominal))
 
@@ -265,7 +265,13 @@ def _friction_side(nominal: Nominal) -> list[NominalParameter]:
     known = [
         index for index, item in enumerate(drive.effects) if type(item).port is Port.TABLE_FORCE and _turns_sign(item)
     ]
-    if not kinds or not known or drive.screw is None or deviation == 0.0 or kinds[0] in map(type, drive.effects):
+    if (
+        not kinds
+        or not known
+        or drive.screw is None
+        or deviation == 0.0
+        or any(item.declared is kinds[0].declared for item in drive.effects)
+    ):
         return []
     effect = silent(kinds[0]).changed(**{WIDTH: getattr(drive.effects[known[0]], WIDTH)})
     return [

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from fdbench.catalogue import scenario_folder, scenario_ids
-from fdbench.effects import Effect, effects
+from fdbench.diagnosis.settings import MODEL
+from fdbench.effects import Effect, Scale, at_scale, effects
 from fdbench.errors import SpecError, UnknownName, did_you_mean
 from fdbench.plants import Plant
 from fdbench.plants.feed_drive import FeedDrive, Following
@@ -34,7 +35,8 @@ class Uncertainty:
     Masses, viscous frictions and the effects that the model knows are relative, the force offset is in newtons. No
     data sheet says over which speed friction turns its sign: ``transition_velocity`` is that of its natural logarithm.
     ``friction_side`` is the part of the known friction that acts on the motor instead of the table, and
-    ``friction_form`` is that of friction at low speeds, relative to the known friction.
+    ``friction_form`` is that of friction at low speeds, relative to the known friction. Without ``force_offset_N`` it
+    is 2 N on an axis of usual forces; see `Nominal.scale`.
     """
 
     mass: float = positive(default=0.03)
@@ -43,7 +45,7 @@ class Uncertainty:
     transition_velocity: float = nonnegative(default=1.0)
     friction_side: float = nonnegative(default=0.3)
     friction_form: float = nonnegative(default=0.05)
-    force_offset_N: float = nonnegative(default=2.0)
+    force_offset_N: float | None = nonnegative(default=None)
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -51,10 +53,11 @@ class Uncertainty:
 
 @dataclass(frozen=True, kw_only=True)
 class Covered:
-    """What the records cover: the fastest speed and the longest time; 0 where that is not known yet."""
+    """What the records cover: fastest speed, longest time, greatest mean force; 0 where that is not known yet."""
 
     fastest_m_per_s: float = nonnegative(default=0.0)
     longest_s: float = nonnegative(default=0.0)
+    force_N: float = nonnegative(default=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +81,31 @@ class Nominal:
         """Return the model with what records cover, which bounds what can be told from them."""
         found = replace(self)
         object.__setattr__(found, "covered", covered)
+        known = tuple(at_scale(type(item), found.scale)(**vars(item)) for item in self.drive.effects)
+        object.__setattr__(found, "plant", replace(self.drive, effects=known))
         return found
+
+    @cached_property
+    def scale(self) -> Scale:
+        """How large ways and forces of the axis are beside those of a usual one; 1 within a factor of three of it.
+
+        Bounds, typical sizes and grids of effects are scaled by it, so that a small axis has small friction, and no
+        verdict depends on what a turn is measured in.
+        """
+        speed, force = (
+            ratio / min(max(ratio, 1.0 / MODEL.usual_span), MODEL.usual_span) if ratio > 0.0 else 1.0
+            for ratio in (
+                self.covered.fastest_m_per_s / MODEL.usual_speed_m_per_s,
+                self.covered.force_N / MODEL.usual_force_N,
+            )
+        )
+        return Scale(length=speed, force=force)
+
+    @property
+    def force_offset_N(self) -> float:
+        """Standard deviation of the force offset, N."""
+        given = self.uncertainty.force_offset_N
+        return MODEL.usual_force_offset_N * self.scale.force if given is None else given
 
     @cached_property
     def library(self) -> tuple[type[Effect], ...]:
@@ -88,7 +115,8 @@ class Nominal:
         """
         names = [name for name in effects.names() if name not in self.exclude]
         known = [effects.get(name) for name in names if effects.get(name).same_signal_as not in names]
-        return tuple(kind for kind in known if not kind.random and (not kind.disturbance or _is_located(kind)))
+        searched = [kind for kind in known if not kind.random and (not kind.disturbance or _is_located(kind))]
+        return tuple(at_scale(kind, self.scale) for kind in searched)
 
     def with_equivalents(self, names: Sequence[str]) -> list[str]:
         """Return names of effects, each followed by those of effects that give the same signal."""

@@ -33,7 +33,7 @@ class Variant:
 
     def kinds(self) -> frozenset[type[Effect]]:
         """Return the classes of the extra effects."""
-        return frozenset(type(effect) for effect in self.extra)
+        return frozenset(effect.declared for effect in self.extra)
 
 
 @lru_cache(maxsize=4096)
@@ -62,7 +62,7 @@ class Replay:
         self.library = tuple(library)
         self.substeps = substeps
         self.drive = drive
-        self.kinds = (*(type(effect) for effect in drive.effects), *library)
+        self.kinds = (*(effect.declared for effect in drive.effects), *(kind.declared for kind in library))
         self._uniform = max(1, sum(kind.random for kind in self.kinds))
         self._advance = {width: compose(self.kinds, width) for width in (1, WIDTH)}
 
@@ -111,7 +111,7 @@ class Replay:
     def _block(self, run: Run, variants: Sequence[Variant], width: int) -> dict[str, FloatArray]:
         blocks = Blocks(self.kinds, width, width)
         n_known = len(self.drive.effects)
-        where = {kind: n_known + number for number, kind in enumerate(self.library)}
+        where = {kind.declared: n_known + number for number, kind in enumerate(self.library)}
         active = np.zeros(max(len(self.kinds), 1), dtype=np.bool_)
         active[:n_known] = True
         blocks.place(*run.start(), run.period_s)
@@ -119,7 +119,7 @@ class Replay:
             variant, own = variants[min(lane, len(variants) - 1)], np.array([lane])
             blocks.set_mechanics(_mechanics(variant.plant), run.period_s / self.substeps, own)
             blocks.set_scalars({"LOGGED_PER_N": 1.0, **variant.plant.controller.rows()}, own)
-            numbered = [*enumerate(variant.plant.effects), *((where[type(item)], item) for item in variant.extra)]
+            numbered = [*enumerate(variant.plant.effects), *((where[item.declared], item) for item in variant.extra)]
             for number, effect in numbered:
                 active[number] = True
                 blocks.set_effect(number, effect, True, own)

@@ -44,8 +44,8 @@ def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list
     return {
         "line": _lines_in_time(scaled, split.runs),
         "line_of_motion": _lines_in_time(turned, split.runs),
-        "wavelength": _lines_in_position(lacking, split.runs, lead_m),
-        "wavelength_of_ratio": _lines_in_position(times_force, split.runs, lead_m),
+        "wavelength": _lines_in_position(lacking, split.runs, lead_m, base.nominal.scale.length),
+        "wavelength_of_ratio": _lines_in_position(times_force, split.runs, lead_m, base.nominal.scale.length),
     }
 
 
@@ -116,17 +116,20 @@ def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[floa
     return lines[: SEARCH.lines]
 
 
-def _lines_in_position(gaps: Sequence[FloatArray], runs: Sequence[Run], lead_m: float | None) -> list[float]:
+def _lines_in_position(
+    gaps: Sequence[FloatArray], runs: Sequence[Run], lead_m: float | None, length: float
+) -> list[float]:
     """Return the wavelengths that stand out in the profiles over position, and orders of the lead that may be there.
 
     Each run and direction has a profile of its own: the loop shifts a wave by its lag, friction turns its sign. Motors
     and screws repeat at known orders, where less is needed to be tried.
     """
+    shortest_wave_m = length * SEARCH.shortest_wave_m
     lowest = min(float(run.channels["position_m"].min()) for run in runs)
     travel = max(float(run.channels["position_m"].max()) for run in runs) - lowest
-    if travel < 2.0 * SEARCH.shortest_wave_m:
+    if travel < 2.0 * shortest_wave_m:
         return []
-    n_bins = max(64, round(travel / SEARCH.bin_m))
+    n_bins = max(64, round(travel / (length * SEARCH.bin_m)))
     wavenumber = np.asarray(np.fft.rfftfreq(SEARCH.oversampling * n_bins, travel / n_bins), dtype=np.float64)
     power = np.zeros(len(wavenumber))
     for run, gap in zip(runs, gaps, strict=True):
@@ -146,7 +149,7 @@ def _lines_in_position(gaps: Sequence[FloatArray], runs: Sequence[Run], lead_m: 
     found: list[float] = []
     for low, high, strength, most in (
         (SEARCH.fewest_waves / travel, SEARCH.long_waves / travel, power, SEARCH.lines),
-        (SEARCH.long_waves / travel, 1.0 / SEARCH.shortest_wave_m, height, SEARCH.pitches),
+        (SEARCH.long_waves / travel, 1.0 / shortest_wave_m, height, SEARCH.pitches),
     ):
         band = np.where((wavenumber >= low) & (wavenumber <= high), strength, 0.0)
         for _ in range(most):
@@ -158,7 +161,7 @@ def _lines_in_position(gaps: Sequence[FloatArray], runs: Sequence[Run], lead_m: 
     for pitch_m in () if lead_m is None else [lead_m / order for order in SEARCH.orders]:
         near = np.abs(wavenumber - 1.0 / pitch_m) < 0.5 * wavenumber[resolved]
         if (
-            SEARCH.shortest_wave_m < pitch_m < travel / SEARCH.fewest_waves
+            shortest_wave_m < pitch_m < travel / SEARCH.fewest_waves
             and height[near].max(initial=0.0) > SEARCH.above
             and all(abs(1.0 / pitch_m - 1.0 / other) > wavenumber[resolved] for other in found)
         ):

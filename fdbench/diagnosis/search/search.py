@@ -52,13 +52,22 @@ class Search:
     def stage(self, base: Hypothesis) -> Stage | None:
         """Rank all classes of effects as the next one; None where the base leaves noise alone."""
         every = candidates(base, located(self.replay, self.split, base), self.split.runs[0].period_s)
-        alone, fits = self._screen(base, every, fitted_only=True)
+        alone, fits, responses = self._screen(base, every, fitted_only=True)
         if alone.train < SEARCH.noise_alone:
             return None
+        large = [
+            place
+            for place, response in enumerate(responses)
+            if response > SEARCH.oversized and every[place].replaces is None
+        ]
+        smaller = [every[place].sizes([1.0 / responses[place]])[0] for place in large]
+        _, again_fitted, _ = self._screen(base, smaller, fitted_only=True)
+        for place, candidate, fit in zip(large, smaller, again_fitted, strict=True):
+            every[place], fits[place] = candidate, fit
         best = self._best_of_class(base, every, fits)
         order = sorted(best, key=lambda kind: _cost(base, best[kind][1].train, best[kind][1]))[: SEARCH.rescaled]
         again = [size for kind in order for size in best[kind][0].sizes(SEARCH.sizes)]
-        alone, fits = self._screen(base, again)
+        alone, fits, _ = self._screen(base, again)
         ranked = self._best_of_class(base, again, fits)
         order = sorted(ranked, key=lambda kind: _cost(base, ranked[kind][1].misfit, ranked[kind][1]))
         most = max((alone.misfit - fit.misfit for _, fit in ranked.values()), default=0.0)
@@ -142,7 +151,10 @@ class Search:
                 found.append((rival.kind, self.refine(tried), True))
         return self.compared(others, found)
 
-    def _screen(self, base: Hypothesis, every: Sequence[Candidate], fitted_only: bool = False) -> tuple[Fit, list[Fit]]:
+    def _screen(
+        self, base: Hypothesis, every: Sequence[Candidate], fitted_only: bool = False
+    ) -> tuple[Fit, list[Fit], list[float]]:
+        """Return linear fits of base and candidates, and how large the response to each is beside the gap."""
         shifted = base.moved_in_turn()
         columns: list[tuple[int, ...]] = []
         variants = list(shifted)
@@ -153,7 +165,10 @@ class Search:
         evidence = gather(self.replay, self.split, base, variants, fitted_only)
         nuisances = list(range(1, 1 + len(shifted)))
         scores = Scores(evidence, dict(zip(nuisances, base.shifts, strict=True)))
-        return scores.fit(nuisances), [scores.fit([*nuisances, *own]) for own in columns]
+        squares = np.diagonal(evidence.products[~evidence.held_out].sum(axis=0))
+        ratios = np.sqrt(squares / max(float(squares[0]), 1e-300))
+        responses = [float(ratios[list(own)].max()) for own in columns]
+        return scores.fit(nuisances), [scores.fit([*nuisances, *own]) for own in columns], responses
 
     def _best_of_class(
         self, base: Hypothesis, every: Sequence[Candidate], fits: Sequence[Fit]

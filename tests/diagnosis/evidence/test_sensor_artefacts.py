@@ -56,7 +56,7 @@ def test_a_sample_that_repeats_while_nothing_moves_is_no_artefact() -> None:
 def test_a_grid_of_readings_is_recognised(step_m: float) -> None:
     replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
     smooth = 2e-3 * np.sin(2.0 * TIME_S) + 2e-4 * np.sin(17.0 * TIME_S)
-    found = grid_artefact([run_of(np.round(smooth / step_m) * step_m)], replay)
+    found = grid_artefact([run_of(np.round(smooth / step_m) * step_m)], replay, 1.0)
     assert found is not None
     assert found.value == pytest.approx(step_m, rel=0.02)
     assert found.low < step_m < found.high
@@ -66,4 +66,4 @@ def test_a_grid_of_readings_is_recognised(step_m: float) -> None:
 def test_smooth_readings_have_no_grid() -> None:
     replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
     noise = 1e-7 * np.random.default_rng(1).standard_normal(N)
-    assert grid_artefact([run_of(2e-3 * np.sin(2.0 * TIME_S) + noise)], replay) is None
+    assert grid_artefact([run_of(2e-3 * np.sin(2.0 * TIME_S) + noise)], replay, 1.0) is None

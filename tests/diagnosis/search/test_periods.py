@@ -36,7 +36,7 @@ def test_a_wavelength_is_found_whatever_the_sign_in_either_direction(pitch_m: fl
     run = run_along(STROKES)
     wave = np.sin(2.0 * np.pi * STROKES[:, 0] / pitch_m) * np.sign(STROKES[:, 1])
     noise = 0.3 * np.random.default_rng(1).standard_normal(len(wave))
-    found = _lines_in_position([(wave + noise)[None, 1:-2]], [run], None)
+    found = _lines_in_position([(wave + noise)[None, 1:-2]], [run], None, 1.0)
     assert min(abs(found_m / pitch_m - 1.0) for found_m in found) < 0.02
 
 
@@ -46,12 +46,12 @@ def test_orders_of_the_lead_are_tried_where_something_is_there() -> None:
     strong = sum(np.sin(2.0 * np.pi * STROKES[:, 0] / own) for own in (1.9e-3, 2.7e-3, 3.3e-3))
     weak = 0.2 * np.sin(2.0 * np.pi * STROKES[:, 0] / 5e-3)
     both = (strong + weak + noise)[None, 1:-2]
-    assert min(abs(own - 5e-3) for own in _lines_in_position([both], [run], None)) > 1e-4
-    assert 5e-3 in _lines_in_position([both], [run], 0.01)
+    assert min(abs(own - 5e-3) for own in _lines_in_position([both], [run], None, 1.0)) > 1e-4
+    assert 5e-3 in _lines_in_position([both], [run], 0.01, 1.0)
 
 
 def test_no_wavelength_where_the_axis_stands() -> None:
-    assert _lines_in_position([np.ones((1, 997))], [run_along(np.zeros((1000, 3)))], 0.01) == []
+    assert _lines_in_position([np.ones((1, 997))], [run_along(np.zeros((1000, 3)))], 0.01, 1.0) == []
 
 
 def test_inverse_dynamics_of_one_mass_by_hand() -> None:

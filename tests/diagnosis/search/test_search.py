@@ -47,7 +47,7 @@ def test_the_effect_that_is_there_comes_first() -> None:
     stage = search(true).stage(start(NOMINAL))
     assert stage is not None
     best = stage.rivals[0]
-    assert best.kind is type(true)
+    assert best.kind.declared is type(true)
     assert best.refined
     assert stage.gain(best) > 0.9
     assert stage.present() > 0.9
