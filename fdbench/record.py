@@ -35,6 +35,12 @@ COLUMNS: dict[str, str] = {
     "motor_velocity_m_per_s": "velocity of the motor times the lead",
     "table_position_m": "position of the table's scale",
     "table_velocity_m_per_s": "velocity of the table's scale",
+    "reference_position_rad": "angle that the controller of a rotary axis is asked for",
+    "reference_velocity_rad_per_s": "speed that the controller of a rotary axis is asked for",
+    "reference_acceleration_rad_per_s2": "acceleration that the controller of a rotary axis is asked for",
+    "position_rad": "angle that closes the loop of a rotary axis",
+    "motor_position_rad": "angle of a rotary axis by the encoder of its motor",
+    "table_position_rad": "angle of a rotary axis by that of its load",
     "motor_force_N": "command at the motor in table coordinates",
     "motor_torque_Nm": "torque command at the motor",
     "motor_current_A": "current command at the motor",
@@ -243,9 +249,10 @@ def name_fault(name: str) -> str:
     if not suffix or not re.fullmatch("[a-z][a-z0-9_]*", stem):
         allowed = "others are accepted in lower case with an SI unit at the end"
         return f"unknown column '{name}'; {allowed}.{did_you_mean(name, known)}"
+    same = [column for column in known if stem == split_unit(column.removeprefix(prefix))[0]]
+    if same:
+        return f"column '{name}' is in {UNITS[suffix]}; allowed: {' or '.join(same)}."
     for column in known:
-        if stem == split_unit(column.removeprefix(prefix))[0]:
-            return f"column '{name}' is in {UNITS[suffix]}; allowed: {column}."
         if _looks_like(name, column):
             return f"unknown column '{name}'. Did you mean {column}?"
     return ""

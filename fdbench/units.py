@@ -44,6 +44,11 @@ UNITS: dict[str, str] = {
     "N_per_K": "N/K",
     "Nm_per_A": "N m/A",
     "Nm_per_rad": "N m/rad",
+    "Nm_per_rad2": "N m/rad^2",
+    "Nm_s_per_rad": "N m s/rad",
+    "Nm_s2_per_rad2": "N m s^2/rad^2",
+    "rad_per_s3": "rad/s^3",
+    "per_Nm": "1/(N m)",
     "V_s_per_m": "V s/m",
     "N_s_per_m": "N s/m",
     "N_s2_per_m2": "N s^2/m^2",
@@ -105,8 +110,8 @@ FOREIGN: dict[str, tuple[str, float]] = {
 
 _OF_A_SCREW = " The angle of a ball screw: add gain = lead_m / 6.2832."
 _OF_A_ROTARY_AXIS = (
-    " A rotary axis is written as its arc at 1 m: gain = 1.0 makes rad (deg and rev are converted) m and N m N, and in "
-    "the model mass_kg is its inertia in kg m^2."
+    " A rotary axis: name the columns position_rad, reference_position_rad, motor_torque_Nm and so on (deg, rev and "
+    'rpm are converted), and write axis = "rotary" in the model.'
 )
 # What to do where a mapping gives a rotary unit for a linear column.
 _ROTARY = {

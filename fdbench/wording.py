@@ -4,11 +4,12 @@ import math
 import re
 from collections.abc import Sequence
 
+from fdbench.rotary import spoken_name, spoken_unit
 from fdbench.units import UNITS, split_unit
 
 SURE = 0.99  # no probability is printed beyond it
 PREFIXES = {6: "M", 3: "k", 0: "", -3: "m", -6: "µ", -9: "n", -12: "p"}
-TAKES_PREFIX = {"m", "s", "N", "A", "V", "W", "Pa", "rad", "N m", "m/s", "m/s^2", "m/s^3", "rad/s", "N/s"}
+TAKES_PREFIX = {"m", "s", "N", "A", "V", "W", "Pa", "rad", "N m", "m/s", "m/s^2", "m/s^3", "rad/s", "rad/s^2", "N/s"}
 
 _ABSOLUTE_FOLDER = re.compile(r"(?<![\w:/.>~])(?:[A-Za-z]:)?[/\\](?:[^\s/\\:']+[/\\])+")
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
@@ -72,6 +73,7 @@ def unit_text(unit: str) -> str:
     >>> unit_text("N s^2/m^2"), unit_text("us")
     ('N s²/m²', 'µs')
     """
+    unit = spoken_unit(unit)
     return unit.replace("^2", "²").replace("^3", "³") if unit != "us" else "µs"
 
 
@@ -81,6 +83,7 @@ def scaled(unit: str, peak: float) -> tuple[float, str]:
     >>> scaled("m/s", 4e-5), scaled("N s/m", 4e-5), scaled("m", 0.9996)
     ((1000000.0, 'µm/s'), (1.0, 'N s/m'), (1.0, 'm'))
     """
+    unit = spoken_unit(unit)
     if unit not in TAKES_PREFIX or not 0.0 < peak < math.inf:
         return 1.0, unit_text(unit)
     exponent = min(max(3 * math.floor(math.log10(1.0005 * peak) / 3.0), min(PREFIXES)), max(PREFIXES))
@@ -103,7 +106,7 @@ def quantity(name: str) -> tuple[str, str]:
     >>> quantity("motor_force_N"), quantity("beta_1")
     (('motor force', 'N'), ('beta_1', ''))
     """
-    stem, suffix = split_unit(name)
+    stem, suffix = split_unit(spoken_name(name))
     return (stem.replace("_", " "), UNITS[suffix]) if suffix else (name, "")
 
 

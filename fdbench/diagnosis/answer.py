@@ -465,6 +465,8 @@ class Answer:
     process_forces : tuple of ProcessForce
         Of records of another condition, which are left out of all the rest, and of those whose laps do not repeat.
     recorded : Recorded or None
+    axis : str
+        ``linear`` or ``rotary``: then every m is a rad, every N a N m, and every kg a kg m^2.
     """
 
     gap: Gap
@@ -484,6 +486,7 @@ class Answer:
     noise_floor: Mapping[str, NoiseFloor]
     process_forces: tuple[ProcessForce, ...] = ()
     recorded: Recorded | None = None
+    axis: str = "linear"
 
     def as_json(self) -> dict[str, Any]:
         """Return the answer as JSON has it."""

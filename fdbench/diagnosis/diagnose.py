@@ -25,12 +25,14 @@ from fdbench.diagnosis.judge.residual_dependence import dependences
 from fdbench.diagnosis.judge.verdict import Findings, verdict
 from fdbench.diagnosis.model.as_nominal import as_nominal
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
-from fdbench.diagnosis.model.nominal import Nominal, Uncertainty
+from fdbench.diagnosis.model.nominal import LINEAR, Nominal, Uncertainty
+from fdbench.diagnosis.model.rotary_axis import record_of_rotary
 from fdbench.diagnosis.records.runs import merged
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import BASELINE, EVIDENCE
 from fdbench.record import FloatArray, Record
+from fdbench.rotary import spoken_of, spoken_unit, spoken_words
 from fdbench.units import unit_of
 
 
@@ -92,6 +94,18 @@ def diagnose(
     RecordError
         If there are no records, or one lacks what is needed; the message says what to do.
     """
+    with spoken_of(nominal.axis):
+        return _diagnosed(nominal, records, holdouts, progress, models, baseline)
+
+
+def _diagnosed(
+    nominal: Nominal,
+    records: Sequence[Record],
+    holdouts: Sequence[Record],
+    progress: Callable[[str], None] | None,
+    models: ProbabilityModels | None,
+    baseline: Sequence[Record],
+) -> Diagnosis:
     healthy = None
     if baseline:
         nominal, healthy = calibrated_on(nominal, baseline, progress)
@@ -147,10 +161,10 @@ def diagnose(
         rest_depends_on=rest,
         shrinkage=shrinkage(reductions, final, seen, split.plain, ready.judged_on, raw),
         next_experiment=None if forecast is None else forecast.experiment(),
-        warnings=tuple(ready.warnings),
+        warnings=tuple(map(spoken_words, ready.warnings)),
         parametric=parametric(raw, reductions, calibrated, final),
         noise_floor={
-            name: noise_floor(floor, unit_of(name), split.runs[0].period_s)
+            name: noise_floor(floor, spoken_unit(unit_of(name)), split.runs[0].period_s)
             for name, floor in split.noise_models.items()
         },
         process_forces=(
@@ -163,6 +177,7 @@ def diagnose(
             sampling_time_s=split.runs[0].period_s,
             baseline=len(baseline),
         ),
+        axis=nominal.axis,
     )
     return Diagnosis(
         answer=answer,
@@ -217,6 +232,7 @@ def write_experiment(found: Diagnosis, path: str | Path) -> Diagnosis:
     experiment = found.answer.next_experiment
     if found.forecast is None or experiment is None:
         return found
-    found.forecast.trajectory.record().save(path)
+    motion = found.forecast.trajectory.record()
+    (motion if found.answer.axis == LINEAR else record_of_rotary(motion)).save(path)
     named = dataclasses.replace(experiment, trajectory=str(path), file=str(path))
     return dataclasses.replace(found, answer=dataclasses.replace(found.answer, next_experiment=named))

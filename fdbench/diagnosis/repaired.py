@@ -12,7 +12,9 @@ from fdbench.diagnosis.diagnose import Diagnosis
 from fdbench.diagnosis.model.as_nominal import as_nominal
 from fdbench.diagnosis.model.hypothesis import nominal_parameters
 from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.rotary_axis import plant_of_rotary
 from fdbench.errors import FdbenchError
+from fdbench.rotary import ROTARY, rotary_name, spoken_of
 from fdbench.specification import snake_case
 from fdbench.wording import less, probability_text, share_interval_text, si_text
 
@@ -53,8 +55,18 @@ def prediction_errors(found: Diagnosis) -> tuple[float, float]:
 
 def model_text(found: Diagnosis) -> str:
     """Return the repaired model as TOML, with what was changed as comments."""
-    lines = [*(f"# {line}" for line in _history(found)), *toml_lines(table_of(as_nominal(found.final), Nominal))]
+    with spoken_of(found.answer.axis):
+        history = list(_history(found))
+    lines = [*(f"# {line}" for line in history), *toml_lines(_table_of(as_nominal(found.final)))]
     return "\n".join(lines) + "\n"
+
+
+def _table_of(nominal: Nominal) -> dict[str, Any]:
+    table = table_of(nominal, Nominal)
+    if nominal.axis != ROTARY:
+        return {key: value for key, value in table.items() if key != "axis"}
+    doubt = {rotary_name(key): value for key, value in table["uncertainty"].items()}
+    return {**table, "plant": plant_of_rotary(table["plant"]), "uncertainty": doubt}
 
 
 def _history(found: Diagnosis) -> Iterator[str]:

@@ -37,6 +37,8 @@ class RecordsSettings:
     beyond: float = number(5.0, "times the noise within a condition by which the force of another one differs")
     restless: float = number(0.1, "of its force, root mean square, by which laps differ that are no repeats")
     resting: float = number(1e-3, "share of the greatest speed below which friction has no sign")
+    profile_bin_m: float = number(2e-4, "of the way, over which what repeats with the position is alike")
+    fewest_visits: int = number(3, "of a place, in one direction, that tell what repeats there")
     neighbouring_frequencies: int = number(4, "on either side, over which an assumed spectrum of noise is smoothed")
 
 
@@ -104,7 +106,7 @@ class ModelSettings:
     quietest_Hz: float = number(5.0, "bandwidth of a virtual controller that is slow enough for any noise")
     highest_peak: float = number(1.5, "of the complementary sensitivity of its loop")
     reaction: float = number(0.02, "of the measured force that the noise of the position may cause by it")
-    smoothed: float = number(3.0, "times its bandwidth up to which velocity and acceleration are kept")
+    smoothed: float = number(3.0, "times its bandwidth up to which a followed motion is kept", zero=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -120,14 +120,15 @@ class Following:
     .. math:: F = m \omega \, [v_r - v + \tfrac{\omega}{4} (x_r - x)], \quad \omega = 2 \pi f
 
     The velocity v is the difference of two readings. What is not given is found from model and
-    records: the mass is the nominal one, the greatest force the measured one; the bandwidth f is lowered where the loop
-    would ring or be loud.
+    records: the mass is the nominal one, the greatest force the measured one. Where the loop would be loud, readings
+    are smoothed without phase above ``smoothed_Hz``; where it would ring or still be loud, the bandwidth f is lowered.
     """
 
     bandwidth_Hz: float = bounded(0.1, 1000.0, default=60.0)
     feedback: str = "motor"
     mass_kg: float | None = positive(default=None)
     greatest_force_N: float | None = positive(default=None)
+    smoothed_Hz: float | None = positive(default=None)
 
     action_row: ClassVar[str] = "ACTION_POSITION"
     action_name: ClassVar[str] = "position_m"

@@ -7,6 +7,7 @@ from fdbench.diagnosis.answer import Answer, read_answer
 from fdbench.errors import FdbenchError
 from fdbench.report._page import Block, Section, note, paragraph, table, write_page
 from fdbench.report._sections import lead, noise_floors, sections
+from fdbench.rotary import spoken_of
 
 
 def write_answer(source: Path, output: Path) -> None:
@@ -27,8 +28,9 @@ def write_answer(source: Path, output: Path) -> None:
         f"Written from {source.name} alone: for curves over time, position and frequency, and for the rivals, diagnose "
         "the records again with --html."
     )
-    parts = [*sections(answer), Section("Noise floor and re-calibration", list(_basis(answer)))]
-    write_page(output, "fdbench: diagnosis of a gap", [*lead(answer), note(remark)], parts)
+    with spoken_of(answer.axis):
+        parts = [*sections(answer), Section("Noise floor and re-calibration", list(_basis(answer)))]
+        write_page(output, "fdbench: diagnosis of a gap", [*lead(answer), note(remark)], parts)
 
 
 def _basis(answer: Answer) -> Iterator[Block]:

@@ -12,6 +12,7 @@ from fdbench.report import diagnosis_text as words
 from fdbench.report._page import folded, paragraph, table
 from fdbench.report._sections import cause_tables, channel_table
 from fdbench.report._templates import Html, part, rendered
+from fdbench.rotary import spoken_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,11 +24,12 @@ def _card(title: str, content: Iterable[Html]) -> str:
 
 def verdict_card(answer: Answer) -> str:
     """Return the verdict of a diagnosis, the gap of each channel and the causes as HTML for a notebook."""
-    doubts = list(words.doubts(answer))
-    content = [*(paragraph(sentence) for sentence in words.verdict(answer)), channel_table(answer)]
-    content += cause_tables(answer)
-    content += [folded("Doubts", part("bullets", doubts))] if doubts else []
-    return _card(words.title(answer), content)
+    with spoken_of(answer.axis):
+        doubts = list(words.doubts(answer))
+        content = [*(paragraph(sentence) for sentence in words.verdict(answer)), channel_table(answer)]
+        content += cause_tables(answer)
+        content += [folded("Doubts", part("bullets", doubts))] if doubts else []
+        return _card(words.title(answer), content)
 
 
 def ranking_card(scores: "pd.DataFrame") -> str:

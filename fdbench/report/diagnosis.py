@@ -13,6 +13,7 @@ from fdbench.report._figures import bars
 from fdbench.report._page import Block, Section, folded, note, paragraph, table, write_page
 from fdbench.report._sections import lead, noise_floors, sections
 from fdbench.report._templates import part
+from fdbench.rotary import spoken_of
 from fdbench.wording import percent, si_text
 
 SEEN_RIVALS = 8
@@ -31,16 +32,17 @@ def write_diagnosis(found: Diagnosis, path: str | Path) -> None:
     FdbenchError
         If the file cannot be written.
     """
-    parts = [
-        *Curves(found).sections(),
-        *sections(found.answer),
-        Section("Rivals", list(_rivals(found.stages))),
-        Section("Records, noise floor and re-calibration", list(_basis(found))),
-        Section("Repaired model", [part("preformatted", model_text(found))]),
-    ]
-    write_page(
-        Path(path), "fdbench: diagnosis of a gap", list(lead(found.answer)), [part for part in parts if part.blocks]
-    )
+    with spoken_of(found.answer.axis):
+        parts = [
+            *Curves(found).sections(),
+            *sections(found.answer),
+            Section("Rivals", list(_rivals(found.stages))),
+            Section("Records, noise floor and re-calibration", list(_basis(found))),
+            Section("Repaired model", [part("preformatted", model_text(found))]),
+        ]
+        write_page(
+            Path(path), "fdbench: diagnosis of a gap", list(lead(found.answer)), [part for part in parts if part.blocks]
+        )
 
 
 def _rivals(stages: Sequence[Stage]) -> Iterator[Block]:

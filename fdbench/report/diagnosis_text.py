@@ -8,6 +8,7 @@ from pathlib import Path
 
 from fdbench.diagnosis.answer import EFFECT, Answer, Cause, Cell, Quantity
 from fdbench.diagnosis.settings import JUDGE
+from fdbench.rotary import spoken_name, spoken_of, spoken_words
 from fdbench.units import split_unit
 from fdbench.wording import (
     less,
@@ -44,20 +45,21 @@ def summary(answer: Answer) -> str:
     str
         Verdict, gap of each channel, where it lies, causes, how far it shrinks, and what speaks against all that.
     """
-    lines = [title(answer)]
-    sections: Sequence[tuple[str, Iterator[str]]] = (
-        ("Verdict", verdict(answer)),
-        (f"Gap, root mean square on {answer.shrinkage.judged_on_words}", _gap(answer)),
-        ("Where the re-calibrated gap lies (share of what is beyond the noise)", _where(answer)),
-        ("Causes (share of the mean squared gap after re-calibration)", _causes(answer)),
-        ("How far it shrinks: mean squared gap in units of the noise floor", shrinkage(answer)),
-        ("Process forces, by inverse dynamics", process_forces(answer)),
-        ("Doubts", doubts(answer)),
-    )
-    for heading, content in sections:
-        body = list(content)
-        lines += [heading, *(line for text in body for line in wrapped(text))] if body else []
-    return "\n".join(lines)
+    with spoken_of(answer.axis):
+        lines = [title(answer)]
+        sections: Sequence[tuple[str, Iterator[str]]] = (
+            ("Verdict", verdict(answer)),
+            (f"Gap, root mean square on {answer.shrinkage.judged_on_words}", _gap(answer)),
+            ("Where the re-calibrated gap lies (share of what is beyond the noise)", _where(answer)),
+            ("Causes (share of the mean squared gap after re-calibration)", _causes(answer)),
+            ("How far it shrinks: mean squared gap in units of the noise floor", shrinkage(answer)),
+            ("Process forces, by inverse dynamics", process_forces(answer)),
+            ("Doubts", doubts(answer)),
+        )
+        for heading, content in sections:
+            body = list(content)
+            lines += [heading, *(line for text in body for line in wrapped(text))] if body else []
+        return "\n".join(lines)
 
 
 def wrapped(text: str) -> list[str]:
@@ -130,7 +132,8 @@ def verdict(answer: Answer) -> Iterator[str]:
         where = ""
         if most := best.most:
             span = f"{most.low:.3g} and {most.high:.3g} {unit_text(most.unit)}"
-            where = f", most of all between {span}, where the motor gives {most.force_N:+.3g} N beside the model"
+            force = f"{most.force_N:+.3g} {unit_text('N')}"
+            where = f", most of all between {span}, where the motor gives {force} beside the model"
         yield f"What is left depends most on {words}: a function of it would remove {percent(best.share)}{where}."
 
 
@@ -215,6 +218,10 @@ def shrinkage(answer: Answer) -> Iterator[str]:
 
 def doubts(answer: Answer) -> Iterator[str]:
     """Yield what speaks against the answer: warnings of the records, assumptions, values that moved far."""
+    yield from map(spoken_words, _doubts(answer))
+
+
+def _doubts(answer: Answer) -> Iterator[str]:
     yield from answer.warnings
     assumed = [name for name, floor in answer.noise_floor.items() if not floor.measured_from_repeats]
     if assumed:
@@ -340,7 +347,7 @@ def _causes(answer: Answer) -> Iterator[str]:
 
 def parameter_text(name: str, entry: Quantity) -> str:
     """Return a parameter of a cause with its unit and, where there is one, its interval."""
-    words = split_unit(name)[0].replace("_", " ")
+    words = split_unit(spoken_name(name))[0].replace("_", " ")
     if entry.ci95 is None:
         return f"{words} {si_text(entry.value, entry.unit)}"
     low, high = entry.ci95

@@ -22,7 +22,7 @@ from fdbench.diagnosis.evidence.run_to_run import Repeatability
 from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.probability_models import ProbabilityModels
 from fdbench.diagnosis.model.hypothesis import start
-from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.nominal import LINEAR, Nominal
 from fdbench.diagnosis.records.runs import COMMAND, DEFLECTION, SIDES, Run, merged
 from fdbench.diagnosis.repaired import table_of, toml_lines
 from fdbench.errors import FdbenchError, SpecError
@@ -232,7 +232,8 @@ def recording_setup(nominal: Nominal, records: Sequence[Record], holdouts: Seque
             "them; add it, leave one column out, or diagnose without --calibrate."
         )
     names = tuple(name for name in ("position_m", *SIDES) if name in records[0])
-    return RecordingSetup(nominal=nominal, ready=ready, n_fitted=len(records), names=names)
+    on_the_arc = dataclasses.replace(nominal, axis=LINEAR)
+    return RecordingSetup(nominal=on_the_arc, ready=ready, n_fitted=len(records), names=names)
 
 
 def calibrated_models(

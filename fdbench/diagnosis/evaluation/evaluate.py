@@ -21,6 +21,7 @@ from fdbench.diagnosis.records.runs import Run
 from fdbench.diagnosis.settings import RECORDS
 from fdbench.errors import RecordError, SpecError
 from fdbench.record import FloatArray, Record
+from fdbench.rotary import spoken_of, spoken_unit, spoken_words
 from fdbench.units import unit_of
 
 BLOCK_S = 0.25  # drawn whole, as errors of neighbouring samples are alike
@@ -75,6 +76,14 @@ def evaluate(models: Mapping[str, Nominal], records: Sequence[Record]) -> Evalua
         raise SpecError("no models: at least one is needed.")
     if not records:
         raise RecordError("no records: at least one is needed.")
+    axes = {nominal.axis for nominal in models.values()}
+    if len(axes) > 1:
+        raise SpecError("models: some are of a linear axis, some of a rotary one.")
+    with spoken_of(*axes):
+        return _evaluated(models, next(iter(models.values())).on_the_arc(records))
+
+
+def _evaluated(models: Mapping[str, Nominal], records: Sequence[Record]) -> Evaluated:
     records, _, copies = without_copies(records, [])
     benches = {name: _bench(nominal, records) for name, nominal in models.items()}
     band_Hz = min(
@@ -99,7 +108,7 @@ def evaluate(models: Mapping[str, Nominal], records: Sequence[Record]) -> Evalua
         band_Hz=band_Hz,
         scores=tuple(score for way in WAYS for name in models for score in _scores(way, name, runs, found[way, name])),
         comparisons=tuple(_comparisons(list(models), runs, found)),
-        warnings=tuple(dict.fromkeys(warnings)),
+        warnings=tuple(map(spoken_words, dict.fromkeys(warnings))),
     )
     return Evaluated(evaluation=evaluation, runs=runs, predictions=found)
 
@@ -168,7 +177,7 @@ def _score(
         model=model,
         record=record,
         channel=channel,
-        unit=unit_of(channel),
+        unit=spoken_unit(unit_of(channel)),
         root_mean_square_error=math.sqrt(square / n),
         relative_error=relative,
         fit_percent=None if relative is None else 100.0 * (1.0 - relative),

@@ -67,13 +67,14 @@ def aligned(
     """Return records as they are compared with their model; see `diagnose` for parameters and errors."""
     if not records:
         raise RecordError("no records: at least one is needed, better three repeats of several motions.")
+    records, holdouts = nominal.on_the_arc(records), nominal.on_the_arc(holdouts)
     records, holdouts, copies = without_copies(records, holdouts)
     nominal, raw_runs, warnings = prepared(nominal, [*records, *holdouts])
     warnings = [*copies, *warnings]
     drive = nominal.drive
     check_alike(raw_runs)
     for run in raw_runs:
-        check_record(run, drive)
+        check_record(run.as_read(), drive)
     fastest = max(float(np.abs(run.reference[:, 1]).max()) for run in raw_runs)
     longest = max(run.n_samples * run.period_s for run in raw_runs)
     force = max(rms(run.channels["motor_force_N"]) for run in raw_runs)
@@ -111,12 +112,12 @@ def aligned(
         fitted, judged = judged, []
     runs, raw_runs = ([run for run, out in zip(own, left_out, strict=True) if not out] for own in (runs, raw_runs))
     counts = [count for count, out in zip(counts, left_out, strict=True) if not out]
-    split, judged_on = split_runs(fitted, judged, noise_models(runs))
+    split, judged_on = split_runs(fitted, judged, noise_models(runs, nominal.way))
     if baseline is not None:
         split = dataclasses.replace(split, noise_models=baseline.noise(split.noise_models, split.runs))
     held = held_artefact(raw_runs, runs, counts)
     artefacts = [] if held is None else [held]
-    grid = grid_artefact(runs, replay, nominal.scale.length)
+    grid = grid_artefact([run.as_read() for run in runs], replay, nominal.scale.length)
     if grid is not None and mean_energy(grid, split.noise_models) > EVIDENCE.smallest_artefact:
         split = dataclasses.replace(split, noise_models=raised(split.noise_models, grid.energy))
         artefacts.append(grid)
@@ -212,7 +213,8 @@ def check_alike(runs: Sequence[Run]) -> None:
 
 def merged_runs(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> tuple[Replay, Split]:
     """Return the replay of a model and its runs, repeats merged, as they are without a look at their readings."""
-    runs, others = ([prepare(item, nominal.drive) for item in group] for group in (records, holdouts))
-    split, _ = split_runs(runs, others, noise_models([*runs, *others]))
+    groups = (nominal.on_the_arc(group) for group in (records, holdouts))
+    runs, others = ([prepare(item, nominal.drive) for item in group] for group in groups)
+    split, _ = split_runs(runs, others, noise_models([*runs, *others], nominal.way))
     replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
     return replay.coarsened(split.runs, split.noise_models), split

@@ -89,7 +89,7 @@ class Repeatability:
     def __init__(self, replay: Replay, model: Hypothesis, runs: Sequence[Run]) -> None:
         self._replay, self._model = replay, model
         self._known: list[tuple[Run, FloatArray]] = []
-        self.noise_models = noise_models(runs)
+        self.noise_models = noise_models(runs, model.nominal.way)
         n_changing = sum(item.changes_from_run_to_run for item in nominal_parameters(model.nominal))
         self._root = np.zeros((n_changing, n_changing))
         pairs = repeated(runs)

@@ -11,6 +11,7 @@ from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.settings import EXPERIMENT
 from fdbench.plants.feed_drive import FeedDrive, Following
 from fdbench.record import FloatArray
+from fdbench.wording import si_text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,10 +48,11 @@ class Limits:
         )
 
 
-def menu(limits: Limits, period_s: float) -> list[Trajectory]:
+def menu(limits: Limits, period_s: float, scale: float = 1.0) -> list[Trajectory]:
     """Return the motions that may be proposed: constant speeds, reversals, multisines, strokes and small sines.
 
-    One has strokes and multisines of all frequencies, for what nobody thinks of.
+    One has strokes and multisines of all frequencies, for what nobody thinks of. Ways are ``scale`` times as long as
+    those of a usual axis; see `fdbench.diagnosis.model.nominal.Nominal.scale`.
     """
     x, length = limits.start_m, limits.stroke_m
     fastest, hardest = limits.velocity_m_per_s, limits.acceleration_m_per_s2
@@ -66,18 +68,18 @@ def menu(limits: Limits, period_s: float) -> list[Trajectory]:
         speed = share * fastest
         stroke = min(length, 2.0 * speed)
         reference = moves((x, x + stroke, x, x + stroke, x), (speed,), gentle, period_s)
-        add("constant speed", f"{_mm(speed)}/s both ways over {_mm(stroke)}, twice", reference)
+        add("constant speed", f"{si_text(speed, 'm/s')} both ways over {si_text(stroke, 'm')}, twice", reference)
     for size in (1e-4, 1e-3, 1e-2):
         stroke = min(size, 0.5 * length)
         stops = [middle, *(middle + stroke * part for part in (1.0, 0.2, 0.8, 0.0, 0.5, 0.0))]
         speed = min(max(0.5 * stroke, 1e-4), 0.2 * fastest)
         reference = moves(stops, (speed,), gentle, period_s)
-        add("nested reversals", f"within {_mm(stroke)} at {_mm(speed)}/s", reference)
+        add("nested reversals", f"within {si_text(stroke, 'm')} at {si_text(speed, 'm/s')}", reference)
 
     def wave(band_Hz: tuple[float, float], part: float) -> tuple[str, FloatArray]:
         _, speed, acceleration = multisine(0.0, 1.0, band_Hz, 5.0, period_s).std(axis=0)
         rms = min(part * fastest / speed, part * hardest / acceleration, 0.2 * length)
-        words = f"{band_Hz[0]:g} to {band_Hz[1]:g} Hz, {_mm(rms)} rms"
+        words = f"{band_Hz[0]:g} to {band_Hz[1]:g} Hz, {si_text(rms, 'm')} rms"
         return words, multisine(middle, rms, band_Hz, 5.0, period_s)
 
     for band_Hz, part in (((0.5, 10.0), 0.3), ((1.0, 60.0), 0.1), ((1.0, 60.0), 0.3), ((10.0, 150.0), 0.1)):
@@ -85,23 +87,23 @@ def menu(limits: Limits, period_s: float) -> list[Trajectory]:
     stops = [x + length * share for share in (0.0, 0.6, 0.1, 0.4, 0.0, 0.5)]
     strokes = moves(stops, (fastest,), 0.8 * hardest, period_s)
     (slow, slowly), (quick, quickly) = wave((0.5, 10.0), 0.3), wave((1.0, 150.0), 0.3)
-    words = f"up to {_mm(0.6 * length)} at {0.8 * hardest:.3g} m/s^2, then {slow}, then {quick}"
+    words = f"up to {si_text(0.6 * length, 'm')} at {si_text(0.8 * hardest, 'm/s^2')}, then {slow}, then {quick}"
     add("strokes and multisine", words, np.concatenate((strokes, slowly, quickly)))
     for part in (0.3, 0.8):
         stops = [x + length * share for share in (0.0, 0.6, 0.1, 0.4, 0.0)]
         reference = moves(stops, (fastest,), part * hardest, period_s)
-        add("fast strokes", f"up to {_mm(0.6 * length)} at {part * hardest:.3g} m/s^2", reference)
+        add("fast strokes", f"up to {si_text(0.6 * length, 'm')} at {si_text(part * hardest, 'm/s^2')}", reference)
     speed = 0.25 * fastest
     add(
         "long strokes",
-        f"{_mm(length)} at {_mm(speed)}/s both ways, four times",
+        f"{si_text(length, 'm')} at {si_text(speed, 'm/s')} both ways, four times",
         moves([x, *([x + length, x] * 4)], (speed,), gentle, period_s),
     )
     time = np.arange(round(5.0 / period_s)) * period_s
     fade = np.clip(np.minimum(time, time[-1] - time) / EXPERIMENT.fade_s, 0.0, 1.0)
-    for size, frequency in ((2e-5, 2.0), (2e-4, 2.0), (2e-4, 10.0)):
+    for size, frequency in ((2e-5 * scale, 2.0), (2e-4 * scale, 2.0), (2e-4 * scale, 10.0)):
         position = middle + size * np.sin(2.0 * math.pi * frequency * time) * fade**2 * (3.0 - 2.0 * fade)
-        add("sine", f"{_mm(size)} at {frequency:g} Hz about one place", from_position(position, period_s))
+        add("sine", f"{si_text(size, 'm')} at {frequency:g} Hz about one place", from_position(position, period_s))
     return found
 
 
@@ -110,8 +112,4 @@ def menu_of(split: Split, nominal: Nominal) -> list[Trajectory]:
     visited = np.concatenate([run.reference[:, 0] for run in split.runs])
     limits = Limits.of(nominal.drive, visited)
     possible = min(limits.stroke_m, limits.acceleration_m_per_s2) > 0.0
-    return menu(limits, split.runs[0].period_s) if possible else []
-
-
-def _mm(length_m: float) -> str:
-    return f"{1e3 * length_m:.3g} mm"
+    return menu(limits, split.runs[0].period_s, nominal.scale.length) if possible else []

@@ -11,6 +11,7 @@ from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.judge.localise import bands_up_to
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.record import FloatArray
+from fdbench.rotary import spoken_unit
 from fdbench.units import unit_of
 
 
@@ -42,7 +43,7 @@ def gap_of(split: Split, simulated: Sequence[Sequence[Mapping[str, FloatArray]]]
             repaired=repaired,
             reduction=1.0 - (repaired / recalibrated) ** 2 if recalibrated > 0.0 else 0.0,
             noise_floor=split.noise_models[name].total,
-            unit=unit_of(name),
+            unit=spoken_unit(unit_of(name)),
             relative=before / spread if spread > 0.0 else 0.0,
         )
     return Gap(channels=result)

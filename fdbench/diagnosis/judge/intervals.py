@@ -11,6 +11,7 @@ from fdbench.diagnosis.model.parameter_vector import adjustables_of
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
+from fdbench.rotary import spoken_unit
 
 
 def intervals(search: Search, final: Hypothesis) -> list[dict[str, Pair]]:
@@ -55,7 +56,7 @@ def one_of_each(final: Hypothesis) -> list[Hypothesis]:
 def parameters(effect: Effect, bounds: Mapping[str, Pair]) -> dict[str, Quantity]:
     """Return the parameters of an effect with units; those that no fit moves have no interval."""
     return {
-        item.name: Quantity(value=getattr(effect, item.name), ci95=bounds.get(item.name), unit=item.unit)
+        item.name: Quantity(value=getattr(effect, item.name), ci95=bounds.get(item.name), unit=spoken_unit(item.unit))
         for item in type(effect).parameters()
     }
 

@@ -10,6 +10,7 @@ from fdbench.diagnosis.judge.reduction import channel_gaps
 from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.settings import JUDGE, SEARCH
+from fdbench.rotary import spoken_unit
 
 
 def deviating_parameters(
@@ -55,7 +56,7 @@ def deviating_parameters(
                 probability=models.value.probability(all_features[name]),
                 share=share,
                 unique_share=share,
-                parameters={"change": Quantity(value=change, ci95=None, unit=unit)},
+                parameters={"change": Quantity(value=change, ci95=None, unit=spoken_unit(unit))},
             )
         )
     return found, all_features, max((distance for _, _, distance, _, _ in moves), default=0.0)

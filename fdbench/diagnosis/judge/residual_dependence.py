@@ -16,6 +16,7 @@ from fdbench.diagnosis.records.runs import Run
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
+from fdbench.rotary import spoken_unit
 
 Cells = NDArray[np.intp]
 
@@ -78,7 +79,7 @@ def _most(
         last += 1
     there = (cell >= first) & (cell <= last)
     mean_N = split.noise_models["motor_force_N"].rms * float(force[there].mean())
-    return Most(low=float(value[there].min()), high=float(value[there].max()), unit=unit, force_N=mean_N)
+    return Most(low=float(value[there].min()), high=float(value[there].max()), unit=spoken_unit(unit), force_N=mean_N)
 
 
 @dataclass(frozen=True)

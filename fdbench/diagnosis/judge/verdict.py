@@ -22,6 +22,7 @@ from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
+from fdbench.rotary import spoken_unit
 
 OR = " or "  # between the names of one claim
 
@@ -209,7 +210,7 @@ def plausibility_discount(left: float) -> float:
 def artefact_cause(artefact: Artefact, share: float) -> Cause:
     """Return the cause that is seen in the readings themselves."""
     amplitude = artefact.kind.amplitude
-    unit = next(item.unit for item in artefact.kind.parameters() if item.name == amplitude)
+    unit = spoken_unit(next(item.unit for item in artefact.kind.parameters() if item.name == amplitude))
     return Cause(
         effect=artefact.kind.name,
         kind=READING,

@@ -1,5 +1,6 @@
 """The nominal model that a gap is measured against: the nominal plant, and how well its values are known."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -7,15 +8,20 @@ from pathlib import Path
 from typing import Any
 
 from fdbench.catalogue import scenario_folder, scenario_ids
-from fdbench.diagnosis.settings import MODEL
+from fdbench.diagnosis.model.rotary_axis import LINEAR_COLUMNS, plant_on_the_arc, record_on_the_arc
+from fdbench.diagnosis.records.noise_model import Way
+from fdbench.diagnosis.settings import MODEL, RECORDS
 from fdbench.effects import Effect, Scale, at_scale, effects
-from fdbench.errors import SpecError, UnknownName, did_you_mean
+from fdbench.errors import RecordError, SpecError, UnknownName, did_you_mean
 from fdbench.plants import Plant
-from fdbench.plants.feed_drive import FeedDrive, Following
+from fdbench.plants.feed_drive import FeedDrive, Following, RotaryMotor
+from fdbench.record import Record
+from fdbench.rotary import ROTARY, name_on_the_arc, words_of_rotary
 from fdbench.scenario import Scenario, extended
 from fdbench.specification import bounded, check_bounds, nonnegative, positive, read, snake_case
 
 SUBSTEPS = 10  # where a scenario does not say
+LINEAR = "linear"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +70,8 @@ class Covered:
 class Nominal:
     """A model file: [plant] with its controller, [simulation], and optionally [uncertainty].
 
-    ``exclude`` names effects that this axis cannot have; the diagnosis does not consider them.
+    ``exclude`` names effects that this axis cannot have; the diagnosis does not consider them. The plant of a rotary
+    ``axis`` is that of its arc; see `fdbench.rotary`.
     """
 
     plant: Plant
@@ -72,8 +79,11 @@ class Nominal:
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     covered: Covered = field(default_factory=Covered, init=False)
     exclude: tuple[str, ...] = ()
+    axis: str = LINEAR
 
     def __post_init__(self) -> None:
+        if self.axis not in (LINEAR, ROTARY):
+            raise SpecError(f"axis: {self.axis!r}; allowed: {LINEAR}, {ROTARY}.")
         for name in self.exclude:
             effects.get(name)
 
@@ -126,6 +136,33 @@ class Nominal:
         }
         return [item for name in names for item in (name, *equivalents[name])]
 
+    def on_the_arc(self, records: Sequence[Record]) -> list[Record]:
+        """Return records with the columns of the plant: those of a rotary axis on its arc."""
+        for record in records:
+            angles = [name for name in record if name not in LINEAR_COLUMNS and name_on_the_arc(name) in LINEAR_COLUMNS]
+            if angles and self.axis == LINEAR:
+                raise RecordError(
+                    f"{record.source}: column {angles[0]} is of a rotary axis, the model's is linear. Write "
+                    'axis = "rotary" above the tables of the model, or map the column to one in m.'
+                )
+        if self.axis == LINEAR:
+            return list(records)
+        geared = isinstance(self.drive.motor, RotaryMotor)
+        return [record_on_the_arc(record, geared) for record in records]
+
+    @property
+    def way(self) -> Way:
+        """How what repeats with the position is told."""
+        turn_m = 2.0 * math.pi if self.axis == ROTARY else None
+        return Way(bin_m=self.scale.length * RECORDS.profile_bin_m, turn_m=turn_m)
+
+    @property
+    def turn_m(self) -> float | None:
+        """Way of the axis in one turn of its motor; None where nothing turns."""
+        if isinstance(self.drive.motor, RotaryMotor):
+            return self.drive.motor.lead_m
+        return 2.0 * math.pi if self.axis == ROTARY else None
+
     @property
     def drive(self) -> FeedDrive:
         """The plant as a feed drive, the only one that is diagnosed."""
@@ -163,8 +200,38 @@ def load_nominal(path: str | Path) -> Nominal:
         table = {"plant": table.get("plant", {}), "simulation": {"substeps": substeps}, **beside}
     plant = table.get("plant")
     if isinstance(plant, Mapping) and plant.get("kind") == snake_case(FeedDrive.__name__) and "controller" not in plant:
-        table["plant"] = {**plant, "controller": {"kind": snake_case(Following.__name__)}}
-    return read(Nominal, table, where)
+        table["plant"] = plant = {**plant, "controller": {"kind": snake_case(Following.__name__)}}
+    if (axis := table.get("axis", LINEAR)) not in (LINEAR, ROTARY):
+        raise SpecError(f"{where}.axis: {axis!r}; allowed: {LINEAR}, {ROTARY}.")
+    if axis != ROTARY or not isinstance(plant, Mapping):
+        return _read(table, where)
+    uncertainty = table.get("uncertainty", {})
+    if isinstance(uncertainty, Mapping):
+        table["uncertainty"] = {name_on_the_arc(key): value for key, value in uncertainty.items()}
+    try:
+        return _read({**table, "plant": plant_on_the_arc(plant, f"{where}.plant")}, where)
+    except SpecError as error:
+        raise SpecError(words_of_rotary(str(error))) from error
+
+
+def _read(table: Mapping[str, Any], where: str) -> Nominal:
+    """Return the model in a table; what it knows may be larger or smaller than what a search on a usual axis tries."""
+    plant = table.get("plant")
+    known = plant.get("effects") if isinstance(plant, Mapping) else None
+    if not isinstance(plant, Mapping) or not isinstance(known, list) or not all(map(_is_known, known)):
+        return read(Nominal, table, where)
+    nominal = read(Nominal, {**table, "plant": {**plant, "effects": []}}, where)
+    found = tuple(_known(item, f"{where}.plant.effects[{place}]") for place, item in enumerate(known))
+    return replace(nominal, plant=replace(nominal.drive, effects=found))
+
+
+def _is_known(effect: Any) -> bool:
+    return isinstance(effect, Mapping) and effect.get("kind") in effects.names()
+
+
+def _known(effect: Mapping[str, Any], where: str) -> Effect:
+    parameters = {name: value for name, value in effect.items() if name != "kind"}
+    return read(at_scale(effects.get(effect["kind"]), Scale()), parameters, where)
 
 
 def _file(name_or_path: str | Path) -> Path:

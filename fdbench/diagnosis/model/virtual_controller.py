@@ -63,7 +63,7 @@ def prepared(nominal: Nominal, records: Sequence[Record]) -> tuple[Nominal, list
     controller = virtual_controller(drive, records)
     drive = dataclasses.replace(drive, controller=controller)
     runs = [follow(item, drive) for item in records]
-    check_content(runs)
+    check_content([run.as_read() for run in runs])
     why = f"{silent[0]}: no column {COMMAND}" if known else "No controller was given in [plant.controller]"
     warning = (
         f"{why}: the model was made to follow the measured motion by a virtual controller of "
@@ -98,6 +98,7 @@ def virtual_controller(drive: FeedDrive, records: Sequence[Record]) -> Following
     controller = dataclasses.replace(
         controller,
         mass_kg=drive.mass_kg,
+        smoothed_Hz=None,
         feedback=side,
         greatest_force_N=max(float(np.abs(force).max()) for force in forces) or None,
     )
@@ -110,8 +111,10 @@ def virtual_controller(drive: FeedDrive, records: Sequence[Record]) -> Following
                 f"plant: no virtual controller holds this axis at one sample each {period:.4g} s. Check that time_s is "
                 "in seconds, masses and stiffness, or give the real controller as [plant.controller]."
             )
+    if noise_gain(controller, period) * noise_m > quiet_N:
+        controller = _smoothing(controller)
     while noise_gain(controller, period) * noise_m > quiet_N and controller.bandwidth_Hz > MODEL.quietest_Hz:
-        controller = _slower(controller)
+        controller = _smoothing(_slower(controller))
     return controller
 
 
@@ -119,9 +122,21 @@ def _slower(controller: Following) -> Following:
     return dataclasses.replace(controller, bandwidth_Hz=MODEL.slower * controller.bandwidth_Hz)
 
 
+def _smoothing(controller: Following) -> Following:
+    """Return the controller behind a filter without phase, which keeps what its loop passes on."""
+    return dataclasses.replace(controller, smoothed_Hz=MODEL.smoothed * controller.bandwidth_Hz)
+
+
 def noise_gain(controller: Following, period_s: float) -> float:
-    """Return the force per metre of white position noise, by the velocity that is differenced from it."""
-    return controller.velocity_gain_N_s_per_m * math.sqrt(2.0) / (controller.difference_span * period_s)
+    r"""Return the force per metre of white position noise, by the velocity that is differenced from it.
+
+    A difference over s samples of h has :math:`\sqrt 2 / s h` of it, one behind a low-pass filter at f
+    :math:`2 \pi \sqrt{2 h f^3 / 3}`.
+    """
+    rough = math.sqrt(2.0) / (controller.difference_span * period_s)
+    if controller.smoothed_Hz is not None:
+        rough = min(rough, 2.0 * math.pi * math.sqrt(2.0 * period_s * controller.smoothed_Hz**3 / 3.0))
+    return controller.velocity_gain_N_s_per_m * rough
 
 
 def _side(drive: FeedDrive, record: Record) -> str:
@@ -175,9 +190,12 @@ def follow(record: Record, drive: FeedDrive) -> Run:
     controller, period = drive.controller, record.sampling_time_s
     if not isinstance(controller, Following):
         raise SpecError("plant.controller: a motion is followed with a controller of kind following.")
-    channels = channels_of(record, drive, _column(record, drive, controller))
+    readings = channels_of(record, drive, _column(record, drive, controller))
     held = held_samples(record)
-    position, force = (_interpolated(channels[name], held) for name in ("position_m", "motor_force_N"))
+    channels = {name: low_passed(_interpolated(values, held), controller, period) for name, values in readings.items()}
+    position, force = channels["position_m"], channels["motor_force_N"]
+    if controller.smoothed_Hz is None:
+        channels = readings
     motion = smoothed(position, period, controller.bandwidth_Hz)
     run = Run(
         name=record.source,
@@ -187,6 +205,7 @@ def follow(record: Record, drive: FeedDrive) -> Run:
         lap=None,
         held=held,
         condition=record.provenance.get("condition"),
+        readings=None if controller.smoothed_Hz is None else readings,
     )
     start, slope = run.start()
     span = controller.difference_span
@@ -204,6 +223,19 @@ def _interpolated(values: FloatArray, held: NDArray[np.bool_]) -> FloatArray:
     """Return the values with held samples interpolated."""
     time = np.arange(len(values))
     return np.interp(time, time[~held], values[~held])
+
+
+def low_passed(values: FloatArray, controller: Following, period_s: float) -> FloatArray:
+    """Return values without what lies above the smoothing of a controller, and without a delay.
+
+    A Butterworth filter of fourth order runs over them forwards and backwards (Gustafsson 1996).
+    """
+    if controller.smoothed_Hz is None or 2.0 * controller.smoothed_Hz * period_s >= MODEL.highest_of_nyquist:
+        return values
+    from scipy.signal import butter, sosfiltfilt
+
+    sections = butter(4, controller.smoothed_Hz, fs=1.0 / period_s, output="sos")
+    return np.asarray(sosfiltfilt(sections, values))
 
 
 def smoothed(position: FloatArray, period_s: float, bandwidth_Hz: float) -> FloatArray:

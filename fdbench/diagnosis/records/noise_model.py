@@ -1,6 +1,7 @@
 """The noise floor: what repeats of one command differ by, so that nobody explains noise."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from fdbench.diagnosis.settings import RECORDS
 from fdbench.record import FloatArray
 
 SMALLEST = 1e-12
+POSITION = "position_m"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,17 +79,50 @@ def white(rms: float, measured: bool) -> NoiseModel:
     return NoiseModel(spectrum=spectrum * (rms**2 / spectrum.sum()), measured=measured)
 
 
-def noise_floor(runs: Sequence[Run], channel: str) -> NoiseModel:
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """How finely what repeats with the position is told, and after which way an axis that turns is where it was."""
+
+    bin_m: float = RECORDS.profile_bin_m
+    turn_m: float | None = None
+
+
+def noise_floor(runs: Sequence[Run], channel: str, way: Way | None = None) -> NoiseModel:
     """Return the floor of a channel.
 
     With repeats (of records, or of laps within one) it is half of what they differ by, drift from repeat to repeat
-    included. Without, it is `assumed`.
+    included. Without, it is `assumed`, from what is left where that does not repeat with the position.
     """
     found = differences(runs, channel)
     if found:
         return NoiseModel(spectrum=0.5 * spectrum_of(found), measured=True)
     left = [run.channels[channel] if run.left is None else run.left[channel] for run in runs]
-    return NoiseModel(spectrum=assumed(left), measured=False)
+    return NoiseModel(spectrum=assumed(without_profile(runs, left, way or Way())), measured=False)
+
+
+def without_profile(runs: Sequence[Run], signals: Sequence[FloatArray], way: Way) -> list[FloatArray]:
+    """Return signals without their mean at each position and direction, where the axis came by several times.
+
+    What repeats with the position is no noise. A mean over V visits takes 1/V of the noise, which is given back.
+    """
+    if any(POSITION not in run.channels for run in runs):
+        return list(signals)
+    position = np.concatenate([run.channels[POSITION] for run in runs])
+    speed = np.concatenate([np.gradient(run.channels[POSITION]) for run in runs])
+    if way.turn_m is not None:
+        position = np.mod(position, way.turn_m)
+    cell = 2 * np.floor((position - position.min()) / way.bin_m).astype(np.intp) + (speed > 0.0)
+    first = np.cumsum([0, *(len(values) for values in signals)])
+    new = np.concatenate(([True], np.diff(cell) != 0))
+    new[first[:-1]] = True
+    visits = np.bincount(cell[new])
+    values = np.concatenate(list(signals))
+    samples = np.bincount(cell)
+    mean = np.bincount(cell, weights=values) / np.maximum(samples, 1)
+    often = visits[cell] >= RECORDS.fewest_visits
+    kept = np.sqrt(visits / np.maximum(visits - 1, 1))[cell]
+    left = np.where(often, (values - mean[cell]) * kept, values)
+    return [left[start:end] for start, end in itertools.pairwise(first)]
 
 
 def spectrum_of(signals: Sequence[FloatArray]) -> FloatArray:
@@ -135,9 +170,9 @@ def _long_enough(values: FloatArray, length: int) -> FloatArray:
     return np.pad(values, (0, missing), mode="reflect") if missing > 0 else values
 
 
-def noise_models(runs: Sequence[Run]) -> Mapping[str, NoiseModel]:
+def noise_models(runs: Sequence[Run], way: Way | None = None) -> Mapping[str, NoiseModel]:
     """Return the floor of each channel."""
-    return {channel: noise_floor(runs, channel) for channel in runs[0].channels}
+    return {channel: noise_floor(runs, channel, way) for channel in runs[0].channels}
 
 
 def raised(found: Mapping[str, NoiseModel], energy: Mapping[str, float]) -> Mapping[str, NoiseModel]:

@@ -43,6 +43,8 @@ class Run:
         What the nominal model leaves of the channels, once it has been simulated.
     condition : str or None
         Under which it was recorded, where the record says so.
+    readings : mapping of str to (n_samples,) array or None
+        The channels as they were read, where they are compared smoothed.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Run:
     motion: tuple[FloatArray, float] | None = None
     left: Mapping[str, FloatArray] | None = None
     condition: str | None = None
+    readings: Mapping[str, FloatArray] | None = None
 
     @property
     def n_samples(self) -> int:
@@ -66,6 +69,10 @@ class Run:
         first = self.channels["position_m"][: RECORDS.start_samples]
         slope, offset = np.polyfit(np.arange(len(first)) * self.period_s, first, 1)
         return float(offset), float(slope)
+
+    def as_read(self) -> "Run":
+        """Return the run with its channels as they were read."""
+        return self if self.readings is None else dataclasses.replace(self, channels=dict(self.readings))
 
     def beside(self, nominal: Mapping[str, FloatArray]) -> "Run":
         """Return the run with what the nominal model leaves of it."""

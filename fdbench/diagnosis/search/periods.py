@@ -39,13 +39,13 @@ def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list
         inverse_dynamics_residuals(run, own, split.noise_models, base.nominal.drive)
         for run, own in zip(split.runs, gaps, strict=True)
     ]
-    lead_m = getattr(base.nominal.drive.motor, "lead_m", None)
+    turn_m = base.nominal.turn_m
     times_force = [own * run.channels["motor_force_N"][1:-2] for own, run in zip(lacking, split.runs, strict=True)]
     return {
         "line": _lines_in_time(scaled, split.runs),
         "line_of_motion": _lines_in_time(turned, split.runs),
-        "wavelength": _lines_in_position(lacking, split.runs, lead_m, base.nominal.scale.length),
-        "wavelength_of_ratio": _lines_in_position(times_force, split.runs, lead_m, base.nominal.scale.length),
+        "wavelength": _lines_in_position(lacking, split.runs, turn_m, base.nominal.scale.length),
+        "wavelength_of_ratio": _lines_in_position(times_force, split.runs, turn_m, base.nominal.scale.length),
     }
 
 
@@ -117,7 +117,7 @@ def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[floa
 
 
 def _lines_in_position(
-    gaps: Sequence[FloatArray], runs: Sequence[Run], lead_m: float | None, length: float
+    gaps: Sequence[FloatArray], runs: Sequence[Run], turn_m: float | None, length: float
 ) -> list[float]:
     """Return the wavelengths that stand out in the profiles over position, and orders of the lead that may be there.
 
@@ -158,7 +158,7 @@ def _lines_in_position(
                 break
             found.append(1.0 / _parabola(wavenumber, power, peak))
             band[max(0, peak - resolved) : peak + resolved + 1] = 0.0
-    for pitch_m in () if lead_m is None else [lead_m / order for order in SEARCH.orders]:
+    for pitch_m in () if turn_m is None else [turn_m / order for order in SEARCH.orders]:
         near = np.abs(wavenumber - 1.0 / pitch_m) < 0.5 * wavenumber[resolved]
         if (
             shortest_wave_m < pitch_m < travel / SEARCH.fewest_waves
