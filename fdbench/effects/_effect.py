@@ -201,6 +201,8 @@ class Effect(ABC):
         effect is not a cause.
     cause_type : str
         What type of cause the effect is, one of `CAUSE_TYPES`; without, that of its port, see `type_of`.
+    of_any_axis : bool
+        Whether its usual size is the same on a small and on a large axis, as that of a tool and its material.
     declared : type
         The effect as its file declares it; another class where it is that of an axis of another size, see `at_scale`.
     """
@@ -219,6 +221,7 @@ class Effect(ABC):
     same_signal_as: ClassVar[str] = ""
     calibrates: ClassVar[str] = ""
     cause_type: ClassVar[str] = ""
+    of_any_axis: ClassVar[bool] = False
     kernel: ClassVar[Any]
     expected_failures: ClassVar[Mapping[str, str]] = {}
     declared: ClassVar[type["Effect"]]

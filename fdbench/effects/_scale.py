@@ -56,7 +56,8 @@ def at_scale(kind: type[Effect], scale: Scale) -> type[Effect]:
 
 @functools.cache
 def _at_scale(kind: type[Effect], scale: Scale) -> type[Effect]:
-    scaled = tuple(_scaled(item, scale.of(item.unit)) for item in kind.parameters())
+    own = Scale() if kind.of_any_axis else scale
+    scaled = tuple(_scaled(item, own.of(item.unit)) for item in kind.parameters())
 
     def parameters(cls: type[Effect]) -> tuple[Parameter, ...]:
         return scaled

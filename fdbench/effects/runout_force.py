@@ -42,6 +42,7 @@ class RunoutForce(Effect):
     amplitude = "radial_runout_m"
     confusable_with = ("tooth_passing_force",)
     disturbance = True
+    of_any_axis = True
     follows_command = True
 
     expected_failures: ClassVar[Mapping[str, str]] = {

@@ -70,6 +70,7 @@ class ToothPassingForce(Effect):
     amplitude = "axial_depth_m"
     confusable_with = ("periodic_force", "runout_force")
     disturbance = True
+    of_any_axis = True
     follows_command = True
 
     teeth: float = parameter("N_t", low=1.0, high=12.0, typical=2.0, grid=(1.0, 2.0, 3.0, 4.0), whole=True)
