@@ -53,7 +53,8 @@ def _interval(low: float, high: float) -> str:
 
 def check_bounds(specification: Any) -> None:
     """Raise a SpecError if a number of a dataclass is not finite or lies outside its declared bounds."""
-    for name, low, high in _declared_bounds(type(specification)):
+    kind: type = type(specification)
+    for name, low, high in _declared_bounds(kind):
         value = getattr(specification, name)
         if not isinstance(value, int | float) or isinstance(value, bool):
             continue
