@@ -112,6 +112,10 @@ class _ClosureCache(FunctionCache):
         self._follow(self._digest(sig), self._cache_path)
         super().save_overload(sig, data)
 
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        # numba's own key pickles a closure, in which a compiled function is another in every process.
+        return sig, codegen.magic_tuple()
+
     def _digest(self, sig: Any) -> str:
         """Return the digest of function and types of arguments: what is kept of a named tuple names its class."""
         classes = [

@@ -4,6 +4,7 @@ Unknown key, missing key, wrong type and out of bounds are errors at load, and n
 """
 
 import dataclasses
+import functools
 import math
 import re
 import sys
@@ -52,14 +53,21 @@ def _interval(low: float, high: float) -> str:
 
 def check_bounds(specification: Any) -> None:
     """Raise a SpecError if a number of a dataclass is not finite or lies outside its declared bounds."""
-    for field in dataclasses.fields(specification):
-        value = getattr(specification, field.name)
-        if not isinstance(value, int | float) or isinstance(value, bool) or "low" not in field.metadata:
+    kind: type = type(specification)
+    for name, low, high in _declared_bounds(kind):
+        value = getattr(specification, name)
+        if not isinstance(value, int | float) or isinstance(value, bool):
             continue
-        low, high = field.metadata["low"], field.metadata["high"]
         if not (low <= value <= high and abs(value) < math.inf):
-            unit = f" {unit_of(field.name)}" if unit_of(field.name) else ""
-            raise SpecError(f"{field.name}: {_short(value)} is outside {_interval(low, high)}{unit}.")
+            unit = f" {unit_of(name)}" if unit_of(name) else ""
+            raise SpecError(f"{name}: {_short(value)} is outside {_interval(low, high)}{unit}.")
+
+
+@functools.cache
+def _declared_bounds(kind: type) -> tuple[tuple[str, float, float], ...]:
+    """Return name and closed interval of each field of a dataclass that declares one."""
+    fields = [field for field in dataclasses.fields(kind) if "low" in field.metadata]
+    return tuple((field.name, field.metadata["low"], field.metadata["high"]) for field in fields)
 
 
 def _short(value: float) -> str:

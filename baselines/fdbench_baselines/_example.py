@@ -163,10 +163,14 @@ def example_testbed() -> Example:
 
 
 def example_network(force_N: float) -> Example:
-    """Return a spindle with one mode and a motor of 10 kg, each read by a node, and 0.2 s under a constant force."""
+    """Return a spindle and a motor of 10 kg, each read by a node, and 0.2 s under a constant force."""
     n, sampling_time_s, mass_kg, lead_m = 2000, 1e-4, 10.0, 0.01
-    mode = ComplianceMode(frequency_Hz=1000.0, damping_ratio=0.05, modal_gain_per_kg=40.0)
-    spindle = Spindle(modes=(mode,), sensor_noise_m=1e-7, displacement_limit_m=1e-3, feedrate_limit_m_per_s=0.1)
+    # As many modes as in the scenarios: filters are compiled for a number of states.
+    modes = tuple(
+        ComplianceMode(frequency_Hz=frequency_Hz, damping_ratio=0.05, modal_gain_per_kg=40.0)
+        for frequency_Hz in (800.0, 1000.0, 1200.0)
+    )
+    spindle = Spindle(modes=modes, sensor_noise_m=1e-7, displacement_limit_m=1e-3, feedrate_limit_m_per_s=0.1)
     inertia = mass_kg * (lead_m / (2.0 * np.pi)) ** 2
     plant = SensorNetwork(
         spindle=spindle,
@@ -182,7 +186,7 @@ def example_network(force_N: float) -> Example:
     time_s = sampling_time_s * np.arange(n, dtype=np.float64)
     acceleration = -force_N / mass_kg
     columns: dict[str, FloatArray] = {
-        NODES[0]: np.full(n, mode.compliance_m_per_N * force_N),
+        NODES[0]: np.full(n, sum(mode.compliance_m_per_N for mode in modes) * force_N),
         NODES[1]: acceleration * time_s,
         NODES[2]: 0.5 * acceleration * time_s**2,
     }

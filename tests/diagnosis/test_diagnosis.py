@@ -1,21 +1,29 @@
 """The diagnosis names the injected effect, says nothing where there is none, and never reads what is withheld."""
 
 import dataclasses
+import functools
 import json
 from pathlib import Path
 
 import pytest
-from axis_lab import case
+from axis_lab import case, drive
 from conftest import REPOSITORY, shared_file
 
+from fdbench.diagnosis.answer import Answer
 from fdbench.diagnosis.diagnose import diagnose
-from fdbench.diagnosis.model.nominal import load_nominal
+from fdbench.diagnosis.model.nominal import Nominal, Simulation, load_nominal
 from fdbench.effects import effects
 from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.scenario import load_scenario, scenario_folder
 
 ENCODERS = ("motor_position_m", "table_position_m")
+
+
+@functools.cache
+def answer_to(name: str) -> Answer:
+    """Return what is said of an axis with this effect at its typical size."""
+    return diagnose(*case((effects.get(name).typical(),), seed=1)).answer
 
 
 @pytest.mark.parametrize(
@@ -31,7 +39,7 @@ ENCODERS = ("motor_position_m", "table_position_m")
     ],
 )
 def test_a_hidden_effect_is_named_first(name: str) -> None:
-    answer = diagnose(*case((effects.get(name).typical(),), seed=1)).answer
+    answer = answer_to(name)
     assert answer.causes, answer
     first = answer.causes[0]
     assert name == first.effect or name in first.indistinguishable_from
@@ -43,7 +51,6 @@ def test_a_hidden_effect_is_named_first(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "teeth", "spindle_frequency_Hz", "angle_rad"),
     [
-        ("tooth_passing_force", 2.0, 50.0, 0.9),
         ("tooth_passing_force", 3.0, 21.3, -0.5),
         ("runout_force", 2.0, 50.0, 2.0),
     ],
@@ -63,11 +70,10 @@ def test_an_axis_that_cuts_is_told_by_its_spindle(
 
 
 def test_the_same_signal_has_all_its_names() -> None:
-    nominal, fitted, judged = case((effects.get("shaker_force").typical(),), seed=2)
-    first = diagnose(nominal, fitted, judged).answer.causes[0]
+    first = answer_to("shaker_force").causes[0]
     assert {"periodic_force", "shaker_force"} <= {first.effect, *first.indistinguishable_from}
     assert {"periodic_force", "shaker_force"} <= set(first.one_of)
-    without = dataclasses.replace(nominal, exclude=("periodic_force",))
+    without = Nominal(plant=drive(), simulation=Simulation(substeps=10), exclude=("periodic_force",))
     assert "shaker_force" in {kind.name for kind in without.library}
 
 
@@ -104,8 +110,7 @@ def test_a_log_of_the_scale_and_the_force_alone_is_diagnosed() -> None:
 
 
 def test_shares_add_up_to_one() -> None:
-    answer = diagnose(*case((effects.get("cogging").typical(),), seed=4)).answer
-    where = answer.where
+    where = answer_to("cogging").where
     for part in (where.motion.values(), where.channel.values()):
         assert sum(part) == pytest.approx(1.0)
     for name in ("frequency", "position", "velocity", "time"):

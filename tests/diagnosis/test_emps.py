@@ -56,7 +56,8 @@ def test_without_the_file_the_scenario_says_where_to_put_it(monkeypatch, tmp_pat
 
 
 def test_an_effect_injected_in_the_record_is_named_beside_the_documented_cause() -> None:
-    record = read_record(EXAMPLE / "emps.toml", shared_file("data", "emps", "DATA_EMPS.mat").parent)
+    whole = read_record(EXAMPLE / "emps.toml", shared_file("data", "emps", "DATA_EMPS.mat").parent)
+    record = whole.slice(0, 12500)
     nominal = load_nominal(EXAMPLE / "model.toml")
     drive, injected = nominal.drive, effects.get("cogging").typical(cogging_force_N=5.0, pitch_m=4e-3)
     variants = [Variant(plant=drive), Variant(plant=drive, extra=(injected,))]

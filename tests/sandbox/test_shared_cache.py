@@ -10,6 +10,7 @@ import pytest
 
 from fdbench.benchmark.provenance import estimator_source
 from fdbench.estimator import estimators
+from fdbench.record import FloatArray, Record
 from fdbench.sandbox import Sandbox, Source, WorkerLimits
 from fdbench.sandbox.server import _OwnUnpickler
 from fdbench.scenario import Scenario, load_scenario
@@ -47,8 +48,23 @@ def scenario() -> Scenario:
 
 
 @pytest.fixture(scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Return an empty cache."""
+def record(scenario: Scenario) -> Record:
+    return scenario.observe(0)[0]
+
+
+@pytest.fixture(scope="module")
+def expected(scenario: Scenario, record: Record) -> FloatArray:
+    """Return the prediction of this process."""
+    context, command = scenario.context(), scenario.command()
+    assert command is not None
+    own = estimators.get("least_squares")()
+    found: FloatArray = own.predict(context, own.fit(context, record), command)
+    return found
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory, expected: FloatArray) -> Iterator[Path]:
+    """Return an empty cache; this process has compiled before what it needs."""
     folder = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FDBENCH_CACHE", str(folder))
@@ -69,23 +85,24 @@ def contents(folder: Path) -> dict[Path, bytes]:
     return {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
 
-def test_a_worker_predicts_with_what_was_compiled_for_all(prepared: Sandbox, cache: Path, scenario: Scenario) -> None:
-    context, command = scenario.context(), scenario.command()
+def test_a_worker_predicts_with_what_was_compiled_for_all(
+    prepared: Sandbox, cache: Path, scenario: Scenario, record: Record, expected: FloatArray
+) -> None:
+    command = scenario.command()
     assert command is not None
     assert list((cache / "sandbox" / "shared").rglob("stepper_*.advance*.nbc"))
     worker = prepared.worker(estimator_source("least_squares"))
     worker.load()
-    worker.begin({}, context)
-    estimate = worker.fit(scenario.observe(0)[0]).estimate
+    worker.begin({}, scenario.context())
+    worker.fit(record)
     response = worker.predict(command)
     assert not list((cache / "sandbox" / "installed").rglob("stepper_*"))
-    expected = estimators.get("least_squares")().predict(context, estimate, command)
     assert response is not None
     np.testing.assert_array_equal(response, expected)
 
 
 def test_a_plugin_cannot_change_what_others_load(
-    prepared: Sandbox, cache: Path, scenario: Scenario, tmp_path: Path
+    prepared: Sandbox, cache: Path, scenario: Scenario, record: Record, tmp_path: Path
 ) -> None:
     file = tmp_path / "plants.py"
     file.write_text(PLANTS, "utf-8")
@@ -93,7 +110,7 @@ def test_a_plugin_cannot_change_what_others_load(
     worker = prepared.worker(Source(name="plants", own=(file,), digest="planted", file=file))
     worker.load()
     worker.begin({}, scenario.context())
-    claimed = worker.fit(scenario.observe(0)[0]).estimate.parameters
+    claimed = worker.fit(record).estimate.parameters
     assert claimed["files"] == len(before) > 2
     assert claimed["refused"] == claimed["attempts"]
     assert contents(cache / "sandbox" / "shared") == before

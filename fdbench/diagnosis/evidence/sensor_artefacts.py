@@ -1,12 +1,15 @@
 """Sensor artefacts, which readings show by themselves: repeated (stale) samples, and positions on a grid."""
 
 import dataclasses
+import functools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
+from fdbench.compilation import kept
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import DEFLECTION, Run
@@ -159,8 +162,24 @@ def _coarsest_grid(kind: type[Effect], differences: FloatArray, coarsest_m: floa
 
 def _after(effect: Effect, readings: FloatArray) -> FloatArray:
     """Return readings as they leave an encoder with an effect."""
-    kernel, values = type(effect).kernel, effect.values()
-    return np.array([kernel(0.0, 1e-3, 0.0, 0.0, reading, *values)[0] for reading in readings.tolist()])
+    found: FloatArray = _each_reading(type(effect))(readings, effect.values())
+    return found
+
+
+@functools.cache
+def _each_reading(kind: type[Effect]) -> Callable[[FloatArray, tuple[float, ...]], FloatArray]:
+    """Return the compiled kernel of an effect over an array of readings."""
+    kernel = kind.kernel
+
+    @kept
+    @njit(error_model="numpy")
+    def each(readings: FloatArray, values: tuple[float, ...]) -> FloatArray:
+        moved = np.empty_like(readings)
+        for i in range(len(readings)):
+            moved[i] = kernel(0.0, 1e-3, 0.0, 0.0, readings[i], *values)[0]
+        return moved
+
+    return each  # type: ignore[no-any-return]
 
 
 def _median(values: FloatArray) -> float:
