@@ -1,4 +1,4 @@
-"""The verdict is the same whatever size an axis has: motors of a few grams and presses of tons, turns in any unit."""
+"""The verdict on an axis that turns is the same whatever its size: motors of a few grams, and turns in any unit."""
 
 import dataclasses
 from typing import Any
@@ -10,6 +10,7 @@ import pytest
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.effects import Effect, Scale, at_scale, effects
 from fdbench.record import Record
+from fdbench.rotary import rotary_name
 from fdbench.units import unit_of
 
 SMALL, SMALLER = Scale(length=12.0, force=2e-3), Scale(length=90.0, force=5e-5)
@@ -32,8 +33,8 @@ def resized(specification: Any, scale: Scale) -> Any:
 
 
 def record_of(original: Record, scale: Scale) -> Record:
-    """Return a record in the units of another size."""
-    columns = {name: scale.of(unit_of(name)) * original[name] for name in original}
+    """Return a record of a turning axis of another size."""
+    columns = {rotary_name(name): scale.of(unit_of(name)) * original[name] for name in original}
     return Record(columns, original.provenance, original.source)
 
 
@@ -42,7 +43,7 @@ def test_the_verdict_does_not_depend_on_the_size(name: str) -> None:
     nominal, fitted, judged = axis_lab.case((effects.get(name).typical(),), seed=3)
     answers = []
     for scale in (SMALL, SMALLER):
-        own = dataclasses.replace(nominal, plant=resized(nominal.plant, scale))
+        own = dataclasses.replace(nominal, plant=resized(nominal.plant, scale), axis="rotary")
         groups = [[record_of(item, scale) for item in group] for group in (fitted, judged)]
         answers.append(diagnose(own, *groups).answer)
     first, second = answers

@@ -72,8 +72,8 @@ class VerdictReader:
 
 def undetected(shortlisted: Stage) -> list[Rival]:
     """Return the effects of the library beside the rivals of a stage: of typical size, with nothing explained yet."""
-    known = {rival.kind for rival in shortlisted.rivals}
-    others = middle_shapes(item for item in candidates(shortlisted.base) if item.kind not in known)
+    known = {rival.kind.declared for rival in shortlisted.rivals}
+    others = middle_shapes(item for item in candidates(shortlisted.base) if item.kind.declared not in known)
     return [
         Rival(
             kind=item.kind,

@@ -97,19 +97,15 @@ class Nominal:
 
     @cached_property
     def scale(self) -> Scale:
-        """How large ways and forces of the axis are beside those of a usual one; 1 within a factor of three of it.
+        """How large ways and forces of the axis are beside those of a usual one; 1 within some factor of it.
 
         Bounds, typical sizes and grids of effects are scaled by it, so that a small axis has small friction, and no
-        verdict depends on what a turn is measured in.
+        verdict depends on what a turn is measured in. Metres have a meaning of their own, as speeds at which
+        lubrication sets in: on a linear axis the factor is large.
         """
-        speed, force = (
-            ratio / min(max(ratio, 1.0 / MODEL.usual_span), MODEL.usual_span) if ratio > 0.0 else 1.0
-            for ratio in (
-                self.covered.fastest_m_per_s / MODEL.usual_speed_m_per_s,
-                self.covered.force_N / MODEL.usual_force_N,
-            )
-        )
-        return Scale(length=speed, force=force)
+        span = MODEL.usual_force_span if self.axis == ROTARY else MODEL.usual_speed_span
+        length = _beyond(self.covered.fastest_m_per_s / MODEL.usual_speed_m_per_s, span)
+        return Scale(length=length, force=_beyond(self.covered.force_N / MODEL.usual_force_N, MODEL.usual_force_span))
 
     @property
     def force_offset_N(self) -> float:
@@ -169,6 +165,11 @@ class Nominal:
         if not isinstance(self.plant, FeedDrive):
             raise SpecError(f"plant.kind: only a feed_drive can be diagnosed, found {type(self.plant).name}.")
         return self.plant
+
+
+def _beyond(ratio: float, span: float) -> float:
+    """Return by which factor a ratio lies outside 1 / span to span."""
+    return ratio / min(max(ratio, 1.0 / span), span) if ratio > 0.0 else 1.0
 
 
 def _is_located(kind: type[Effect]) -> bool:

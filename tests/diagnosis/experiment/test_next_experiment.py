@@ -288,6 +288,7 @@ class Said:
     """An answer that says nothing else."""
 
     next_experiment: Experiment | None
+    axis: str = "linear"
 
     def as_json(self) -> dict[str, Any]:
         return dataclasses.asdict(self)
