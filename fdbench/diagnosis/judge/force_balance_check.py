@@ -12,7 +12,7 @@ from fdbench.diagnosis.evidence.evidence import silenced
 from fdbench.diagnosis.evidence.least_squares import distance, solved
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.judge.localise import PHASES, phase_of
-from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.periods import inverse_dynamics_residuals
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import JUDGE
@@ -22,7 +22,7 @@ from fdbench.record import FloatArray
 MOVING = PHASES.index("acceleration")  # first of the phases in which the friction that holds an axis plays no part
 
 
-def force_balances_removed(replay: Replay, split: Split, contest: Stage) -> dict[type[Effect], float]:
+def force_balances_removed(readings: Readings, split: Split, contest: Stage) -> dict[type[Effect], float]:
     """Return the share of the squared held-out force balances that each rival of a contest removes.
 
     Their sizes and the nominal parameters are fitted anew, to the balances of the training segments and linearly from
@@ -34,8 +34,8 @@ def force_balances_removed(replay: Replay, split: Split, contest: Stage) -> dict
     shifted = base.moved_in_turn()
     lanes = [base, *shifted, *others]
     sums = np.zeros((2, len(lanes), len(lanes)))
-    for run, out in zip(split.runs, split.held_out, strict=True):
-        simulated = replay.simulate(run, [item.variant() for item in lanes])
+    for place, (run, out) in enumerate(zip(split.runs, split.held_out, strict=True)):
+        simulated = readings.of(place, lanes)
         changes = {name: values - values[0] for name, values in simulated.items()}
         for name, measured in run.channels.items():
             changes[name][0] = measured - simulated[name][0]
