@@ -7,6 +7,7 @@ hold for whatever controller: they tell a cause from what a wrong loop makes of 
 from dataclasses import replace
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 from fdbench.diagnosis.evidence.evidence import silenced
 from fdbench.diagnosis.evidence.least_squares import distance, solved
@@ -65,7 +66,8 @@ def _left(sums: FloatArray, columns: list[int], n_priors: int) -> float:
 def smoothed(forces: FloatArray, period_s: float) -> FloatArray:
     """Return forces low-passed without delay by a Gaussian that is down by 3 dB at ``JUDGE.force_balance_Hz``."""
     n = forces.shape[-1]
-    return np.asarray(np.fft.irfft(np.fft.rfft(forces) * low_pass(n, period_s), n))
+    length = next_fast_len(n, real=True)
+    return np.asarray(np.fft.irfft(np.fft.rfft(forces, length) * low_pass(length, period_s), length)[..., :n])
 
 
 def low_pass(n_samples: int, period_s: float) -> FloatArray:
