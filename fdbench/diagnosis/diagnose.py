@@ -26,6 +26,7 @@ from fdbench.diagnosis.judge.verdict import Findings, verdict
 from fdbench.diagnosis.model.as_nominal import as_nominal
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.nominal import LINEAR, Nominal, Uncertainty
+from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
 from fdbench.diagnosis.records.runs import merged
 from fdbench.diagnosis.search.search import Search
@@ -60,8 +61,8 @@ class Diagnosis:
     final: Hypothesis
     stages: list[Stage]
     split: Split
-    simulated: list[dict[str, FloatArray]]
-    repaired: list[dict[str, FloatArray]]
+    simulated: list[Mapping[str, FloatArray]]
+    repaired: list[Mapping[str, FloatArray]]
     forecast: Forecast | None
     features: Mapping[str, Mapping[str, Features]]
 
@@ -111,23 +112,22 @@ def _diagnosed(
         nominal, healthy = calibrated_on(nominal, baseline, progress)
     ready = aligned(nominal, records, holdouts, healthy)
     nominal, split, given = ready.nominal, ready.split, start(ready.nominal)
-    drive, replay = nominal.drive, ready.replay.coarsened(split.runs, split.noise_models)
-    search = Search(replay, split, progress)
-    raw = float(channel_gaps(replay, split, given).mean())
+    drive, search = nominal.drive, Search(ready.readings.coarsened(given, split.noise_models), split, progress)
     search.progress("re-calibrating the nominal parameters")
     calibrated = search.refine(given)
-    split = search.split = with_run_to_run_covariance(replay, ready, calibrated)
-    replay = search.replay = ready.replay.coarsened(split.runs, split.noise_models)
+    split = search.split = with_run_to_run_covariance(search.readings.replay, ready, calibrated)
+    readings = search.readings = ready.readings.coarsened(given, split.noise_models)
     base = search.refine(calibrated)
-    split = search.split = with_explained(split, gather(replay, split, base, ()))
+    split = search.split = with_explained(split, gather(readings, split, base, ()))
     final, stages = search.run(base)
     final, contests = search.review(final, stages)
     # The search weighs what friction may do in each run; what is judged, drawn and written is one model for all.
-    final = Search(replay, split.plain).refine(final) if final.effects else calibrated
-    reductions = reductions_of(replay, split.plain, calibrated, final)
-    hypotheses = [item.variant() for item in (given, calibrated, final)]
-    every = [replay.simulate(run, hypotheses) for run in split.runs]
-    simulated = [[{name: values[i] for name, values in own.items()} for own in every] for i in range(3)]
+    final = Search(readings, split.plain).refine(final) if final.effects else calibrated
+    reductions = reductions_of(readings, split.plain, calibrated, final)
+    places = range(len(split.runs))
+    simulated = [[readings.alone(place, item) for place in places] for item in (given, calibrated, final)]
+    as_given = channel_gaps(readings, split.plain, [given])[0]
+    raw = float(as_given.mean())
     seen = [
         artefact
         for artefact in ready.artefacts
@@ -135,7 +135,7 @@ def _diagnosed(
     ]
     findings = Findings(
         search=search,
-        given=given,
+        as_given=as_given,
         base=base,
         final=final,
         stages=stages,
@@ -146,7 +146,7 @@ def _diagnosed(
     models = models or probability_models.models()
     judged = verdict(findings, models)
     reader = VerdictReader(models=models, unknown=judged.unknown_probability)
-    forecast = design(replay, split, [*contests, *stages[-1:]], nominal, reader)
+    forecast = design(readings, split, [*contests, *stages[-1:]], nominal, reader)
     rest = dependences(split.plain, simulated[2], drive)
     answer = Answer(
         gap=gap_of(split, simulated),
@@ -168,8 +168,8 @@ def _diagnosed(
             for name, floor in split.noise_models.items()
         },
         process_forces=(
-            *process_forces(ready.others, split.runs, replay, final),
-            *unsteady_forces(ready.unsteady, replay, given),
+            *process_forces(ready.others, readings, final),
+            *unsteady_forces(ready.unsteady, readings.replay, given),
         ),
         recorded=Recorded(
             records=sum(run.repeats for run in split.runs),
@@ -206,14 +206,14 @@ def calibrated_on(
         held_out=[np.zeros(run.n_samples, dtype=np.bool_) for run in runs],
         noise_models=ready.split.noise_models,
     )
-    replay = ready.replay.coarsened(runs, split.noise_models)
-    search = Search(replay, split, progress)
+    given = start(ready.nominal)
+    readings = Readings(ready.readings.replay, runs).coarsened(given, split.noise_models)
+    search = Search(readings, split, progress)
     search.progress("calibrating on the baseline")
-    model = search.refine(start(ready.nominal))
-    simulated = [replay.simulate(run, [model.variant()]) for run in runs]
+    model = search.refine(given)
     residuals = [
-        {name: measured - own[name][0] for name, measured in run.channels.items()}
-        for run, own in zip(runs, simulated, strict=True)
+        {name: measured - readings.alone(place, model)[name] for name, measured in run.channels.items()}
+        for place, run in enumerate(runs)
     ]
     known = dataclasses.replace(as_nominal(model), uncertainty=Uncertainty(**dataclasses.asdict(BASELINE)))
     return known, Baseline(runs=runs, residuals=residuals)

@@ -81,7 +81,7 @@ class RecordingSetup:
 
     def squares(self, ready: Aligned) -> FloatArray:
         """Return the mean squares of noise within a run and of changes from run to run, (2, n_channels)."""
-        noise = Repeatability(ready.replay, start(ready.nominal), ready.runs).noise_models.values()
+        noise = Repeatability(ready.readings.replay, start(ready.nominal), ready.runs).noise_models.values()
         within = np.array([floor.rms**2 for floor in noise])
         return np.stack((within, np.array([floor.total**2 for floor in noise]) - within))
 

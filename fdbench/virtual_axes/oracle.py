@@ -37,8 +37,8 @@ def held_out_gaps(
     oracle : callable
         Returns the record of a command (n_samples, 3), without noise.
     """
-    replay, split = merged_runs(nominal, records, holdouts)
-    as_nominal = channel_gaps(replay, split, start(nominal))
+    readings, split = merged_runs(nominal, records, holdouts)
+    as_nominal = channel_gaps(readings, split, [start(nominal)])[0]
     missed: dict[str, list[FloatArray]] = {name: [] for name in split.noise_models}
     for run, out in zip(split.runs, split.held_out, strict=True):
         if out.any():

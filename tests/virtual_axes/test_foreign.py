@@ -181,7 +181,7 @@ def test_with_a_right_data_sheet_the_nominal_model_is_near(kind: AxisKind) -> No
     command = loops.as_used(FORMS[kind.form], RECIPES["hard"](space, rng), kind.period_s)
     records = [record_of(axis, "hard", command, seen, rng) for _ in range(2)]
     ready = aligned(read(Nominal, tables, "model"), records, [])
-    force, *positions = np.sqrt(channel_gaps(ready.replay, ready.split, start(ready.nominal)))
+    force, *positions = np.sqrt(channel_gaps(ready.readings, ready.split, [start(ready.nominal)])[0])
     assert force < 6.0
     assert max(positions) < 15.0
 

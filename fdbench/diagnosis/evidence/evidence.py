@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
-from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.record import FloatArray
 
@@ -89,26 +89,47 @@ def silenced(signals: Mapping[str, FloatArray]) -> NDArray[np.bool_]:
 
 
 def gather(
-    replay: Replay, split: Split, base: Hypothesis, variants: Sequence[Hypothesis], fitted_only: bool = False
+    readings: Readings,
+    split: Split,
+    base: Hypothesis,
+    variants: Sequence[Hypothesis],
+    places: Sequence[int] | None = None,
+    keep: Sequence[Hypothesis] = (),
+    about: Mapping[int, Hypothesis] | None = None,
 ) -> Evidence:
-    """Simulate the base and its variants on every run, and sum the products over segments.
+    """Sum the products of the gap of a base and of the responses of its variants over the segments of runs.
 
-    ``fitted_only`` leaves out the runs of which nothing is fitted. A variant that diverges counts as the base.
+    Parameters
+    ----------
+    readings : Readings
+        Of the runs of the split.
+    split : Split
+    base : Hypothesis
+        Its readings are kept.
+    variants : sequence of Hypothesis
+        One that diverges counts as the base.
+    places : sequence of int, optional
+        Of the runs, such as ``split.fitted``; without, all.
+    keep : sequence of Hypothesis
+        Variants whose readings are kept, too.
+    about : mapping of int to Hypothesis, optional
+        What a variant, by its place, is the response about, where that is not the base.
     """
-    lanes = [base.variant(), *(item.variant() for item in variants)]
+    lanes, about = [base, *variants], about or {}
     products, gaps, counts, outs, groups, owners, channels, known = [], [], [], [], [], [], [], []
     offset = 0
-    for number, (run, out) in enumerate(zip(split.runs, split.held_out, strict=True)):
-        if fitted_only and out.all():
-            continue
-        simulated = replay.simulate(run, lanes)
+    for number in range(len(split.runs)) if places is None else places:
+        run, out = split.runs[number], split.held_out[number]
+        simulated = readings.of(number, lanes, [base, *keep])
         length = max(8, round(EVIDENCE.segment_s / run.period_s))
         n_segments = -(-run.n_samples // length)
         count = np.full(n_segments, float(length))
         count[-1] -= n_segments * length - run.n_samples
         for name, measured in run.channels.items():
-            simulated[name][1:] -= simulated[name][0]
-            simulated[name][0] = measured - simulated[name][0]
+            own = simulated[name]
+            for place in range(len(variants)):
+                own[1 + place] -= readings.alone(number, about[place])[name] if place in about else own[0]
+            own[0] = measured - own[0]
         lost = silenced(simulated)
         scaled = split.scaled(number, simulated)
         if lost[0]:

@@ -17,6 +17,7 @@ from fdbench.diagnosis.evidence.sensor_artefacts import (
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.nominal import Covered, Nominal
+from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.model.virtual_controller import prepared
 from fdbench.diagnosis.records.conditions import Apart, apart, restless
@@ -39,7 +40,8 @@ class Aligned:
         As given, or with a virtual controller.
     runs : list of Run
         Of the records and then of the held-out ones, in one condition; samples that the logger held are bridged.
-    replay : Replay
+    readings : Readings
+        Of the runs of the split, by the model at its own substeps.
     split : Split
     judged_on : str
     artefacts : list of Artefact
@@ -52,7 +54,7 @@ class Aligned:
 
     nominal: Nominal
     runs: list[Run]
-    replay: Replay
+    readings: Readings
     split: Split
     judged_on: str
     artefacts: list[Artefact]
@@ -124,7 +126,7 @@ def aligned(
     return Aligned(
         nominal=nominal,
         runs=runs,
-        replay=replay,
+        readings=Readings(replay, split.runs),
         split=split,
         judged_on=judged_on,
         artefacts=artefacts,
@@ -211,10 +213,10 @@ def check_alike(runs: Sequence[Run]) -> None:
             )
 
 
-def merged_runs(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> tuple[Replay, Split]:
-    """Return the replay of a model and its runs, repeats merged, as they are without a look at their readings."""
+def merged_runs(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> tuple[Readings, Split]:
+    """Return the readings of a model and its runs, repeats merged, as they are without a look at their readings."""
     groups = (nominal.on_the_arc(group) for group in (records, holdouts))
     runs, others = ([prepare(item, nominal.drive) for item in group] for group in groups)
     split, _ = split_runs(runs, others, noise_models([*runs, *others], nominal.way))
     replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
-    return replay.coarsened(split.runs, split.noise_models), split
+    return Readings(replay, split.runs).coarsened(start(nominal), split.noise_models), split

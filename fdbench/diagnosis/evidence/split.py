@@ -31,6 +31,16 @@ class Split:
             noise_models={name: floor.whole for name, floor in self.noise_models.items()},
         )
 
+    @property
+    def fitted(self) -> list[int]:
+        """Places of the runs of which something is fitted."""
+        return [place for place, out in enumerate(self.held_out) if not out.all()]
+
+    @property
+    def judged(self) -> list[int]:
+        """Places of the runs of which something is judged on."""
+        return [place for place, out in enumerate(self.held_out) if out.any()]
+
     def scaled(self, place: int, signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Return signals (n_signals, n_samples) of each channel of a run in units of the noise of their mean.
 

@@ -21,7 +21,7 @@ from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.look_alikes import divided, indistinguishable
 from fdbench.diagnosis.judge.probability_models import ProbabilityModels
 from fdbench.diagnosis.model.candidates import candidates, middle_shapes
-from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.records.runs import Run
 from fdbench.diagnosis.search.stage import Rival, Stage
 from fdbench.diagnosis.settings import EVIDENCE, EXPERIMENT, SEARCH
@@ -158,16 +158,17 @@ class Forecaster:
 
     Parameters
     ----------
-    replay : Replay
+    readings : Readings
+        Of the runs of the split.
     split : Split
     stage : Stage
     reader : VerdictReader
     """
 
-    def __init__(self, replay: Replay, split: Split, stage: Stage, reader: VerdictReader) -> None:
+    def __init__(self, readings: Readings, split: Split, stage: Stage, reader: VerdictReader) -> None:
         known = reader.shortlisted(stage)
         missed = undetected(known)
-        self.replay, self.split, self.reader = replay, split, reader
+        self.replay, self.split, self.reader = readings.replay, split, reader
         self.stage = replace(known, rivals=(*known.rivals, *missed))
         belief = reader.probabilities(stage)
         own, none = [belief.get(rival.kind.name, 0.0) for rival in known.rivals], belief[NOTHING]
@@ -178,7 +179,7 @@ class Forecaster:
         shifted = stage.base.moved_in_turn()
         self.n_shifts = len(shifted)
         self.variants = [*shifted, *(rival.hypothesis for rival in self.stage.rivals)]
-        evidence = gather(replay, split, stage.base, self.variants, fitted_only=True)
+        evidence = gather(readings, split, stage.base, self.variants, split.fitted)
         inside = ~evidence.held_out
         self.known = evidence.products[inside].sum(axis=0)
         self.count = float(evidence.counts[inside].sum())
@@ -206,7 +207,7 @@ class Forecaster:
         indistinguishable = Split(
             runs=[run], held_out=[np.zeros(run.n_samples, dtype=np.bool_)], noise_models=self.split.plain.noise_models
         )
-        evidence = gather(self.replay, indistinguishable, self.stage.base, self.variants)
+        evidence = gather(Readings(self.replay, [run]), indistinguishable, self.stage.base, self.variants)
         count, changes = (
             float(evidence.counts.sum()),
             np.maximum(self.changes, evidence.sizes(indistinguishable)[self._columns]),
@@ -233,7 +234,7 @@ class Forecaster:
             channels=dict.fromkeys(names, still),
             lap=None,
         )
-        channels = {name: each[0] for name, each in self.replay.simulate(run, [self.stage.base.variant()]).items()}
+        channels = self.replay.alone(run, self.stage.base.variant())
         missed = np.abs(channels["position_m"] - reference[:, 0]).max()
         follows = all(np.isfinite(each).all() for each in channels.values()) and missed <= self.most_missed_m
         return replace(run, channels=channels) if follows else None

@@ -7,7 +7,7 @@ from fdbench.diagnosis.experiment.expected_information import Forecast, Forecast
 from fdbench.diagnosis.experiment.menu import menu_of
 from fdbench.diagnosis.experiment.trajectory import Trajectory
 from fdbench.diagnosis.model.nominal import Nominal
-from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import EXPERIMENT
 
@@ -24,7 +24,7 @@ def most_open(stages: Sequence[Stage], reader: VerdictReader) -> Stage | None:
 
 
 def design(
-    replay: Replay,
+    readings: Readings,
     split: Split,
     stages: Sequence[Stage],
     nominal: Nominal,
@@ -35,7 +35,8 @@ def design(
 
     Parameters
     ----------
-    replay : Replay
+    readings : Readings
+        Of the runs of the split.
     split : Split
         Runs, for the clock and the positions visited, and floors.
     stages : sequence of Stage
@@ -53,7 +54,7 @@ def design(
     stage = most_open(stages, reader)
     if stage is None:
         return None
-    forecaster = Forecaster(replay, split, stage, reader)
+    forecaster = Forecaster(readings, split, stage, reader)
     every = menu_of(split, nominal) if trajectories is None else trajectories
     followed = (item for item in map(forecaster.forecast, every) if item is not None)
     found = [item for item in followed if item.gain() >= EXPERIMENT.smallest_gain]

@@ -7,12 +7,13 @@ hold for whatever controller: they tell a cause from what a wrong loop makes of 
 from dataclasses import replace
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 from fdbench.diagnosis.evidence.evidence import silenced
 from fdbench.diagnosis.evidence.least_squares import distance, solved
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.judge.localise import PHASES, phase_of
-from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.periods import inverse_dynamics_residuals
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import JUDGE
@@ -22,7 +23,7 @@ from fdbench.record import FloatArray
 MOVING = PHASES.index("acceleration")  # first of the phases in which the friction that holds an axis plays no part
 
 
-def force_balances_removed(replay: Replay, split: Split, contest: Stage) -> dict[type[Effect], float]:
+def force_balances_removed(readings: Readings, split: Split, contest: Stage) -> dict[type[Effect], float]:
     """Return the share of the squared held-out force balances that each rival of a contest removes.
 
     Their sizes and the nominal parameters are fitted anew, to the balances of the training segments and linearly from
@@ -34,8 +35,8 @@ def force_balances_removed(replay: Replay, split: Split, contest: Stage) -> dict
     shifted = base.moved_in_turn()
     lanes = [base, *shifted, *others]
     sums = np.zeros((2, len(lanes), len(lanes)))
-    for run, out in zip(split.runs, split.held_out, strict=True):
-        simulated = replay.simulate(run, [item.variant() for item in lanes])
+    for place, (run, out) in enumerate(zip(split.runs, split.held_out, strict=True)):
+        simulated = readings.of(place, lanes)
         changes = {name: values - values[0] for name, values in simulated.items()}
         for name, measured in run.channels.items():
             changes[name][0] = measured - simulated[name][0]
@@ -65,7 +66,8 @@ def _left(sums: FloatArray, columns: list[int], n_priors: int) -> float:
 def smoothed(forces: FloatArray, period_s: float) -> FloatArray:
     """Return forces low-passed without delay by a Gaussian that is down by 3 dB at ``JUDGE.force_balance_Hz``."""
     n = forces.shape[-1]
-    return np.asarray(np.fft.irfft(np.fft.rfft(forces) * low_pass(n, period_s), n))
+    length = next_fast_len(n, real=True)
+    return np.asarray(np.fft.irfft(np.fft.rfft(forces, length) * low_pass(length, period_s), length)[..., :n])
 
 
 def low_pass(n_samples: int, period_s: float) -> FloatArray:

@@ -22,21 +22,21 @@ def deviating_parameters(
     the gap that re-calibration closes, ``recalibrated``, is divided in proportion to what each correction closes beside
     all others. The third result is the largest distance that any of them moved, in standard deviations.
     """
-    replay, split = search.replay, search.split.plain
     scale = nominal_parameters(final.nominal)
     groups: dict[str, list[int]] = {}
     for place, calibration in enumerate(scale):
         if calibration.kind in ("width", "friction_form"):
             continue
         groups.setdefault(f"{calibration.kind}_{calibration.index}", []).append(place)
-    closed = float(channel_gaps(replay, split, final).mean())
+    shifts = [[0.0 if n in places else shift for n, shift in enumerate(final.shifts)] for places in groups.values()]
+    lacking = [dataclasses.replace(final, shifts=tuple(item)) for item in shifts]
+    gaps = channel_gaps(search.readings, search.split.plain, [final, *lacking])
+    closed, *left = gaps.mean(axis=1).tolist()
     moves: list[tuple[str, float, float, float, str]] = []
-    for places in groups.values():
+    for places, without in zip(groups.values(), left, strict=True):
         sizes = [scale[place].size(final.nominal.drive) for place in places]
         change = sum(final.shifts[place] * size for place, size in zip(places, sizes, strict=True))
         distance = abs(change) / max(math.hypot(*sizes), 1e-30)
-        shifts = tuple(0.0 if place in places else shift for place, shift in enumerate(final.shifts))
-        without = float(channel_gaps(replay, split, dataclasses.replace(final, shifts=shifts)).mean())
         moves.append((scale[places[0]].cause(final.nominal), change, distance, without, scale[places[0]].unit))
     total = max(sum(max(without - closed, 0.0) for _, _, _, without, _ in moves), 1e-12)
     present = {item.name for item in final.effects}

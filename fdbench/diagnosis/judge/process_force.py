@@ -8,6 +8,7 @@ import numpy as np
 from fdbench.diagnosis.answer import Course, ProcessForce
 from fdbench.diagnosis.judge.force_balance_check import smoothed
 from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.conditions import Apart
 from fdbench.diagnosis.records.runs import Run, between_laps
@@ -20,9 +21,7 @@ from fdbench.statistics import rms
 Channels = Mapping[str, FloatArray]
 
 
-def process_forces(
-    found: Sequence[Apart], runs: Sequence[Run], replay: Replay, final: Hypothesis
-) -> list[ProcessForce]:
+def process_forces(found: Sequence[Apart], readings: Readings, final: Hypothesis) -> list[ProcessForce]:
     """Return the force that acts in each record of another condition.
 
     Beside repeats of its command in the usual condition it is what differs from their mean, so that friction and every
@@ -32,13 +31,12 @@ def process_forces(
     Parameters
     ----------
     found : sequence of Apart
-    runs : sequence of Run
-        Of the usual condition, which tell how far the model can be trusted.
-    replay : Replay
+    readings : Readings
+        Along the runs of the usual condition, which tell how far the model can be trusted.
     final : Hypothesis
     """
     drive = final.nominal.drive
-    return [_process_force(item, runs, replay, final, drive) for item in found]
+    return [_process_force(item, readings, final, drive) for item in found]
 
 
 def unsteady_forces(runs: Sequence[Run], replay: Replay, nominal: Hypothesis) -> list[ProcessForce]:
@@ -54,16 +52,17 @@ def unsteady_forces(runs: Sequence[Run], replay: Replay, nominal: Hypothesis) ->
     return found
 
 
-def _process_force(
-    item: Apart, runs: Sequence[Run], replay: Replay, final: Hypothesis, drive: FeedDrive
-) -> ProcessForce:
+def _process_force(item: Apart, readings: Readings, final: Hypothesis, drive: FeedDrive) -> ProcessForce:
     run, repeats = item.run, item.repeats
     if repeats:
         usual: Channels = {name: np.mean([own.channels[name] for own in repeats], axis=0) for name in run.channels}
         error = _error_of_repeats(repeats, drive)
     else:
-        usual = replay.alone(run, final.variant())
-        lefts = [force_on_axis(own, own.channels, replay.alone(own, final.variant()), drive) for own in runs]
+        usual = readings.replay.alone(run, final.variant())
+        lefts = [
+            force_on_axis(own, own.channels, readings.alone(place, final), drive)
+            for place, own in enumerate(readings.runs)
+        ]
         error = rms(np.concatenate(lefts))
     force = force_on_axis(run, run.channels, usual, drive)
     return _described(run, force, _quiet(run, force) if error is None else error, "repeats" if repeats else "model")

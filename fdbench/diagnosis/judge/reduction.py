@@ -13,7 +13,7 @@ from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, mean_energy
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
-from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
@@ -70,15 +70,16 @@ def explained_fraction(before: float, after: float) -> float | None:
     return 1.0 - (after - 1.0) / (before - 1.0) if before > JUDGE.measurable else None
 
 
-def channel_gaps(replay: Replay, split: Split, hypothesis: Hypothesis) -> FloatArray:
-    """Return the mean squared held-out gap of each channel in units of the floor, (n_channels,)."""
-    evidence = gather(replay, split, hypothesis, ())
-    out, n = evidence.held_out, len(split.noise_models)
-    squares = np.bincount(evidence.channel[out], weights=evidence.gaps[out], minlength=n)
-    return np.asarray(squares / np.maximum(np.bincount(evidence.channel[out], evidence.counts[out], n), 1.0))
+def channel_gaps(readings: Readings, split: Split, hypotheses: Sequence[Hypothesis]) -> FloatArray:
+    """Return the mean squared held-out gap of each channel in units of the floor, (n_hypotheses, n_channels)."""
+    evidence = gather(readings, split, hypotheses[0], hypotheses[1:], split.judged)
+    out = evidence.held_out
+    squares = (evidence.squares() / evidence.weights[:, None])[out]
+    inside = evidence.channel[out] == np.arange(len(split.noise_models))[:, None]
+    return np.asarray((inside @ squares / np.maximum(inside @ evidence.counts[out], 1.0)[:, None]).T)
 
 
-def reductions_of(replay: Replay, split: Split, base: Hypothesis, final: Hypothesis) -> Reductions:
+def reductions_of(readings: Readings, split: Split, base: Hypothesis, final: Hypothesis) -> Reductions:
     """Simulate every subset of the final effects at their final values; each is re-calibrated on its own.
 
     Of a proper subset re-calibration is linear around the final hypothesis and made on the training segments; the model
@@ -88,7 +89,7 @@ def reductions_of(replay: Replay, split: Split, base: Hypothesis, final: Hypothe
     subsets = [c for n in range(len(effects) + 1) for c in itertools.combinations(range(len(effects)), n)]
     variants = [_subset(base, final, [effects[index] for index in subset]) for subset in subsets]
     shifted = final.moved_in_turn()
-    evidence = gather(replay, split, variants[0], [*variants, *shifted])
+    evidence = gather(readings, split, variants[0], [*variants, *shifted], keep=[final, *shifted])
     outside = evidence.held_out
     train = evidence.products[~outside].sum(axis=0)
     n, m = len(subsets), len(shifted)

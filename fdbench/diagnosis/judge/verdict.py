@@ -15,7 +15,7 @@ from fdbench.diagnosis.judge.intervals import at_bound, intervals, not_fitted, p
 from fdbench.diagnosis.judge.look_alikes import divided, force_balances, indistinguishable, instead, one_of
 from fdbench.diagnosis.judge.nominal_values import deviating_parameters
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
-from fdbench.diagnosis.judge.reduction import Reductions, channel_gaps, shapley
+from fdbench.diagnosis.judge.reduction import Reductions, shapley
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Stage
@@ -34,8 +34,10 @@ class Findings:
     Attributes
     ----------
     search : Search
-    given, base, final : Hypothesis
-        The model as given, what the search began with, and with effects.
+    as_given : (n_channels,) array
+        Mean squared held-out gap of the model as given, in units of the floor.
+    base, final : Hypothesis
+        What the search began with, and with effects.
     stages, contests : sequences of Stage
         Of the search, and for each final effect the model without it beside its rivals.
     reductions : Reductions
@@ -44,7 +46,7 @@ class Findings:
     """
 
     search: Search
-    given: Hypothesis
+    as_given: FloatArray
     base: Hypothesis
     final: Hypothesis
     stages: Sequence[Stage]
@@ -109,7 +111,6 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     search, reductions = found.search, found.reductions
     plain = search.split.plain
     noise_models = plain.noise_models
-    as_given = channel_gaps(search.replay, plain, found.given)
     interpolated = sum(
         (energies(artefact, noise_models) for artefact in found.artefacts if artefact.interpolated),
         np.zeros(len(noise_models)),
@@ -117,7 +118,9 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     recalibrated = np.array([reductions.of_channel(place)[0] for place in range(len(noise_models))])
     shares = Shares(recalibrated, interpolated)
     repaired = np.array([reductions.of_channel(place)[-1] for place in range(len(noise_models))])
-    discount = plausibility_discount(Shares(as_given, interpolated).of(np.maximum(repaired - JUDGE.unrepeated, 0.0)))
+    discount = plausibility_discount(
+        Shares(found.as_given, interpolated).of(np.maximum(repaired - JUDGE.unrepeated, 0.0))
+    )
     with_equivalents = found.final.nominal.with_equivalents
     closed = [reductions.of_channel(place)[0] - reductions.of_channel(place) for place in range(len(noise_models))]
     by_subset = {
@@ -135,7 +138,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         alone = tuple(other for other in everything if other != index)
         same = indistinguishable(contest, type(effect))
         features = confidence.effect_features(contest, type(effect), same)
-        removed = force_balances_removed(search.replay, search.split, contest)
+        removed = force_balances_removed(search.readings, search.split, contest)
         effect_features_of[OR.join((effect.name, *same))] = features
         odds = divided(contest, type(effect), same, models.effect.probability(features))
         chances = {name: discount * p for name, p in odds.items()}
@@ -157,14 +160,14 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
                 at_bound=tuple(at_bound(effect)),
             )
         )
-    corrected = Shares(as_given, interpolated).of(np.maximum(as_given - recalibrated, 0.0))
+    corrected = Shares(found.as_given, interpolated).of(np.maximum(found.as_given - recalibrated, 0.0))
     values, value_features_of, moved = deviating_parameters(search, found.final, corrected, models)
     causes += [dataclasses.replace(value, probability=discount * value.probability) for value in values]
     causes += [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
     suspects, suspect_features_of = suspected(found, models, discount)
     before = search.compared(found.base, [(Effect, found.final, True)])
-    left = gather(search.replay, search.split, found.final, ())
+    left = gather(search.readings, search.split, found.final, ())
     unknown = confidence.unknown_features(before.rivals[0].misfit, left.worst())
     rivals = [rival.size for stage in (*found.contests, *found.stages[-1:]) for rival in stage.rivals[:1]]
     none = confidence.no_gap_features(before.misfit, moved, max(rivals, default=0.0))

@@ -3,16 +3,14 @@
 import copy
 import dataclasses
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
 
-from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import DEFLECTION, Run
-from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import Effect
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
@@ -21,7 +19,8 @@ from fdbench.simulate.block import Blocks, Mechanics
 from fdbench.simulate.compose import compose
 
 WIDTH = 8  # few effects in a block beat many lanes in it
-PIECE = 4096  # samples simulated at once, which bounds the memory
+ALONE = 3  # lanes that are faster one by one than as a block that is filled up
+PIECE = 1024  # samples simulated at once, which stay in the processor's cache
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,13 +72,16 @@ class Replay:
         """
         order = sorted(range(len(variants)), key=lambda index: sorted(kind.name for kind in variants[index].kinds()))
         result = {name: np.empty((len(variants), run.n_samples)) for name in run.channels}
-        blocks = [order[first : first + WIDTH] for first in range(0, len(order), WIDTH)]
+        filled = len(order) - len(order) % WIDTH
+        blocks = [order[first : first + WIDTH] for first in range(0, filled, WIDTH)]
+        rest = order[filled:]
+        blocks += [[lane] for lane in rest] if len(rest) <= ALONE else [rest]
 
         def advance(lanes: list[int]) -> None:
             width = 1 if len(lanes) == 1 else WIDTH
-            columns = self._block(run, [variants[index] for index in lanes], width)
-            for name in run.channels:
-                result[name][lanes] = columns[name][:, : len(lanes)].T
+            for samples, columns in self._pieces(run, [variants[index] for index in lanes], width):
+                for name, values in result.items():
+                    values[lanes, samples] = columns[name][:, : len(lanes)].T
 
         if len(blocks) == 1:
             advance(blocks[0])
@@ -91,24 +93,16 @@ class Replay:
         """Return each channel of the run as one variant has it, (n_samples,)."""
         return {name: values[0] for name, values in self.simulate(run, [variant]).items()}
 
-    def coarsened(self, runs: Sequence[Run], noise_models: Mapping[str, NoiseModel]) -> "Replay":
-        """Return the simulator with the fewest substeps that move no reading by a tenth of the noise within a run."""
-        plain = [Variant(plant=self.drive)]
-        fine = [self.simulate(run, plain) for run in runs]
-        n_samples = sum(run.n_samples for run in runs)
-        for substeps in MODEL.coarser_substeps:
-            if substeps >= self.substeps:
-                break
-            coarse = copy.copy(self)
-            coarse.substeps = substeps
-            both = [(own, coarse.simulate(run, plain)) for own, run in zip(fine, runs, strict=True)]
-            moved = {name: sum(float(np.sum((a[name] - b[name]) ** 2)) for a, b in both) for name in noise_models}
-            allowed = {name: n_samples * (MODEL.substeps_error * item.rms) ** 2 for name, item in noise_models.items()}
-            if all(moved[name] <= allowed[name] for name in noise_models):
-                return coarse
-        return self
+    def with_substeps(self, substeps: int) -> "Replay":
+        """Return the simulator with another number of substeps."""
+        found = copy.copy(self)
+        found.substeps = substeps
+        return found
 
-    def _block(self, run: Run, variants: Sequence[Variant], width: int) -> dict[str, FloatArray]:
+    def _pieces(
+        self, run: Run, variants: Sequence[Variant], width: int
+    ) -> Iterator[tuple[slice, dict[str, FloatArray]]]:
+        """Yield each stretch of samples and the channels there, (n_samples, width)."""
         blocks = Blocks(self.kinds, width, width)
         n_known = len(self.drive.effects)
         where = {kind.declared: n_known + number for number, kind in enumerate(self.library)}
@@ -123,20 +117,22 @@ class Replay:
             for number, effect in numbered:
                 active[number] = True
                 blocks.set_effect(number, effect, True, own)
-        out = np.empty((1, run.n_samples, layout.OUT_COLUMNS, width))
         reference = np.ascontiguousarray(run.reference)
         normal = np.zeros((1, PIECE, layout.NORMAL_COLUMNS, width))
         uniform = np.ones((1, PIECE, self._uniform, width))
+        out = np.empty((1, PIECE, layout.OUT_COLUMNS, width))
+        feedback = layout.OUT_TABLE if self.drive.controller.uses_table else layout.OUT_MOTOR
         for start in range(0, run.n_samples, PIECE):
             n = min(PIECE, run.n_samples - start)
-            part = np.empty((1, n, layout.OUT_COLUMNS, width))
             self._advance[width](
-                blocks.flat, 0, n, self.substeps, run.period_s, active, reference, normal, uniform, part
+                blocks.flat, 0, n, self.substeps, run.period_s, active, reference, normal, uniform, out
             )
-            out[:, start : start + n] = part
-        feedback = layout.OUT_TABLE if self.drive.controller.uses_table else layout.OUT_MOTOR
-        return {
-            "motor_force_N": out[0, :, layout.OUT_FORCE],
-            "position_m": out[0, :, feedback],
-            DEFLECTION: out[0, :, layout.OUT_MOTOR] - out[0, :, layout.OUT_TABLE],
-        }
+            found = out[0, :n]
+            yield (
+                slice(start, start + n),
+                {
+                    "motor_force_N": found[:, layout.OUT_FORCE],
+                    "position_m": found[:, feedback],
+                    DEFLECTION: found[:, layout.OUT_MOTOR] - found[:, layout.OUT_TABLE],
+                },
+            )

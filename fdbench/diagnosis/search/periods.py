@@ -7,7 +7,7 @@ import numpy as np
 
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
-from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import DEFLECTION, Run
 from fdbench.diagnosis.settings import MODEL, SEARCH
@@ -15,15 +15,15 @@ from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 
 
-def located(replay: Replay, split: Split, base: Hypothesis) -> Mapping[str, list[float]]:
+def located(readings: Readings, split: Split, base: Hypothesis) -> Mapping[str, list[float]]:
     """Return the lines (Hz) and wavelengths (m) of what the model lacks; see `fdbench.effects.Parameter.locate`.
 
     Lines are sought in the residual over time; wavelengths in the inverse-dynamics residual over position, also
     multiplied by the motor force, to expose effects that are proportional to it.
     """
     simulated: list[dict[str, FloatArray]] = []
-    for run in split.runs:
-        found = replay.alone(run, base.variant())
+    for place, run in enumerate(split.runs):
+        found = readings.alone(place, base)
         finite = np.logical_and.reduce([np.isfinite(values) for values in found.values()])
         simulated.append({name: np.where(finite, values, run.channels[name]) for name, values in found.items()})
     gaps = [

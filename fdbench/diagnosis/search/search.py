@@ -12,7 +12,7 @@ from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.candidates import Candidate, candidates
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_vector, with_parameters
-from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.periods import located
 from fdbench.diagnosis.search.stage import Rival, Stage
 from fdbench.diagnosis.settings import SEARCH
@@ -24,14 +24,15 @@ class Search:
 
     Parameters
     ----------
-    replay : Replay
+    readings : Readings
+        Of the runs of the split.
     split : Split
     progress : callable, optional
         Told in words what is being done.
     """
 
-    def __init__(self, replay: Replay, split: Split, progress: Callable[[str], None] | None = None) -> None:
-        self.replay = replay
+    def __init__(self, readings: Readings, split: Split, progress: Callable[[str], None] | None = None) -> None:
+        self.readings = readings
         self.split = split
         self.progress = progress or (lambda text: None)
 
@@ -51,8 +52,8 @@ class Search:
 
     def stage(self, base: Hypothesis) -> Stage | None:
         """Rank all classes of effects as the next one; None where the base leaves noise alone."""
-        every = candidates(base, located(self.replay, self.split, base), self.split.runs[0].period_s)
-        alone, fits, responses = self._screen(base, every, fitted_only=True)
+        every = candidates(base, located(self.readings, self.split, base), self.split.runs[0].period_s)
+        alone, fits, responses = self._screen(base, every, self.split.fitted)
         if alone.train < SEARCH.noise_alone:
             return None
         large = [
@@ -61,7 +62,7 @@ class Search:
             if response > SEARCH.oversized and every[place].replaces is None
         ]
         smaller = [every[place].sizes([1.0 / responses[place]])[0] for place in large]
-        _, again_fitted, _ = self._screen(base, smaller, fitted_only=True)
+        _, again_fitted, _ = self._screen(base, smaller, self.split.fitted)
         for place, candidate, fit in zip(large, smaller, again_fitted, strict=True):
             every[place], fits[place] = candidate, fit
         best = self._best_of_class(base, every, fits)
@@ -84,7 +85,8 @@ class Search:
 
     def compared(self, base: Hypothesis, hypotheses: Sequence[tuple[type[Effect], Hypothesis, bool]]) -> Stage:
         """Judge hypotheses beside a base on the held-out segments, with the weights of the base."""
-        evidence = gather(self.replay, self.split, base, [hypothesis for _, hypothesis, _ in hypotheses])
+        rivalling = [hypothesis for _, hypothesis, _ in hypotheses]
+        evidence = gather(self.readings, self.split, base, rivalling, keep=rivalling)
         alone, *misfits = evidence.misfits(held_out=True).tolist()
         outside = evidence.held_out
         sizes = evidence.sizes(self.split)[1:].tolist()
@@ -152,7 +154,7 @@ class Search:
         return self.compared(others, found)
 
     def _screen(
-        self, base: Hypothesis, every: Sequence[Candidate], fitted_only: bool = False
+        self, base: Hypothesis, every: Sequence[Candidate], places: Sequence[int] | None = None
     ) -> tuple[Fit, list[Fit], list[float]]:
         """Return linear fits of base and candidates, and how large the response to each is beside the gap."""
         shifted = base.moved_in_turn()
@@ -162,7 +164,7 @@ class Search:
             first = 1 + len(variants)
             variants += candidate.hypotheses(base)
             columns.append(tuple(range(first, 1 + len(variants))))
-        evidence = gather(self.replay, self.split, base, variants, fitted_only)
+        evidence = gather(self.readings, self.split, base, variants, places, keep=shifted)
         nuisances = list(range(1, 1 + len(shifted)))
         scores = Scores(evidence, dict(zip(nuisances, base.shifts, strict=True)))
         squares = np.diagonal(evidence.products[~evidence.held_out].sum(axis=0))
@@ -188,6 +190,7 @@ class Search:
         By damped Gauss-Newton steps (Levenberg 1944, Marquardt 1963): the normal matrix has its diagonal raised by
         several factors at once, all of these steps are simulated together, and the best is taken.
         """
+        given = hypothesis
         for _ in range(SEARCH.steps):
             numbers = adjustables_of(hypothesis)
             evidence = self.probed(hypothesis)
@@ -197,15 +200,16 @@ class Search:
                 scores.fit(range(1, 1 + len(numbers)), damping).coefficients * scale for damping in SEARCH.dampings
             )
             trials = [with_parameters(hypothesis, values + step) for step in steps]
-            judged = gather(self.replay, self.split, hypothesis, trials, fitted_only=True)
+            judged = gather(self.readings, self.split, hypothesis, trials, self.split.fitted, keep=trials)
             inside = ~judged.held_out
             before, *after = (judged.squares()[inside].sum(axis=0)).tolist()
             before += hypothesis.penalty()
             after = [own + trial.penalty() for own, trial in zip(after, trials, strict=True)]
-            best = int(np.argmin(after))
+            best, was = int(np.argmin(after)), hypothesis
             excess = before - float((judged.weights * judged.counts)[inside].sum())
             if after[best] < before:
                 hypothesis = trials[best]
+            self.readings.forget([item for item in (was, *trials) if item not in (given, hypothesis)])
             if before - after[best] < max(SEARCH.converged * excess, SEARCH.smallest_fall):
                 break
         return hypothesis
@@ -220,7 +224,7 @@ class Search:
             with_parameters(hypothesis, values + row)
             for row in np.diag([item.step for item in adjustables_of(hypothesis)])
         ]
-        return gather(self.replay, self.split, hypothesis, [*probes, *beside], fitted_only=True)
+        return gather(self.readings, self.split, hypothesis, [*probes, *beside], self.split.fitted)
 
 
 def _cost(base: Hypothesis, misfit: float, fit: Fit) -> float:

@@ -22,16 +22,15 @@ class LargestCorrelation(Diagnoser):
     """Squared correlation of each effect alone, nothing re-calibrated, as its probability."""
 
     def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> CaseAnswer:
-        replay, split = merged_runs(nominal, records, holdouts)
+        readings, split = merged_runs(nominal, records, holdouts)
         base = start(nominal)
-        every = candidates(base, located(replay, split, base), split.runs[0].period_s)
+        every = candidates(base, located(readings, split, base), split.runs[0].period_s)
         lanes = [base, *(hypothesis for item in every for hypothesis in item.hypotheses(base))]
         products = np.zeros((len(lanes), len(lanes)))
         count = 0
-        for run, out in zip(split.runs, split.held_out, strict=True):
-            if out.all():
-                continue
-            simulated = replay.simulate(run, [item.variant() for item in lanes])[CHANNEL]
+        for place in split.fitted:
+            run = split.runs[place]
+            simulated = readings.of(place, lanes)[CHANNEL]
             signals = simulated - simulated[0]
             signals[0] = run.channels[CHANNEL] - simulated[0]
             signals = np.where(np.isfinite(signals).all(axis=1, keepdims=True), signals, 0.0)

@@ -39,9 +39,9 @@ class PysindyRegression(Diagnoser):
         self.models = models
 
     def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> CaseAnswer:
-        replay, split = merged_runs(nominal, records, holdouts)
+        readings, split = merged_runs(nominal, records, holdouts)
         base = start(nominal)
-        every = visible(candidates(base, located(replay, split, base), split.runs[0].period_s))
+        every = visible(candidates(base, located(readings, split, base), split.runs[0].period_s))
         runs = [run for run, out in zip(split.runs, split.held_out, strict=True) if not out.all()]
         motions = [InverseMotion(run, nominal) for run in runs]
         columns = [

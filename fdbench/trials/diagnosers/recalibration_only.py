@@ -22,12 +22,12 @@ class RecalibrationOnly(Diagnoser):
     """
 
     def diagnose(self, nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> CaseAnswer:
-        replay, split = merged_runs(nominal, records, holdouts)
+        readings, split = merged_runs(nominal, records, holdouts)
         paper = start(nominal)
-        before = channel_gaps(replay, split, paper)
-        search = Search(replay, split)
+        before = channel_gaps(readings, split, [paper])
+        search = Search(readings, split)
         fitted = search.refine(paper)
-        after = float(channel_gaps(replay, split, fitted).mean())
+        after = float(channel_gaps(readings, split, [fitted]).mean())
         closed_share = 1.0 - after / max(float(before.mean()), 1e-12)
         values, _, _ = deviating_parameters(search, fitted, closed_share, confidence.models())
         causes = {cause.effect: cause.probability for cause in values}

@@ -28,7 +28,7 @@ def repeats(frictions: list[float]) -> tuple[Nominal, list[Record]]:
 def steady(frictions: list[float]) -> tuple[Repeatability, dict[str, NoiseModel]]:
     nominal, records = repeats(frictions)
     ready = aligned(nominal, records, [])
-    return Repeatability(ready.replay, start(ready.nominal), ready.runs), dict(ready.split.noise_models)
+    return Repeatability(ready.readings.replay, start(ready.nominal), ready.runs), dict(ready.split.noise_models)
 
 
 def test_friction_that_changes_is_no_noise() -> None:
@@ -52,9 +52,9 @@ def test_the_mean_of_repeats_is_judged_beside_what_changes() -> None:
     """What another friction leaves of a run counts once, and not in each of its samples."""
     nominal, records = repeats([1.06, 0.95, 1.03])
     ready = aligned(nominal, records[:2], records[2:])
-    split = with_run_to_run_covariance(ready.replay, ready, start(ready.nominal))
+    split = with_run_to_run_covariance(ready.readings.replay, ready, start(ready.nominal))
     for place, run in enumerate(split.runs):
-        simulated = {name: v[0] for name, v in ready.replay.simulate(run, [start(ready.nominal).variant()]).items()}
+        simulated = ready.readings.alone(place, start(ready.nominal))
         beside = split.gap(place, simulated)
         bare = {
             name: (values - simulated[name]) * np.sqrt(run.repeats) / split.noise_models[name].rms
@@ -67,7 +67,7 @@ def test_the_mean_of_repeats_is_judged_beside_what_changes() -> None:
 def test_records_without_repeats_have_no_directions() -> None:
     nominal, records = repeats([1.05])
     ready = aligned(nominal, records, [])
-    found = Repeatability(ready.replay, start(ready.nominal), ready.runs)
+    found = Repeatability(ready.readings.replay, start(ready.nominal), ready.runs)
     assert not found.covariance.any()
     assert found.change(ready.runs[0], found.noise_models) is None
 

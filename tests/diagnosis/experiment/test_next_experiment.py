@@ -27,6 +27,7 @@ from fdbench.diagnosis.experiment.trajectory import Trajectory, moves
 from fdbench.diagnosis.judge.probability_models import ProbabilityModel, models
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import Run
@@ -42,7 +43,7 @@ PERIOD_S = 1e-3
 FLOORS = {"motor_force_N": 4.0, "position_m": 5e-7, "motor_minus_table_position_m": 5e-8}
 GAP = effects.get("backlash").typical(gap_m=5e-6)
 SOFT = effects.get("axial_compliance").typical(stiffness_loss_percent=20.0)
-Lab = tuple[Replay, Split]
+Lab = tuple[Readings, Split]
 
 
 def nominal() -> Nominal:
@@ -61,7 +62,8 @@ def lab() -> Lab:
     simulated = replay.simulate(run, [start(model).with_effect(GAP).variant()])
     run = dataclasses.replace(run, channels={name: values[0] for name, values in simulated.items()})
     noise_models = {name: white(rms, measured=True) for name, rms in FLOORS.items()}
-    return replay, Split(runs=[run], held_out=[np.zeros(len(reference), dtype=np.bool_)], noise_models=noise_models)
+    held_out = [np.zeros(len(reference), dtype=np.bool_)]
+    return Readings(replay, [run]), Split(runs=[run], held_out=held_out, noise_models=noise_models)
 
 
 def stage(*rivals: tuple[Effect, float], alone: float = 2.0, size: float = 100.0) -> Stage:
@@ -208,17 +210,17 @@ def test_time_of_the_machine_is_paid_for() -> None:
 
 
 def test_a_motion_that_the_axis_does_not_follow_has_no_forecast(lab: Lab) -> None:
-    replay, split = lab
+    readings, split = lab
     jump = np.zeros((400, 3))
     jump[100:, 0] = 0.04
     there = Trajectory(kind="jump", words="jump", period_s=PERIOD_S, reference=jump)
-    assert Forecaster(replay, split, READER.shortlisted(OPEN), READER).forecast(there) is None
+    assert Forecaster(readings, split, READER.shortlisted(OPEN), READER).forecast(there) is None
 
 
 def test_old_records_again_hardly_help(lab: Lab, chosen: Forecast) -> None:
-    replay, split = lab
+    readings, split = lab
     again = Trajectory(kind="again", words="again", period_s=PERIOD_S, reference=split.runs[0].reference)
-    repeated = Forecaster(replay, split, READER.shortlisted(OPEN), READER).forecast(again)
+    repeated = Forecaster(readings, split, READER.shortlisted(OPEN), READER).forecast(again)
     assert repeated is not None
     assert repeated.gain() < 0.5 * chosen.gain()
 

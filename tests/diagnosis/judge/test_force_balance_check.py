@@ -25,11 +25,11 @@ def test_forces_speak_for_what_acts_whatever_the_controller(gain: float) -> None
     wrong = dataclasses.replace(controller, velocity_gain_N_s_per_m=gain * controller.velocity_gain_N_s_per_m)
     nominal = dataclasses.replace(nominal, plant=dataclasses.replace(nominal.plant, controller=wrong))
     ready = aligned(nominal, fitted, judged)
-    search = Search(ready.replay, ready.split)
+    search = Search(ready.readings, ready.split)
     base = search.refine(start(ready.nominal))
     other = effects.get("stribeck_friction").typical()
     stage = search.compared(base, [(type(item), base.with_effect(item), False) for item in (true, other)])
-    told = force_balances_removed(ready.replay, ready.split, stage)
+    told = force_balances_removed(ready.readings, ready.split, stage)
     assert told[type(true)] > 0.5
     assert told[type(other)] < 0.2
     assert told.keys() == {type(true), type(other)}

@@ -11,6 +11,7 @@ from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import Run
@@ -39,7 +40,7 @@ def search(*extra: Effect) -> Search:
         runs.append(dataclasses.replace(run, channels=noisy))
     held_out = [np.full(run.n_samples, place == 1) for place, run in enumerate(runs)]
     noise_models = {name: white(rms, measured=True) for name, rms in FLOORS.items()}
-    return Search(replay, Split(runs=runs, held_out=held_out, noise_models=noise_models))
+    return Search(Readings(replay, runs), Split(runs=runs, held_out=held_out, noise_models=noise_models))
 
 
 def test_the_effect_that_is_there_comes_first() -> None:
