@@ -236,6 +236,18 @@ def test_a_sharp_line_far_above_the_noise_is_solved() -> None:
     assert np.linalg.norm(matmul_toeplitz(column, solution) - side) < 1e-11 * np.linalg.norm(side)
 
 
+def test_an_ill_conditioned_system_is_solved_as_well_as_by_a_dense_factor() -> None:
+    """A condition number of 1e8, where no method leaves 1e-10 of the right-hand side."""
+    column = locally_periodic(0.001 * np.arange(510), 0.05, 0.5, 0.1)
+    column[0] += 1e-7
+    matrix = column[np.abs(np.subtract.outer(np.arange(510), np.arange(510)))]
+    sides = np.random.default_rng(1).standard_normal((510, 3))
+    left, least = (
+        np.linalg.norm(matrix @ solver.solve(sides) - sides, axis=0) for solver in (Toeplitz(column), Cholesky(matrix))
+    )
+    assert (left < 10.0 * least).all()
+
+
 def test_singular_matrices_are_errors() -> None:
     with pytest.raises(FdbenchError, match="Toeplitz matrix of 50 samples"):
         Toeplitz(np.ones(50)).solve(np.eye(50, 1))
