@@ -23,7 +23,7 @@ from fdbench.record import Record
 from fdbench.scenario import load_scenario
 
 CHEATS = sorted((Path(__file__).parent.parent / "tests" / "sandbox" / "cheats").glob("*.py"))
-SCENARIO, METRICS = "ShakerConstant-v1", ("parameter_error", "disturbance_error")
+SCENARIO, METRICS = "ShakerConstant-v2", ("parameter_error", "disturbance_error")
 
 
 def fitted_here(file: str) -> None:

@@ -9,10 +9,9 @@ from fdbench.errors import SpecError
 from fdbench.estimator import Context, Estimate, FloatArray, Regression, Sample
 from fdbench_baselines._data_sheet import Sheet, sheet
 from fdbench_baselines._kalman_oscillators import Filtered, Variances, run_filter, run_smoother
-from fdbench_baselines._mixed_estimation import applies
+from fdbench_baselines._mixed_estimation import learnable
 from fdbench_baselines._robust import robust_residual
 from fdbench_baselines._slip import below_half, slipped_period
-from fdbench_baselines._straight_friction import straight
 
 EVALUATIONS = 110
 MISSING = 1e8  # times the variance of a reading
@@ -118,9 +117,7 @@ def observe(context: Context, regression: Regression, harmonics: int) -> Estimat
     Z, y, gain = regression.regressors, regression.target, regression.disturbance_gain
     paper: Sheet = sheet(context, regression)
     residual, loud = robust_residual(Z, y)
-    if applies(context):  # a row off the straight line of the nominal friction is as if it were missing
-        trusted = straight(context, Z)
-        loud = np.where(trusted | (context.model == "velocity_loop"), loud, MISSING)
+    loud = np.where(learnable(context, Z), loud, MISSING)
     unit = float(np.sqrt(np.mean(residual**2 / loud))) or 1.0
     step_s, period_s, angle = regression.sampling_time_s, context.disturbance_period_s, 0.0
     if period_s is None:

@@ -263,8 +263,9 @@ def track(
     (n,) array of int
         Sample that left the dictionary: -1 if none, the sample itself if it did not become a member.
     """
+    learnt = np.ones(y.size, np.bool_)
     rows, removed = _recursion(
-        tracker, x, np.empty((y.size, 0)), y, np.empty(0), np.empty((0, 0)), s2, lam, jitter, injection
+        tracker, x, np.empty((y.size, 0)), y, learnt, np.empty(0), np.empty((0, 0)), s2, lam, jitter, injection
     )
     predictions = np.empty((y.size, 3))
     predictions[:, :2], predictions[:, 2] = rows[:, 1:3], rows[:, 4]
@@ -278,6 +279,7 @@ def track_beside(
     x: FloatArray,
     Z: FloatArray,
     y: FloatArray,
+    learnt: NDArray[np.bool_],
     beta: FloatArray,
     P: FloatArray,
     s2: float,
@@ -298,6 +300,8 @@ def track_beside(
 
     Parameters
     ----------
+    learnt : (n,) array of bool
+        Samples that are taken in; the others are predicted only, and leave the state as it is.
     beta, P : (p,), (p, p) arrays, changed in place
 
     Returns
@@ -306,7 +310,7 @@ def track_beside(
         :math:`z^T \beta` before the sample, then as `track`, save that the last column gives s0^2 before the sample; a
         first sample's is its own.
     """
-    rows, _ = _recursion(tracker, x, Z, y, beta, P, s2, lam, jitter, injection)
+    rows, _ = _recursion(tracker, x, Z, y, learnt, beta, P, s2, lam, jitter, injection)
     before: FloatArray = rows[:, :4]
     return before
 
@@ -318,6 +322,7 @@ def _recursion(
     x: FloatArray,
     Z: FloatArray,
     y: FloatArray,
+    learnt: NDArray[np.bool_],
     beta: FloatArray,
     P: FloatArray,
     s2: float,
@@ -359,17 +364,20 @@ def _recursion(
             error -= z[j] * beta[j]
         doubt = doubt_of(P, z, Pz)
 
-        if injection:
+        if injection and learnt[n]:
             inject_uncertainty(QR, members, lam)
         sv2 = s2 + kxx - (scale * kr - share * kq)
-        before = power[0] / power[1] if tracker.seen[0] > 0 else 0.0
-        weight = lam if tracker.seen[0] > 0 else 1.0
-        power[0] += weight * error**2 / (sv2 + (doubt / before if before > 0.0 else 0.0))
+        has_power = power[1] > 0.0
+        before = power[0] / power[1] if has_power else error**2 / sv2
+        rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3], rows[n, 4] = linear, function, kxx - kr, before, before
+        if not learnt[n]:
+            removed[n] = tracker.seen[0]
+            tracker.seen[0] += 1
+            continue
+        weight = lam if has_power else 1.0
+        power[0] += weight * error**2 / (sv2 + (doubt / before if has_power and before > 0.0 else 0.0))
         power[1] += weight
-        after = power[0] / power[1]
-        if tracker.seen[0] == 0:
-            before = after
-        rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3], rows[n, 4] = linear, function, kxx - kr, before, after
+        rows[n, 4] = power[0] / power[1]
 
         correct(beta, P, Pz, error, doubt, before * sv2)
 

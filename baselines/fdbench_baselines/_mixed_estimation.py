@@ -13,8 +13,10 @@ Theil and Goldberger, On pure and mixed statistical estimation in economics, Int
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdbench.estimator import Context, FloatArray, Regression
+from fdbench_baselines._straight_friction import DIRECTIONS, straight
 
 # A process force at constant feed goes to Coulomb friction, one that grows with it to viscous friction or, in a loop
 # whose equation holds the command, to the command's gain.
@@ -40,6 +42,16 @@ class Found(NamedTuple):
 def applies(context: Context) -> bool:
     """Return whether the model is that of a drive whose data sheet says how exact it is; published trials do not."""
     return context.covariance is not None and context.model in CONFOUNDED
+
+
+def learnable(context: Context, regressors: FloatArray) -> NDArray[np.bool_]:
+    """Return which rows (n,) a drive's parameters are learnt from: of inverse dynamics with a sheet, straight ones.
+
+    The filters of inverse dynamics smear a reversal over many rows; those of a velocity loop are single samples.
+    """
+    if applies(context) and context.model in DIRECTIONS:
+        return straight(context, regressors)
+    return np.ones(len(regressors), dtype=np.bool_)
 
 
 def mixed(context: Context, regression: Regression, record: Found) -> Found:

@@ -1,6 +1,7 @@
-"""Rows that stand out, such as those of held samples, made to count less."""
+"""Rows that stand out, such as those of held samples, made to count less or left out."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdbench.estimator import FloatArray
 
@@ -27,3 +28,14 @@ def robust_residual(Z: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArra
         residual = y - Z @ np.linalg.lstsq(Z * weight[:, None], y * weight, rcond=None)[0]
         loud = loudness(residual)
     return residual, loud
+
+
+def indicators(n: int, rows: NDArray[np.intp]) -> FloatArray:
+    """Return a column (n,) for each row, 1 there and 0 elsewhere.
+
+    >>> indicators(3, np.array([2]))[:, 0]
+    array([0., 0., 1.])
+    """
+    columns = np.zeros((n, len(rows)))
+    columns[rows, np.arange(len(rows))] = 1.0
+    return columns

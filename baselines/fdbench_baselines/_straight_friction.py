@@ -14,7 +14,6 @@ VELOCITIES = {"velocity_loop": (1,), "inverse_dynamics": (1,), "directional_inve
 DIRECTIONS = {"inverse_dynamics": (2,), "directional_inverse_dynamics": (2, 4)}
 BENT = 1e-3  # of the Coulomb force, by which the curve may be off the line
 SLOWEST, SPEEDS = 1e-4, 40  # of the velocity limit, and how many are tried
-NODES = 4  # of the hats, on either side
 REVERSING = 0.9  # a filtered sign of the velocity below this is that of a reversal
 
 
@@ -37,22 +36,6 @@ def straight(context: Context, regressors: FloatArray) -> NDArray[np.bool_]:
     if context.model in DIRECTIONS:
         kept &= np.abs(regressors[:, DIRECTIONS[context.model]].sum(axis=1)) >= REVERSING
     return np.asarray(kept)
-
-
-def bent_columns(context: Context, regressors: FloatArray) -> FloatArray:
-    r"""Return columns (n, m) that are 0 on straight rows: hats in the velocity, for speeding up and slowing down.
-
-    What friction does on the other rows goes to their coefficients, where rows cannot be left out.
-    """
-    kept = straight(context, regressors)
-    if context.model not in DIRECTIONS or kept.all():
-        return np.empty((len(regressors), 0))
-    velocity = regressors[:, VELOCITIES[context.model]].sum(axis=1)
-    place = NODES * velocity / (float(np.max(np.abs(velocity[~kept]))) or 1.0)
-    hats = np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(-NODES, NODES + 1))) * ~kept[:, None]
-    faster = (velocity * regressors[:, 0] > 0.0)[:, None]
-    columns = np.hstack((hats * faster, hats * ~faster))
-    return np.asarray(columns[:, np.count_nonzero(columns, axis=0) > 1])
 
 
 def force_left(context: Context, regressors: FloatArray, residual: FloatArray) -> FloatArray:

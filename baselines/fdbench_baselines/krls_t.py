@@ -11,6 +11,7 @@ from fdbench.estimator import Context, Estimate, FloatArray, OnlineEstimator, Sa
 from fdbench.plants import StateSpacePlant
 from fdbench.record import Record
 from fdbench_baselines._krls_t_recursion import Tracker, empty_tracker, locally_periodic_inputs, track_beside
+from fdbench_baselines._mixed_estimation import learnable
 from fdbench_baselines._one_step import OneStep, declined
 
 SMALLEST_JITTER = 1e-6
@@ -29,7 +30,8 @@ class KRLST(OnlineEstimator):
     at most ``budget`` samples are kept. Where no period is known the kernel is :math:`e^{-\tau^2 / 2 \sigma_0^2}`: a
     force that is smooth. :math:`\beta` is ``linear_parameters`` or else found on the way, from the data sheet's values
     and their covariance, each parameter by itself within 100 % where it states none, by least squares on what the
-    tracker cannot tell of target and regressors beforehand; see `track_beside`. A model in state space has no
+    tracker cannot tell of target and regressors beforehand; see `track_beside`. Rows of inverse dynamics off the
+    straight line of the sheet's friction are predicted but not learnt from (`learnable`). A model in state space has no
     :math:`\beta`; y is there what its equation leaves of a reading, if the readings give all states.
 
     ``disturbance_N`` is :math:`\hat f / g` with variance :math:`s_0^2 s_f^2 / g^2`, that of the disturbance without
@@ -130,7 +132,7 @@ class KRLST(OnlineEstimator):
         missing = [name for name in names if given is not None and name not in given]
         if missing:
             raise SpecError(f"krls_t: {context.model} needs linear_parameters for {', '.join(missing)} too.")
-        self._names = names
+        self._context, self._names = context, names
         self._beta = np.array([float((given or context.nominal)[name]) for name in names])
         self._P = np.zeros((len(names), len(names)))
         if given is None:
@@ -184,9 +186,10 @@ class KRLST(OnlineEstimator):
             known = self._step.predicted(self._before, readings)
             self._before = readings[-1]
         x = locally_periodic_inputs(time_s, *self._kernel)
+        learnt = learnable(self._context, regressors)
         settings = (1.0 / self.gamma, self.forgetting, self.jitter, self.mode == "UI")
         rows = track_beside(
-            tracker, x, np.ascontiguousarray(regressors), target - known, self._beta, self._P, *settings
+            tracker, x, np.ascontiguousarray(regressors), target - known, learnt, self._beta, self._P, *settings
         )
         if not np.isfinite(tracker.power[0]):
             raise SpecError(

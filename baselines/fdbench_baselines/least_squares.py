@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from fdbench.errors import SpecError
 from fdbench.estimator import BatchEstimator, Context, Estimate, Regression
 from fdbench.record import Record
+from fdbench_baselines._mixed_estimation import learnable
 from fdbench_baselines._one_step import declined, residual_model
 
 FloatArray = NDArray[np.float64]
@@ -58,6 +59,9 @@ class LeastSquares(BatchEstimator):
     ``disturbance_N`` is the residual divided by the disturbance gain, all that the method says about it.
     Biased where the disturbance is correlated with the regressors, as it is under feedback.
 
+    Where the data sheet says how exact it is, rows of inverse dynamics off the straight line of its friction are left
+    out (`learnable`), since a few reversals of an axis would outweigh all other rows; the force is 0 there.
+
     A model in state space has no parameters; where the readings give all states, its equation leaves a force at each
     sample, buried in noise. There the force is that of least squares about each sample, constant over ``window_s``: the
     mean of what is left, with the variance of a mean.
@@ -101,18 +105,20 @@ class LeastSquares(BatchEstimator):
         if predicted is not None:
             return self._held(regression, predicted)
         y, names = regression.target, regression.names
-        u, s, vt, scale = factorise(regression.regressors, names)
+        Z, learnt = regression.regressors, learnable(context, regression.regressors)
+        u, s, vt, scale = factorise(Z[learnt], names)
         root = vt.T / s / scale[:, None]
-        coordinates = u.T @ y
-        output = u @ coordinates
+        beta = root @ (u.T @ y[learnt])
+        output = Z @ beta
         residual = y - output
-        variance = float(residual @ residual) / (len(y) - len(names))
+        variance = float(residual[learnt] @ residual[learnt]) / (int(learnt.sum()) - len(names))
+        covariance = variance * root @ root.T
         return Estimate(
-            parameters=dict(zip(names, (root @ coordinates).tolist(), strict=True)),
-            covariance=variance * root @ root.T,
-            disturbance_N=residual / regression.disturbance_gain,
+            parameters=dict(zip(names, beta.tolist(), strict=True)),
+            covariance=covariance,
+            disturbance_N=np.where(learnt, residual, 0.0) / regression.disturbance_gain,
             output=output,
-            output_variance=variance * (1.0 + np.einsum("ij,ij->i", u, u)),
+            output_variance=variance + np.einsum("ij,jk,ik->i", Z, covariance, Z),
         )
 
     def _held(self, regression: Regression, predicted: FloatArray) -> Estimate:

@@ -147,8 +147,7 @@ class OutputError(BatchEstimator):
             P = np.diag(np.concatenate((known, np.zeros(process.shape[1]), of_curve)))
             if turn < LISTENED:
                 coefficients = np.linalg.lstsq(beside, left, rcond=None)[0]
-            moved = [simulated(settings + DIFFERENCE * unit).target for unit in np.eye(len(knobs))]
-            S = (np.array(moved).T - now.target[:, None]) / DIFFERENCE
+            S = sensitivities(simulated, settings, now.target)
             step = whitened_step(S, beside, left, left - beside @ coefficients, settings, P, LAGS)
             coefficients = step.beside
             wanted = weighed_settings(context, regression, drive, knobs, settings, step)
@@ -201,6 +200,22 @@ def commanded(record: Record) -> Record:
         velocity_m_per_s = columns["reference_velocity_m_per_s"]
         columns["reference_position_m"] = record.sampling_time_s * np.append(0.0, np.cumsum(velocity_m_per_s[:-1]))
     return Record({"time_s": record["time_s"], **columns}, {}, record.source)
+
+
+def sensitivities(
+    simulated: Callable[[FloatArray], Regression], settings: FloatArray, target: FloatArray
+) -> FloatArray:
+    """Return how the target (n,) moves with each setting (n, q), by differences.
+
+    Forwards, or backwards where that diverges: of a loop on the brink of stability one side may be unstable.
+    """
+    columns = []
+    for unit in np.eye(len(settings)):
+        try:
+            columns.append((simulated(settings + DIFFERENCE * unit).target - target) / DIFFERENCE)
+        except (SimulationDiverged, SpecError):
+            columns.append((target - simulated(settings - DIFFERENCE * unit).target) / DIFFERENCE)
+    return np.array(columns).T
 
 
 def stepped(

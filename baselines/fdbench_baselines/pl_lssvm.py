@@ -11,9 +11,10 @@ from fdbench.estimator import BatchEstimator, Context, Estimate, Regression
 from fdbench.record import Record
 from fdbench_baselines._envelope import likeliest_envelope
 from fdbench_baselines._locally_periodic import Kernel, System, kernel_system
+from fdbench_baselines._mixed_estimation import learnable
 from fdbench_baselines._one_step import declined, residual_model
 from fdbench_baselines._restricted_likelihood import likeliest_kernel, nearby_kernel
-from fdbench_baselines._robust import loudness
+from fdbench_baselines._robust import indicators, loudness
 from fdbench_baselines._toeplitz import Cholesky
 from fdbench_baselines.least_squares import factorise
 
@@ -139,8 +140,9 @@ class PLLSSVM(BatchEstimator):
     The hyperparameters :math:`\sigma_1, \sigma_2, \gamma, \psi` are those of greatest restricted likelihood, the period
     within 12 % of the nominal frequency (`_restricted_likelihood`). Rows that stand out, such as those in which a drive
     leaves standstill, get a coefficient of their own each, which leaves them out of all else; they are those whose
-    leave-one-out residual :math:`\alpha_i / (A^{-1})_{ii}` is beyond four deviations. With ``hyperparameters="given"``
-    the published equations are solved as they stand, with the values given.
+    leave-one-out residual :math:`\alpha_i / (A^{-1})_{ii}` is beyond four deviations. So do rows of inverse dynamics
+    off the straight line of the data sheet's friction, where it says how exact it is (`learnable`); to the likelihood
+    they are on that line. With ``hyperparameters="given"`` the published equations are solved with the values given.
 
     ``disturbance_N`` is f + c (c is about 0: a constant that the kernel could also carry), ``output`` is
     Z beta + f + c smoothed in sample, variances are those of the Gaussian process with this kernel and noise 1/gamma,
@@ -169,7 +171,7 @@ class PLLSSVM(BatchEstimator):
     SpecError
         If an argument is out of bounds, or the record does not identify every parameter.
     FdbenchError
-        If more than ``DENSE_LIMIT`` rows are not on a uniform grid, or conjugate gradients do not converge.
+        If more than ``DENSE_LIMIT`` rows are not on a uniform grid, or gamma leaves too few digits.
 
     Validity
     --------
@@ -226,8 +228,9 @@ class PLLSSVM(BatchEstimator):
         basis = _with_bias(regression)
         m = basis.shape[1]
         first = m - z.shape[1]
-        kernel, rows = self._kernel(context, regression, basis)
-        alone = indicators(len(y), rows)
+        bent = np.flatnonzero(~learnable(context, z))
+        kernel, rows = self._kernel(context, regression, basis, bent)
+        alone = indicators(len(y), np.append(bent, rows))
         system = kernel_system(regression.time_s, *kernel)
         fit = partially_linear(system, np.column_stack((basis, alone)), y)
         beta, s2, noise = fit.coefficients[first:m], fit.signal_variance, 1.0 / kernel.gamma
@@ -248,39 +251,31 @@ class PLLSSVM(BatchEstimator):
             output_variance=s2 * (smoothed + fit.quadratic(output_rows) + noise),
         )
 
-    def _kernel(self, context: Context, regression: Regression, basis: FloatArray) -> tuple[Kernel, Places]:
-        """Return the kernel of a period, or the envelope alone that suits what least squares leaves; rows left out."""
+    def _kernel(
+        self, context: Context, regression: Regression, basis: FloatArray, bent: Places
+    ) -> tuple[Kernel, Places]:
+        """Return the kernel of a period, or the envelope that suits what least squares leaves; rows that stand out."""
         time_s, y, rows = regression.time_s, regression.target, np.zeros(0, dtype=np.intp)
+        straight = np.delete(np.arange(len(y)), bent)
+        line, settled = basis @ np.linalg.lstsq(basis[straight], y[straight])[0], y.copy()
+        settled[bent] = line[bent]
         period_s = context.disturbance_period_s if self.period_s is None else self.period_s
         if period_s is None:
-            length_s, gamma = likeliest_envelope(y - basis @ np.linalg.lstsq(basis, y)[0], regression.sampling_time_s)
+            length_s, gamma = likeliest_envelope(settled - line, regression.sampling_time_s)
             return Kernel(length_s, np.inf, gamma, np.inf), rows
         kernel = Kernel(self.sigma_1_s, self.sigma_2, self.gamma, period_s)
         if self.hyperparameters == "likelihood":
-            kernel = nearby_kernel(time_s, basis, y, kernel)
-            rows = standing_out(kernel_system(time_s, *kernel), basis, y, rows)
-            kernel = likeliest_kernel(time_s, np.column_stack((basis, indicators(len(y), rows))), y, kernel)
-            rows = standing_out(kernel_system(time_s, *kernel), basis, y, rows)
+            beside = np.column_stack((basis, indicators(len(y), bent)))
+            kernel = nearby_kernel(time_s, basis, settled, kernel)
+            rows = standing_out(kernel_system(time_s, *kernel), beside, y, rows)
+            kernel = likeliest_kernel(time_s, np.column_stack((basis, indicators(len(y), rows))), settled, kernel)
+            rows = standing_out(kernel_system(time_s, *kernel), beside, y, rows)
         return kernel, rows
-
-
-def indicators(n: int, rows: Places) -> FloatArray:
-    """Return a column (n,) for each row, 1 there and 0 elsewhere.
-
-    >>> indicators(3, np.array([2]))[:, 0]
-    array([0., 0., 1.])
-    """
-    columns = np.zeros((n, len(rows)))
-    columns[rows, np.arange(len(rows))] = 1.0
-    return columns
 
 
 def standing_out(system: System, basis: FloatArray, target: FloatArray, known: Places) -> Places:
     """Return the known rows and those beside them whose leave-one-out residual stands out, ``MOST_ALONE`` at most."""
-    beside = np.column_stack((basis, indicators(len(target), known), target))
-    whitened = system.whitened(beside)[0]
-    theta = np.linalg.lstsq(whitened[:, :-1], whitened[:, -1])[0]
-    alpha = system.solve((target - beside[:, :-1] @ theta)[:, None])[:, 0]
+    alpha = partially_linear(system, np.column_stack((basis, indicators(len(target), known))), target).alpha
     loud = loudness(alpha / np.sqrt(system.inverse_diagonal()))
     loud[known] = np.inf
     loudest = np.argsort(-loud, kind="stable")[:MOST_ALONE]

@@ -59,6 +59,11 @@ the parameter's unit."""
 ERRATA: tuple[tuple[str, str], ...] = (
     (
         "0.2.0",
+        "in the velocity loops up to -v1 (Milling, Shaker) the position is read without noise, and the way of a sample "
+        "tells the parameters exactly; from -v2 on it is read from a scale. No estimator listed here used it.",
+    ),
+    (
+        "0.2.0",
         "until then the machine of every seed was the nominal one, which estimators were told; scores were linear "
         "between null and oracle; output was in sample. The scenarios of that time are the published trials now.",
     ),

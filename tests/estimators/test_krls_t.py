@@ -297,7 +297,7 @@ def test_one_sample_by_hand() -> None:
     """The first sample: s0^2 = (1 - 0.5)^2 / (s2 + 1), S = 0.25 + s0^2 (s2 + 1) = 0.5, beta = 0.5 + 0.25 / S * 0.5."""
     tracker, beta, P = empty_tracker(1, 5, 1), np.array([0.5]), np.array([[0.25]])
     one = np.ones((1, 1))
-    out = track_beside(tracker, one, one, np.ones(1), beta, P, 1.0, 1.0, 0.0, False)
+    out = track_beside(tracker, one, one, np.ones(1), np.ones(1, np.bool_), beta, P, 1.0, 1.0, 0.0, False)
     np.testing.assert_allclose(out, [[0.5, 0.0, 1.0, 0.125]])
     np.testing.assert_allclose(beta, 0.75)
     np.testing.assert_allclose(P, 0.125)
@@ -309,7 +309,7 @@ def test_held_parameters_make_it_the_tracker() -> None:
     beta = np.array([0.3, -2.0])
     expected, _ = track(empty_tracker(2, 20), x, y - Z @ beta, 0.1, 0.99, 1e-6, False)
     held, P = beta.copy(), np.zeros((2, 2))
-    out = track_beside(empty_tracker(2, 20, 2), x, Z, y, held, P, 0.1, 0.99, 1e-6, False)
+    out = track_beside(empty_tracker(2, 20, 2), x, Z, y, np.ones(60, np.bool_), held, P, 0.1, 0.99, 1e-6, False)
     np.testing.assert_allclose(out[:, 1:3], expected[:, :2], rtol=1e-9)
     np.testing.assert_allclose(out[1:, 3], expected[:-1, 2], rtol=1e-9)
     np.testing.assert_array_equal(held, beta)
@@ -334,9 +334,27 @@ def test_linear_part_is_that_of_whitened_rows() -> None:
         P = P - np.outer(P @ z, z @ P) / S
         scale = numerator / seen
     found, covariance = np.zeros(2), 100.0 * np.eye(2)
-    track_beside(empty_tracker(1, n, 2), x, Z, y, found, covariance, s2, 1.0, 0.0, False)
+    track_beside(empty_tracker(1, n, 2), x, Z, y, np.ones(n, np.bool_), found, covariance, s2, 1.0, 0.0, False)
     np.testing.assert_allclose(found, beta, rtol=1e-8)
     np.testing.assert_allclose(covariance, P, rtol=1e-8)
+
+
+@pytest.mark.parametrize("injection", [False, True])
+def test_samples_that_are_not_learnt_from_leave_no_trace(injection: bool) -> None:
+    random = np.random.default_rng(4)
+    x, Z, y = random.standard_normal((60, 1)), random.standard_normal((60, 2)), random.standard_normal(60)
+    learnt = np.ones(60, np.bool_)
+    learnt[[0, 1, 20, 41, 59]] = False
+    rows, parameters = [], []
+    for chosen in (slice(None), learnt):
+        beta, P, tracker = np.zeros(2), np.eye(2), empty_tracker(1, 10, 2)
+        rows.append(
+            track_beside(tracker, x[chosen], Z[chosen], y[chosen], learnt[chosen], beta, P, 0.1, 0.99, 1e-6, injection)
+        )
+        parameters.append(beta)
+    np.testing.assert_array_equal(rows[0][learnt], rows[1])
+    np.testing.assert_array_equal(*parameters)
+    assert (rows[0][~learnt][:, 2:] > 0.0).all()
 
 
 def test_a_tracker_for_other_regressors_is_refused() -> None:
@@ -346,6 +364,7 @@ def test_a_tracker_for_other_regressors_is_refused() -> None:
             np.ones((1, 1)),
             np.ones((1, 1)),
             np.ones(1),
+            np.ones(1, np.bool_),
             np.ones(1),
             np.eye(1),
             1.0,

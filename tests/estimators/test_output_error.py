@@ -7,10 +7,10 @@ from fdbench_baselines._simulated_drive import knobs_of, turned
 from fdbench_baselines._whitened_step import whitened_step
 from fdbench_baselines.idim_iv import IdimIv
 from fdbench_baselines.null import Null
-from fdbench_baselines.output_error import OutputError
+from fdbench_baselines.output_error import OutputError, sensitivities
 
-from fdbench.errors import PluginError, SpecError
-from fdbench.estimator import Estimator
+from fdbench.errors import PluginError, SpecError, UnstableLoop
+from fdbench.estimator import Estimator, FloatArray, Regression
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.scenario import load_scenario
 
@@ -80,6 +80,35 @@ def test_a_simulation_knows_more_than_the_equation(name: str, margin: float) -> 
     assert own[0] < 0.5 * sheet[0]
     assert own[1] < 0.8 * sheet[1]
     assert margin * own[1] < instruments[1]
+
+
+def test_sensitivities_look_back_where_the_loop_ahead_is_unstable() -> None:
+    slopes = np.array([[2.0, -1.0], [0.5, 3.0], [0.0, 1.0]])
+
+    def simulated(at: FloatArray) -> Regression:
+        if at[1] > 0.2:
+            raise UnstableLoop("plant.controller: the loop is unstable.")
+        rows = np.arange(3)
+        return Regression(
+            regressors=np.zeros((3, 0)),
+            target=slopes @ at,
+            names=(),
+            target_name="",
+            time_s=0.1 * rows,
+            rows=rows,
+            disturbance_gain=1.0,
+        )
+
+    here = np.array([0.1, 0.2])
+    np.testing.assert_allclose(sensitivities(simulated, here, slopes @ here), slopes, rtol=1e-9)
+    with pytest.raises(UnstableLoop):
+        sensitivities(simulated, np.array([0.1, 0.3]), slopes @ here)
+
+
+def test_a_loop_on_the_brink_is_found() -> None:
+    """After a step on this machine a thousandth more of a setting is beyond the stability limit of its loop."""
+    own, sheet = (errors(kind(), "LinearMotorAxis-v1", 2613265489975045558) for kind in (OutputError, Null))
+    assert own[0] < 0.5 * sheet[0]
 
 
 def test_it_declines_and_refuses() -> None:
