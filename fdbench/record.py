@@ -35,16 +35,6 @@ COLUMNS: dict[str, str] = {
     "motor_velocity_m_per_s": "velocity of the motor times the lead",
     "table_position_m": "position of the table's scale",
     "table_velocity_m_per_s": "velocity of the table's scale",
-    "reference_position_rad": "angle that the controller of a rotary axis is asked for",
-    "reference_velocity_rad_per_s": "speed that the controller of a rotary axis is asked for",
-    "reference_acceleration_rad_per_s2": "acceleration that the controller of a rotary axis is asked for",
-    "position_rad": "angle that closes the loop of a rotary axis",
-    "velocity_rad_per_s": "speed that closes the loop of a rotary axis",
-    "acceleration_rad_per_s2": "acceleration of the load of a rotary axis",
-    "motor_velocity_rad_per_s": "speed of a rotary axis by the encoder of its motor",
-    "table_velocity_rad_per_s": "speed of a rotary axis by that of its load",
-    "motor_position_rad": "angle of a rotary axis by the encoder of its motor",
-    "table_position_rad": "angle of a rotary axis by that of its load",
     "motor_force_N": "command at the motor in table coordinates",
     "motor_torque_Nm": "torque command at the motor",
     "motor_current_A": "current command at the motor",
@@ -58,6 +48,20 @@ COLUMNS: dict[str, str] = {
     "temperature_K": "temperature of the axis",
     "training_sample": "1 where the force is measured, 0 where it is withheld and to be estimated",
     "held_sample": "1 where the sample repeats the last one, else 0",
+}
+
+# Those of a rotary axis, beside motor_torque_Nm and motor_current_A.
+ROTARY_COLUMNS: dict[str, str] = {
+    "reference_position_rad": "angle that the controller of a rotary axis is asked for",
+    "reference_velocity_rad_per_s": "speed that the controller of a rotary axis is asked for",
+    "reference_acceleration_rad_per_s2": "acceleration that the controller of a rotary axis is asked for",
+    "position_rad": "angle that closes the loop of a rotary axis",
+    "velocity_rad_per_s": "speed that closes the loop of a rotary axis",
+    "acceleration_rad_per_s2": "acceleration of the load of a rotary axis",
+    "motor_velocity_rad_per_s": "speed of a rotary axis by the encoder of its motor",
+    "table_velocity_rad_per_s": "speed of a rotary axis by that of its load",
+    "motor_position_rad": "angle of a rotary axis by the encoder of its motor",
+    "table_position_rad": "angle of a rotary axis by that of its load",
 }
 
 # A step of the clock may differ from the sampling time by this share of it.
@@ -244,11 +248,12 @@ def name_fault(name: str) -> str:
     """Return what is wrong with a column name, or an empty text."""
     prefix = name[:2] if name[:2] in ("x_", "y_") else ""
     plain = name.removeprefix(prefix)
-    if plain in COLUMNS and (not prefix or plain != "time_s"):
+    if plain in ROTARY_COLUMNS or (plain in COLUMNS and (not prefix or plain != "time_s")):
         return ""
     if not name:
         return "a column has no name. If pandas wrote its index: write with index=False."
-    known = [prefix + column for column in COLUMNS if not prefix or column != "time_s"]
+    allowed_names = COLUMNS | ROTARY_COLUMNS if "rad" in name else COLUMNS
+    known = [prefix + column for column in allowed_names if not prefix or column != "time_s"]
     stem, suffix = split_unit(plain)
     if not suffix or not re.fullmatch("[a-z][a-z0-9_]*", stem):
         allowed = "others are accepted in lower case with an SI unit at the end"

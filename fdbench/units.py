@@ -48,7 +48,7 @@ UNITS: dict[str, str] = {
     "Nm_s_per_rad": "N m s/rad",
     "Nm_s2_per_rad2": "N m s^2/rad^2",
     "rad_per_s3": "rad/s^3",
-    "per_Nm": "1/(N m)",
+    "per_Nm": "1/N m",
     "V_s_per_m": "V s/m",
     "N_s_per_m": "N s/m",
     "N_s2_per_m2": "N s^2/m^2",

@@ -621,7 +621,7 @@ def test_rotary_units_of_linear_columns_get_advice(tmp_path: Path) -> None:
         return read_mapped({"record": {"file": "axis.csv"}, "columns": columns}, tmp_path, "m.toml")
 
     for unit in ("rad", "deg", "rev"):
-        with pytest.raises(FdbenchError, match=r"lead_m / 6\.2832.* rotary axis is written as its arc at 1 m"):
+        with pytest.raises(FdbenchError, match=r"lead_m / 6\.2832.* rotary axis: name the columns position_rad"):
             read(unit=unit)
     np.testing.assert_allclose(read(unit="rev", gain=1.0)["position_m"], [0.0, np.pi, 2.0 * np.pi])
     columns = {"time_s": {"from": "t"}, "motor_force_N": {"from": "x", "unit": "N m"}}

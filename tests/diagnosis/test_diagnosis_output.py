@@ -330,7 +330,7 @@ def test_example_model_is_the_plant_of_the_scenario() -> None:
 
 def test_how_to_is_right(tmp_path: Path) -> None:
     text = (MODEL.parents[2] / "docs" / "how-to" / "diagnose.md").read_text("utf-8")
-    mapping, model = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    mapping, model, rotary = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     (rows,) = re.findall(r"```\n(t,set.*?)```", text, re.DOTALL)
     (tmp_path / "stroke_1.csv").write_text(rows + "0.002,10.000,10.001,0.33\n")
     (tmp_path / "stroke_1.toml").write_text(mapping)
@@ -340,6 +340,8 @@ def test_how_to_is_right(tmp_path: Path) -> None:
     force_N = prepare(record, nominal.drive).channels["motor_force_N"]
     assert force_N[0] == pytest.approx(0.31 * 2.0 * np.pi / 0.01)
     assert nominal.simulation.substeps == 10
+    (tmp_path / "rotary.toml").write_text(rotary)
+    assert load_nominal(tmp_path / "rotary.toml").drive.mass_kg == pytest.approx(0.12)
 
 
 def test_unwritable_files_are_said(found: Diagnosis, tmp_path: Path) -> None:

@@ -19,7 +19,6 @@ from fdbench.simulate.block import Blocks, Mechanics
 from fdbench.simulate.compose import compose
 
 WIDTH = 8  # few effects in a block beat many lanes in it
-ALONE = 3  # lanes that are faster one by one than as a block that is filled up
 PIECE = 1024  # samples simulated at once, which stay in the processor's cache
 
 
@@ -63,7 +62,7 @@ class Replay:
         self.drive = drive
         self.kinds = (*(effect.declared for effect in drive.effects), *(kind.declared for kind in library))
         self._uniform = max(1, sum(kind.random for kind in self.kinds))
-        self._advance = {width: compose(self.kinds, width) for width in (1, WIDTH)}
+        self._advance = compose(self.kinds, WIDTH)
 
     def simulate(self, run: Run, variants: Sequence[Variant]) -> dict[str, FloatArray]:
         """Return each channel of the run as simulated, (n_variants, n_samples); not finite where a variant diverges.
@@ -72,14 +71,10 @@ class Replay:
         """
         order = sorted(range(len(variants)), key=lambda index: sorted(kind.name for kind in variants[index].kinds()))
         result = {name: np.empty((len(variants), run.n_samples)) for name in run.channels}
-        filled = len(order) - len(order) % WIDTH
-        blocks = [order[first : first + WIDTH] for first in range(0, filled, WIDTH)]
-        rest = order[filled:]
-        blocks += [[lane] for lane in rest] if len(rest) <= ALONE else [rest]
+        blocks = [order[first : first + WIDTH] for first in range(0, len(order), WIDTH)]
 
         def advance(lanes: list[int]) -> None:
-            width = 1 if len(lanes) == 1 else WIDTH
-            for samples, columns in self._pieces(run, [variants[index] for index in lanes], width):
+            for samples, columns in self._pieces(run, [variants[index] for index in lanes]):
                 for name, values in result.items():
                     values[lanes, samples] = columns[name][:, : len(lanes)].T
 
@@ -99,17 +94,15 @@ class Replay:
         found.substeps = substeps
         return found
 
-    def _pieces(
-        self, run: Run, variants: Sequence[Variant], width: int
-    ) -> Iterator[tuple[slice, dict[str, FloatArray]]]:
-        """Yield each stretch of samples and the channels there, (n_samples, width)."""
-        blocks = Blocks(self.kinds, width, width)
+    def _pieces(self, run: Run, variants: Sequence[Variant]) -> Iterator[tuple[slice, dict[str, FloatArray]]]:
+        """Yield each stretch of samples and the channels there, (n_samples, WIDTH)."""
+        blocks = Blocks(self.kinds, WIDTH, WIDTH)
         n_known = len(self.drive.effects)
         where = {kind.declared: n_known + number for number, kind in enumerate(self.library)}
         active = np.zeros(max(len(self.kinds), 1), dtype=np.bool_)
         active[:n_known] = True
         blocks.place(*run.start(), run.period_s)
-        for lane in range(width):
+        for lane in range(WIDTH):
             variant, own = variants[min(lane, len(variants) - 1)], np.array([lane])
             blocks.set_mechanics(_mechanics(variant.plant), run.period_s / self.substeps, own)
             blocks.set_scalars({"LOGGED_PER_N": 1.0, **variant.plant.controller.rows()}, own)
@@ -118,15 +111,13 @@ class Replay:
                 active[number] = True
                 blocks.set_effect(number, effect, True, own)
         reference = np.ascontiguousarray(run.reference)
-        normal = np.zeros((1, PIECE, layout.NORMAL_COLUMNS, width))
-        uniform = np.ones((1, PIECE, self._uniform, width))
-        out = np.empty((1, PIECE, layout.OUT_COLUMNS, width))
+        normal = np.zeros((1, PIECE, layout.NORMAL_COLUMNS, WIDTH))
+        uniform = np.ones((1, PIECE, self._uniform, WIDTH))
+        out = np.empty((1, PIECE, layout.OUT_COLUMNS, WIDTH))
         feedback = layout.OUT_TABLE if self.drive.controller.uses_table else layout.OUT_MOTOR
         for start in range(0, run.n_samples, PIECE):
             n = min(PIECE, run.n_samples - start)
-            self._advance[width](
-                blocks.flat, 0, n, self.substeps, run.period_s, active, reference, normal, uniform, out
-            )
+            self._advance(blocks.flat, 0, n, self.substeps, run.period_s, active, reference, normal, uniform, out)
             found = out[0, :n]
             yield (
                 slice(start, start + n),
