@@ -74,6 +74,23 @@ def kept(dispatcher: Any) -> Any:
     return dispatcher
 
 
+def lightly_optimised(dispatcher: Any, level: int = 1) -> Any:
+    """Compile a function at a lower level of LLVM than numba's 3, where that suits long straight code better."""
+    if isinstance(dispatcher, Dispatcher):
+        compiler = cast(Any, dispatcher)._compiler
+        compile_fully = compiler.compile
+
+        def compile_lightly(arguments: Any, returned: Any) -> Any:
+            usual, numba.config.OPT = numba.config.OPT, type(numba.config.OPT)(level)
+            try:
+                return compile_fully(arguments, returned)
+            finally:
+                numba.config.OPT = usual
+
+        compiler.compile = compile_lightly
+    return dispatcher
+
+
 def followed(dispatcher: Any) -> Any:
     """Refuse a function when it is compiled as `closure_digest` does; its own machine code is not kept on disk."""
     if isinstance(dispatcher, Dispatcher):

@@ -26,11 +26,11 @@ _HEADER = '''"""Generated stepper for {names}, {lanes} lane(s) side by side."""
 
 from numba import njit
 
-from fdbench.compilation import kept
+from fdbench.compilation import kept, lightly_optimised
 
 
 def compiled(function):
-    return kept(njit(error_model="numpy", nogil=True)(function))
+    return lightly_optimised(kept(njit(error_model="numpy", nogil=True)(function)))
 
 
 inlined = njit(error_model="numpy", forceinline=True)
