@@ -81,11 +81,12 @@ def lightly_optimised(dispatcher: Any, level: int = 1) -> Any:
         compile_fully = compiler.compile
 
         def compile_lightly(arguments: Any, returned: Any) -> Any:
-            usual, numba.config.OPT = numba.config.OPT, type(numba.config.OPT)(level)
+            config = cast(Any, numba.config)
+            usual, config.OPT = config.OPT, type(config.OPT)(level)
             try:
                 return compile_fully(arguments, returned)
             finally:
-                numba.config.OPT = usual
+                config.OPT = usual
 
         compiler.compile = compile_lightly
     return dispatcher
