@@ -173,7 +173,7 @@ def test_bad_input_is_refused_in_words() -> None:
         evaluate({}, [simulated(rigid())])
     with pytest.raises(RecordError, match="no records"):
         evaluate({"own": model(rigid())}, [])
-    with pytest.raises(FdbenchError, match="Did you mean ShakerConstant-v1"):
+    with pytest.raises(FdbenchError, match="Did you mean ShakerConstant-v2"):
         load_nominal("ShakerConstant-v9")
 
 

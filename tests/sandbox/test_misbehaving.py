@@ -153,6 +153,8 @@ def started(tmp_path: Path, jobs: int) -> tuple["subprocess.Popen[bytes]", set[i
         [sys.executable, "-m", "fdbench.cli", *arguments, "--out", str(tmp_path / "out")],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
+        # A suite that runs in the background of a shell ignores interrupts, and so would its children.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     assert main.stdout is not None
     while b"fitting" not in main.stdout.readline():
