@@ -12,7 +12,7 @@ from contextvars import ContextVar
 from fdbench.errors import RecordError
 from fdbench.units import UNITS, split_unit
 
-ROTARY = "rotary"
+LINEAR, ROTARY = "linear", "rotary"
 # Suffixes of names, of a rotary axis and on its arc.
 _ON_THE_ARC = {
     "rad": "m",
@@ -34,6 +34,7 @@ _UNIT_OF_ROTARY = {UNITS[linear]: UNITS[rotary] for linear, rotary in _OF_ROTARY
 PARTS = {"load": "table", "shaft": "screw"}
 _NAMES = {"inertia_kg_m2": "mass_kg", "torque_constant_Nm_per_A": "force_constant_N_per_A"}
 COLUMN_OF_FORCE = {"motor_torque_Nm": "motor_force_N"}
+_NAMES_OF_ROTARY = {linear: rotary for rotary, linear in (COLUMN_OF_FORCE | _NAMES).items()}
 
 _speaks_of_rotary: ContextVar[bool] = ContextVar("speaks_of_rotary", default=False)
 
@@ -78,12 +79,8 @@ def rotary_name(name: str) -> str:
     >>> rotary_name("motor_force_N"), rotary_name("pitch_m"), rotary_name("mass_kg"), rotary_name("phase_rad")
     ('motor_torque_Nm', 'pitch_rad', 'inertia_kg_m2', 'phase_rad')
     """
-    for table in (COLUMN_OF_FORCE, _NAMES):
-        found = next((rotary for rotary, linear in table.items() if linear == name), None)
-        if found is not None:
-            return found
     stem, suffix = split_unit(name)
-    return f"{stem}_{_OF_ROTARY[suffix]}" if suffix in _OF_ROTARY else name
+    return _NAMES_OF_ROTARY.get(name) or (f"{stem}_{_OF_ROTARY[suffix]}" if suffix in _OF_ROTARY else name)
 
 
 def name_on_the_arc(name: str) -> str:
@@ -102,8 +99,7 @@ def words_of_rotary(text: str) -> str:
     >>> words_of_rotary("position_m jumps by 0.3 m; plant.table.mass_kg: missing")
     'position_rad jumps by 0.3 rad; plant.load.inertia_kg_m2: missing'
     """
-    parts = {f".{linear}": f".{rotary}" for rotary, linear in PARTS.items()}
-    for linear, rotary in parts.items():
-        text = text.replace(linear, rotary)
+    for rotary, linear in PARTS.items():
+        text = text.replace(f".{linear}", f".{rotary}")
     text = re.sub(r"(?<=\d) (m/s\^2|m/s|m|N(?! m)|kg(?! m))\b", lambda found: f" {_UNIT_OF_ROTARY[found[1]]}", text)
     return re.sub(r"\b[a-z][a-z0-9_]*_[A-Za-z0-9_]+\b", lambda found: rotary_name(found[0]), text)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from fdbench.errors import SpecError
+from fdbench.rotary import LINEAR
 from fdbench.specification import read
 
 EFFECT, VALUE, READING = "effect", "value", "reading"  # kinds of causes
@@ -486,7 +487,7 @@ class Answer:
     noise_floor: Mapping[str, NoiseFloor]
     process_forces: tuple[ProcessForce, ...] = ()
     recorded: Recorded | None = None
-    axis: str = "linear"
+    axis: str = LINEAR
 
     def as_json(self) -> dict[str, Any]:
         """Return the answer as JSON has it."""

@@ -25,7 +25,7 @@ from fdbench.diagnosis.judge.residual_dependence import dependences
 from fdbench.diagnosis.judge.verdict import Findings, verdict
 from fdbench.diagnosis.model.as_nominal import as_nominal
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
-from fdbench.diagnosis.model.nominal import LINEAR, Nominal, Uncertainty
+from fdbench.diagnosis.model.nominal import Nominal, Uncertainty
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
 from fdbench.diagnosis.records.runs import merged
@@ -33,7 +33,7 @@ from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import BASELINE, EVIDENCE
 from fdbench.record import FloatArray, Record
-from fdbench.rotary import spoken_of, spoken_unit, spoken_words
+from fdbench.rotary import LINEAR, spoken_of, spoken_unit, spoken_words
 from fdbench.units import unit_of
 
 

@@ -22,11 +22,12 @@ from fdbench.diagnosis.evidence.run_to_run import Repeatability
 from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.probability_models import ProbabilityModels
 from fdbench.diagnosis.model.hypothesis import start
-from fdbench.diagnosis.model.nominal import LINEAR, Nominal
+from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.records.runs import COMMAND, DEFLECTION, SIDES, Run, merged
 from fdbench.diagnosis.repaired import table_of, toml_lines
 from fdbench.errors import FdbenchError, SpecError
 from fdbench.record import FloatArray, Record
+from fdbench.rotary import LINEAR
 from fdbench.simulate.compose import cache_folder
 from fdbench.trials import seal
 from fdbench.trials.learn import Claim, claims, fitted

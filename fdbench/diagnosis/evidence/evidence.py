@@ -95,7 +95,6 @@ def gather(
     variants: Sequence[Hypothesis],
     places: Sequence[int] | None = None,
     keep: Sequence[Hypothesis] = (),
-    about: Mapping[int, Hypothesis] | None = None,
 ) -> Evidence:
     """Sum the products of the gap of a base and of the responses of its variants over the segments of runs.
 
@@ -112,10 +111,8 @@ def gather(
         Of the runs, such as ``split.fitted``; without, all.
     keep : sequence of Hypothesis
         Variants whose readings are kept, too.
-    about : mapping of int to Hypothesis, optional
-        What a variant, by its place, is the response about, where that is not the base.
     """
-    lanes, about = [base, *variants], about or {}
+    lanes = [base, *variants]
     products, gaps, counts, outs, groups, owners, channels, known = [], [], [], [], [], [], [], []
     offset = 0
     for number in range(len(split.runs)) if places is None else places:
@@ -127,8 +124,7 @@ def gather(
         count[-1] -= n_segments * length - run.n_samples
         for name, measured in run.channels.items():
             own = simulated[name]
-            for place in range(len(variants)):
-                own[1 + place] -= readings.alone(number, about[place])[name] if place in about else own[0]
+            own[1:] -= own[0]
             own[0] = measured - own[0]
         lost = silenced(simulated)
         scaled = split.scaled(number, simulated)

@@ -16,12 +16,11 @@ from fdbench.errors import RecordError, SpecError, UnknownName, did_you_mean
 from fdbench.plants import Plant
 from fdbench.plants.feed_drive import FeedDrive, Following, RotaryMotor
 from fdbench.record import Record
-from fdbench.rotary import ROTARY, name_on_the_arc, words_of_rotary
+from fdbench.rotary import LINEAR, ROTARY, name_on_the_arc, words_of_rotary
 from fdbench.scenario import Scenario, extended
 from fdbench.specification import bounded, check_bounds, nonnegative, positive, read, snake_case
 
 SUBSTEPS = 10  # where a scenario does not say
-LINEAR = "linear"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,8 +81,7 @@ class Nominal:
     axis: str = LINEAR
 
     def __post_init__(self) -> None:
-        if self.axis not in (LINEAR, ROTARY):
-            raise SpecError(f"axis: {self.axis!r}; allowed: {LINEAR}, {ROTARY}.")
+        _check_axis(self.axis, "axis")
         for name in self.exclude:
             effects.get(name)
 
@@ -167,6 +165,11 @@ class Nominal:
         return self.plant
 
 
+def _check_axis(axis: Any, where: str) -> None:
+    if axis not in (LINEAR, ROTARY):
+        raise SpecError(f"{where}: {axis!r}; allowed: {LINEAR}, {ROTARY}.")
+
+
 def _beyond(ratio: float, span: float) -> float:
     """Return by which factor a ratio lies outside 1 / span to span."""
     return ratio / min(max(ratio, 1.0 / span), span) if ratio > 0.0 else 1.0
@@ -202,8 +205,8 @@ def load_nominal(path: str | Path) -> Nominal:
     plant = table.get("plant")
     if isinstance(plant, Mapping) and plant.get("kind") == snake_case(FeedDrive.__name__) and "controller" not in plant:
         table["plant"] = plant = {**plant, "controller": {"kind": snake_case(Following.__name__)}}
-    if (axis := table.get("axis", LINEAR)) not in (LINEAR, ROTARY):
-        raise SpecError(f"{where}.axis: {axis!r}; allowed: {LINEAR}, {ROTARY}.")
+    axis = table.get("axis", LINEAR)
+    _check_axis(axis, f"{where}.axis")
     if axis != ROTARY or not isinstance(plant, Mapping):
         return _read(table, where)
     uncertainty = table.get("uncertainty", {})

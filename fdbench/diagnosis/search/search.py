@@ -61,10 +61,11 @@ class Search:
             for place, response in enumerate(responses)
             if response > SEARCH.oversized and every[place].replaces is None
         ]
-        smaller = [every[place].sizes([1.0 / responses[place]])[0] for place in large]
-        _, again_fitted, _ = self._screen(base, smaller, self.split.fitted)
-        for place, candidate, fit in zip(large, smaller, again_fitted, strict=True):
-            every[place], fits[place] = candidate, fit
+        if large:
+            smaller = [every[place].sizes([1.0 / responses[place]])[0] for place in large]
+            _, fitted_again, _ = self._screen(base, smaller, self.split.fitted)
+            for place, candidate, fit in zip(large, smaller, fitted_again, strict=True):
+                every[place], fits[place] = candidate, fit
         best = self._best_of_class(base, every, fits)
         order = sorted(best, key=lambda kind: _cost(base, best[kind][1].train, best[kind][1]))[: SEARCH.rescaled]
         again = [size for kind in order for size in best[kind][0].sizes(SEARCH.sizes)]
