@@ -173,6 +173,7 @@ class SearchSettings:
     shortest_wave_m: float = number(4e-4, "shortest wave over the way")
     fewest_waves: float = number(0.9, "waves over the travel, of the longest one")
     long_waves: float = number(10.0, "waves over the travel, below which a wave is long")
+    longest_pitch_m: float = number(0.06, "of a motor, where the travel is below ten of it", "linear motors' magnets")
     bin_m: float = number(1e-4, "of the profile over the way")
     oversampling: int = number(8, "of its spectrum")
     orders: tuple[float, ...] = number((1.0, 2.0, 6.0, 12.0, 24.0), "of a turn, where screws, couplings, poles repeat")

@@ -59,7 +59,7 @@ class Port(enum.Enum):
 
 
 LEADING_ARGUMENTS = ("t", "h", "x", "v", "u")
-Locate = Literal["", "line", "line_of_motion", "wavelength", "wavelength_of_ratio"]
+Locate = Literal["", "line", "line_of_motion", "wavelength", "pitch", "pitch_of_ratio"]
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -90,8 +90,8 @@ class Parameter:
     locate : str
         Where the diagnosis finds the values to try; nothing is tried where nothing is found. ``"line"`` or
         ``"line_of_motion"``: what stands out of the gap's spectrum over time (Hz) like a line, or of that of the gap
-        with the sign of the commanded velocity. ``"wavelength"`` or ``"wavelength_of_ratio"``: the strongest of its
-        spectrum over position (m), or of that of its ratio to the force.
+        with the sign of the commanded velocity. ``"wavelength"``: the strongest of its spectrum over position (m).
+        ``"pitch"`` or ``"pitch_of_ratio"``: those of them that a motor may have, or of its ratio to the force.
     whole : bool
         Whether it is a whole number, which no fit moves.
     """

@@ -17,8 +17,8 @@ class Cogging(Effect):
 
     .. math:: F(x_m) = A \sin(2 \pi x_m / \lambda + \varphi)
 
-    x_m: position of the motor side; lambda: pitch. For a rotary motor the pitch is the lead divided by the order (6,
-    12, 24, 36).
+    x_m: position of the motor side; lambda: pitch. For a rotary motor the pitch is the way in one turn (the lead of a
+    screw, the circumference of a pulley, the whole arc of a direct drive) divided by the order (6, 12, 24, 36).
 
     Source: Altintas, Verl, Brecher, Uriarte, Pritschow (2011), CIRP Annals 60(2), on linear drives.
 
@@ -36,7 +36,7 @@ class Cogging(Effect):
     confusable_with = ("torque_ripple", "lead_error")
 
     cogging_force_N: float = parameter("A", low=0.0, high=500.0, typical=10.0)
-    pitch_m: float = parameter("lambda_p", low=2e-4, high=0.06, typical=0.01 / 6.0, locate="wavelength")
+    pitch_m: float = parameter("lambda_p", low=2e-4, high=1.0, typical=0.01 / 6.0, locate="pitch")
     phase_rad: float = parameter("phi", low=-TURN, high=TURN, typical=0.0, phase=True)
 
     @kernel

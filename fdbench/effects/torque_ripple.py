@@ -36,7 +36,7 @@ class TorqueRipple(Effect):
     confusable_with = ("cogging",)
 
     relative_ripple: float = parameter("a", low=0.0, high=0.3, typical=0.03)
-    pitch_m: float = parameter("lambda_p", low=2e-4, high=0.06, typical=0.01 / 6.0, locate="wavelength_of_ratio")
+    pitch_m: float = parameter("lambda_p", low=2e-4, high=1.0, typical=0.01 / 6.0, locate="pitch_of_ratio")
     phase_rad: float = parameter("phi", low=-TURN, high=TURN, typical=0.0, phase=True)
 
     @kernel

@@ -50,13 +50,13 @@ class Sandbox:
         self._plugins = tuple((kind, str(file)) for kind, file in plugins)
         self._server: ForkServer | None = None
         self._workers: dict[str, Worker] = {}
-        self._prepared: set[bytes] = set()
+        self._prepared: set[str] = set()
 
-    def prepare(self, context: bytes, command: Record) -> None:
-        """Have compiled once what a prediction needs from a pickled context, for all workers to load."""
-        if context in self._prepared:
+    def prepare(self, scenario: str, context: bytes, command: Record) -> None:
+        """Have compiled once what simulates the machines of a scenario, for all workers to load."""
+        if scenario in self._prepared:
             return
-        self._prepared.add(context)
+        self._prepared.add(scenario)
         ours, theirs = socket.socketpair()
         with ours, theirs, tempfile.TemporaryFile() as needed:
             needed.write(context)
@@ -139,6 +139,7 @@ class Worker:
                 has_docstring=header.get("has_docstring") is True,
                 has_example=header.get("has_example") is True,
                 is_online=header.get("is_online") is True,
+                predicts=header.get("predicts") is True,
             )
         return self._declaration
 

@@ -65,9 +65,11 @@ def main(descriptor: int) -> None:
 
 
 def _warm_up() -> None:
-    """Load what numba loads with the first kernel, and look up which plug-ins are installed."""
+    """Load what most estimators import and numba loads with the first kernel; look up which plug-ins are installed."""
     import numba
-    import scipy.linalg  # noqa: F401
+    import scipy.linalg
+    import scipy.optimize
+    import scipy.signal  # noqa: F401
 
     from fdbench.estimator import estimators
 

@@ -77,7 +77,7 @@ def prepared(cache: Path, scenario: Scenario) -> Iterator[Sandbox]:
     command = scenario.command()
     assert command is not None
     with closing(Sandbox(WorkerLimits())) as sandbox:
-        sandbox.prepare(pickle.dumps(scenario.context()), command)
+        sandbox.prepare(scenario.id, pickle.dumps(scenario.context()), command)
         yield sandbox
 
 

@@ -19,7 +19,8 @@ def located(readings: Readings, split: Split, base: Hypothesis) -> Mapping[str, 
     """Return the lines (Hz) and wavelengths (m) of what the model lacks; see `fdbench.effects.Parameter.locate`.
 
     Lines are sought in the residual over time; wavelengths in the inverse-dynamics residual over position, also
-    multiplied by the motor force, to expose effects that are proportional to it.
+    multiplied by the motor force, to expose effects that are proportional to it. Pitches are the wavelengths that a
+    motor may have: no slow change along the way is one.
     """
     simulated: list[dict[str, FloatArray]] = []
     for place, run in enumerate(split.runs):
@@ -39,13 +40,16 @@ def located(readings: Readings, split: Split, base: Hypothesis) -> Mapping[str, 
         inverse_dynamics_residuals(run, own, split.noise_models, base.nominal.drive)
         for run, own in zip(split.runs, gaps, strict=True)
     ]
-    turn_m = base.nominal.turn_m
+    turn_m, length = base.nominal.turn_m, base.nominal.scale.length
     times_force = [own * run.channels["motor_force_N"][1:-2] for own, run in zip(lacking, split.runs, strict=True)]
+    waves, waves_of_ratio = (_lines_in_position(own, split.runs, turn_m, length) for own in (lacking, times_force))
+    longest_m = max(length * SEARCH.longest_pitch_m, _travel(split.runs)[1] / SEARCH.long_waves)
     return {
         "line": _lines_in_time(scaled, split.runs),
         "line_of_motion": _lines_in_time(turned, split.runs),
-        "wavelength": _lines_in_position(lacking, split.runs, turn_m, base.nominal.scale.length),
-        "wavelength_of_ratio": _lines_in_position(times_force, split.runs, turn_m, base.nominal.scale.length),
+        "wavelength": waves,
+        "pitch": [wave for wave in waves if wave <= longest_m],
+        "pitch_of_ratio": [wave for wave in waves_of_ratio if wave <= longest_m],
     }
 
 
@@ -116,6 +120,12 @@ def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[floa
     return lines[: SEARCH.lines]
 
 
+def _travel(runs: Sequence[Run]) -> tuple[float, float]:
+    """Return the lowest position of all runs, and how far the highest is from it."""
+    lowest = min(float(run.channels["position_m"].min()) for run in runs)
+    return lowest, max(float(run.channels["position_m"].max()) for run in runs) - lowest
+
+
 def _lines_in_position(
     gaps: Sequence[FloatArray], runs: Sequence[Run], turn_m: float | None, length: float
 ) -> list[float]:
@@ -125,8 +135,7 @@ def _lines_in_position(
     and screws repeat at known orders, where less is needed to be tried.
     """
     shortest_wave_m = length * SEARCH.shortest_wave_m
-    lowest = min(float(run.channels["position_m"].min()) for run in runs)
-    travel = max(float(run.channels["position_m"].max()) for run in runs) - lowest
+    lowest, travel = _travel(runs)
     if travel < 2.0 * shortest_wave_m:
         return []
     n_bins = max(64, round(travel / (length * SEARCH.bin_m)))

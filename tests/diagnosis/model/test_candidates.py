@@ -50,7 +50,7 @@ def test_what_is_there_or_a_nominal_parameter_is_no_candidate() -> None:
 
 
 def test_periods_are_tried_where_they_were_located() -> None:
-    found = [item for item in candidates(BASE, {"wavelength": [3e-3, 7e-3]}) if item.name == "cogging"]
+    found = [item for item in candidates(BASE, {"pitch": [3e-3, 7e-3]}) if item.name == "cogging"]
     assert [dict(zip((p.name for p in item.kind.parameters()), item.members[0].values(), strict=True))["pitch_m"]
             for item in found] == [3e-3, 7e-3]  # fmt: skip
     assert [len(item.members) for item in found] == [2, 2]
