@@ -115,7 +115,7 @@ def _diagnosed(
     drive, search = nominal.drive, Search(ready.readings.coarsened(given, split.noise_models), split, progress)
     search.progress("re-calibrating the nominal parameters")
     calibrated = search.refine(given)
-    split = search.split = with_run_to_run_covariance(search.readings.replay, ready, calibrated)
+    split = search.split = with_run_to_run_covariance(search.readings.replay, ready, calibrated, healthy)
     readings = search.readings = ready.readings.coarsened(given, split.noise_models)
     base = search.refine(calibrated)
     split = search.split = with_explained(split, gather(readings, split, base, ()))

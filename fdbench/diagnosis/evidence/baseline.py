@@ -46,11 +46,14 @@ class Baseline:
 
         .. math:: S \to S (1 + n / n_0)
 
-        with the mean numbers of repeats now and then.
+        with the mean numbers of repeats now and then, where repeats tell the noise; else it is in what is left.
         """
         pairs = [(run.repeats, known[0].repeats) for run in runs if (known := self.of(run)) is not None]
         if not pairs:
             return found
         now, then = np.mean(pairs, axis=0)
         factor = float(1.0 + now / then)
-        return {name: dataclasses.replace(item, spectrum=factor * item.spectrum) for name, item in found.items()}
+        return {
+            name: dataclasses.replace(item, spectrum=factor * item.spectrum) if item.measured else item
+            for name, item in found.items()
+        }

@@ -154,10 +154,21 @@ def without_copies(
     return *found, warnings
 
 
-def with_run_to_run_covariance(replay: Replay, ready: Aligned, calibrated: Hypothesis) -> Split:
-    """Return the split in which changes from run to run, about the re-calibrated model, are separated from noise."""
-    found = Repeatability(replay, calibrated, ready.runs)
+def with_run_to_run_covariance(
+    replay: Replay, ready: Aligned, calibrated: Hypothesis, baseline: Baseline | None = None
+) -> Split:
+    """Return the split in which changes from run to run, about the re-calibrated model, are separated from noise.
+
+    A floor that no repeats tell is assumed anew from what that model leaves: errors of the nominal parameters, which
+    are in all that the nominal model leaves, are not in it.
+    """
+    runs = ready.runs
+    if not all(floor.measured for floor in ready.split.noise_models.values()):
+        runs = [run.beside(replay.alone(run, calibrated.variant())) for run in runs]
+    found = Repeatability(replay, calibrated, runs)
     noise: Mapping[str, NoiseModel] = found.noise_models
+    if baseline is not None:
+        noise = baseline.noise(noise, ready.split.runs)
     for artefact in ready.artefacts:
         if not artefact.interpolated:
             noise = raised(noise, artefact.energy)
