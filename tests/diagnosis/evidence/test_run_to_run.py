@@ -72,6 +72,22 @@ def test_records_without_repeats_have_no_directions() -> None:
     assert found.change(ready.runs[0], found.noise_models) is None
 
 
+def test_an_assumed_floor_holds_no_errors_of_nominal_parameters() -> None:
+    """A motion that never rests, with a table a tenth heavier: the nominal model leaves of it all the time."""
+    motion, duration_s = protocol(1.0)["fast"]
+    nominal = Nominal(plant=drive(), simulation=Simulation(substeps=10))
+    table = nominal.drive.table
+    assert table is not None
+    heavy = dataclasses.replace(nominal.drive, table=dataclasses.replace(table, mass_kg=1.1 * table.mass_kg))
+    known, found = (aligned(nominal, [record(axis, (), motion, duration_s, 0)], []) for axis in (nominal.drive, heavy))
+    given = start(found.nominal)
+    moves = [0.1 / item.deviation if item.name == "table_mass" else 0.0 for item in nominal_parameters(found.nominal)]
+    after = with_run_to_run_covariance(found.readings.replay, found, given.moved(moves)).noise_models
+    for name, floor in known.split.noise_models.items():
+        assert found.split.noise_models[name].rms > 1.5 * floor.rms
+        assert after[name].rms == pytest.approx(floor.rms, rel=0.1)
+
+
 def test_whitening_is_the_inverse_root_of_the_covariance() -> None:
     """W (I + S S') W = I, with two channels of 7 samples and two directions."""
     rng = np.random.default_rng(0)
