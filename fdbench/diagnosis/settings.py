@@ -156,6 +156,9 @@ class SearchSettings:
     sizes: tuple[float, ...] = number((1.0, 0.5), "of that size: large effects are not proportional to it")
     refined: int = number(3, "classes that are refined in closed loop before one is chosen, at most")
     serious: float = number(0.5, "share of the best gain that makes a class worth refining")
+    far_fetched: float = number(
+        20.0, "prior penalty of a base beside which effects are also fitted from nominal values"
+    )
     smallest_gain: float = number(0.04, "share of the excess misfit that an effect must remove")
     noise_alone: float = number(1.05, "misfit below which nothing is left to explain", zero=1.0)
     effective_samples: float = number(60.0, "independent samples that a misfit is worth at most, for probabilities")

@@ -71,16 +71,18 @@ class Search:
         again = [size for kind in order for size in best[kind][0].sizes(SEARCH.sizes)]
         alone, fits, _ = self._screen(base, again)
         ranked = self._best_of_class(base, again, fits)
-        order = sorted(ranked, key=lambda kind: _cost(base, ranked[kind][1].misfit, ranked[kind][1]))
-        most = max((alone.misfit - fit.misfit for _, fit in ranked.values()), default=0.0)
+        without = _cost(base, alone.misfit, alone)
+        gains = {kind: without - _cost(base, fit.misfit, fit) for kind, (_, fit) in ranked.items()}
+        order = sorted(ranked, key=lambda kind: -gains[kind])
+        most = max(gains.values(), default=0.0)
         hypotheses = []
         for place, kind in enumerate(order):
             candidate, fit = ranked[kind]
             hypothesis = base.with_effect(candidate.members[0], candidate.replaces).moved(fit.coefficients)
-            serious = place < SEARCH.refined and alone.misfit - fit.misfit >= SEARCH.serious * most > 0.0
+            serious = place < SEARCH.refined and gains[kind] >= SEARCH.serious * most > 0.0
             if serious:
                 self.progress(f"refining {kind.name}")
-                hypothesis = self.refine(hypothesis)
+                hypothesis = self.refined_anew(hypothesis, base)
             hypotheses.append((kind, hypothesis, serious))
         return self.compared(base, hypotheses)
 
@@ -214,6 +216,19 @@ class Search:
             if before - after[best] < max(SEARCH.converged * excess, SEARCH.smallest_fall):
                 break
         return hypothesis
+
+    def refined_anew(self, hypothesis: Hypothesis, base: Hypothesis) -> Hypothesis:
+        """Return the better of two refinements: from here, and where the base is far-fetched, from nominal parameters.
+
+        Nominal parameters that stand in for an effect that is not there yet are far off, and stay there beside it.
+        """
+        found = self.refine(hypothesis)
+        if base.prior_penalty() < SEARCH.far_fetched:
+            return found
+        anew = self.refine(dataclasses.replace(hypothesis, shifts=(0.0,) * len(hypothesis.shifts)))
+        evidence = gather(self.readings, self.split, base, [found, anew], self.split.fitted, keep=[found, anew])
+        _, *squares = evidence.squares()[~evidence.held_out].sum(axis=0).tolist()
+        return min(zip(squares, (found, anew), strict=True), key=lambda item: item[0] + item[1].penalty())[1]
 
     def probed(self, hypothesis: Hypothesis, beside: Sequence[Hypothesis] = ()) -> Evidence:
         """Return the responses to a step of each number of a hypothesis, on the runs of which something is fitted.

@@ -60,8 +60,12 @@ class Stage:
     effective: float = field(default_factory=lambda: SEARCH.effective_samples)
 
     def gain(self, rival: Rival) -> float:
-        """Return the share of the excess misfit that a rival removes."""
-        return (self.misfit - rival.misfit) / max(self.misfit - 1.0, 1e-12)
+        r"""Return the share of the excess misfit that a rival removes.
+
+        Far-fetched nominal parameters count as the misfit of equal evidence, :math:`M e^{\text{penalty} / n}`.
+        """
+        alone, beside = (item.misfit * math.exp(item.penalty / self.effective) for item in (self, rival))
+        return (alone - beside) / max(alone - 1.0, 1e-12)
 
     def log_evidence(self, misfit: float, penalty: float) -> float:
         """Return the tempered log evidence of a misfit."""
