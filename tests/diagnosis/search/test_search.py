@@ -9,7 +9,7 @@ from axis_lab import drive
 
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import moves
-from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.hypothesis import nominal_parameters, start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
@@ -17,6 +17,7 @@ from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import Run
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Rival, Stage
+from fdbench.diagnosis.settings import SEARCH
 from fdbench.effects import Effect, effects
 
 PERIOD_S = 1e-3
@@ -72,4 +73,22 @@ def test_probabilities_of_a_round_by_hand() -> None:
     weights = [1.5**-5 * math.exp(-1.0), 1.6**-5, len(NOMINAL.library) * 1.8**-5]
     assert stage.probabilities() == pytest.approx([weight / sum(weights) for weight in weights[:2]])
     assert stage.present() == pytest.approx(1.0 - weights[2] / sum(weights))
-    assert stage.gain(rivals[0]) == pytest.approx(0.3 / 0.8)
+    assert stage.gain(rivals[0]) == pytest.approx((1.8 - 1.5 * math.exp(0.2)) / 0.8)
+    assert stage.gain(rivals[1]) == pytest.approx(0.2 / 0.8)
+
+
+def test_beside_a_far_fetched_base_an_effect_is_also_fitted_from_the_nominal_values() -> None:
+    """Viscous friction eight standard deviations off stands in for a drag; beside the drag it goes back."""
+    true = effects.get("quadratic_drag").typical()
+    own = search(true)
+    given = start(NOMINAL)
+    names = [item.name for item in nominal_parameters(NOMINAL)]
+    far = given.moved([8.0 if name == "motor_viscous" else 0.0 for name in names])
+    assert far.prior_penalty() < SEARCH.far_fetched
+    far = far.moved([-8.0 if name == "table_viscous" else 0.0 for name in names])
+    assert far.prior_penalty() > SEARCH.far_fetched
+    tried = far.with_effect(true.scaled(0.1))
+    found = own.refined_anew(tried, far)
+    assert found.prior_penalty() <= own.refine(tried).prior_penalty()
+    assert found.prior_penalty() < 5.0
+    assert found.effects[0].values()[0] == pytest.approx(true.values()[0], rel=0.2)
