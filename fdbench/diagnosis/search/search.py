@@ -14,7 +14,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_vector, with_parameters
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.periods import located
-from fdbench.diagnosis.search.stage import Rival, Stage
+from fdbench.diagnosis.search.stage import Rival, Stage, equivalent_misfit
 from fdbench.diagnosis.settings import SEARCH
 from fdbench.effects import Effect
 
@@ -71,9 +71,9 @@ class Search:
         again = [size for kind in order for size in best[kind][0].sizes(SEARCH.sizes)]
         alone, fits, _ = self._screen(base, again)
         ranked = self._best_of_class(base, again, fits)
-        without = _cost(base, alone.misfit, alone)
-        gains = {kind: without - _cost(base, fit.misfit, fit) for kind, (_, fit) in ranked.items()}
-        order = sorted(ranked, key=lambda kind: -gains[kind])
+        order = sorted(ranked, key=lambda kind: _cost(base, ranked[kind][1].misfit, ranked[kind][1]))
+        without = _equivalent(base, alone)
+        gains = {kind: without - _equivalent(base, fit) for kind, (_, fit) in ranked.items()}
         most = max(gains.values(), default=0.0)
         hypotheses = []
         for place, kind in enumerate(order):
@@ -246,3 +246,8 @@ class Search:
 def _cost(base: Hypothesis, misfit: float, fit: Fit) -> float:
     """Return minus twice the tempered log evidence of a linear fit: its misfit, and how far nominal parameters move."""
     return SEARCH.effective_samples * math.log(max(misfit, 1e-9)) + base.moved(fit.coefficients).prior_penalty()
+
+
+def _equivalent(base: Hypothesis, fit: Fit) -> float:
+    penalty = base.moved(fit.coefficients).prior_penalty()
+    return equivalent_misfit(fit.misfit, penalty, SEARCH.effective_samples)

@@ -62,9 +62,9 @@ class Stage:
     def gain(self, rival: Rival) -> float:
         r"""Return the share of the excess misfit that a rival removes.
 
-        Far-fetched nominal parameters count as the misfit of equal evidence, :math:`M e^{\text{penalty} / n}`.
+        Nominal parameters that are far-fetched count too: see `equivalent_misfit`.
         """
-        alone, beside = (item.misfit * math.exp(item.penalty / self.effective) for item in (self, rival))
+        alone, beside = (equivalent_misfit(item.misfit, item.penalty, self.effective) for item in (self, rival))
         return (alone - beside) / max(alone - 1.0, 1e-12)
 
     def log_evidence(self, misfit: float, penalty: float) -> float:
@@ -84,3 +84,13 @@ class Stage:
     def present(self) -> float:
         """Return the probability that one of the rivals is there."""
         return sum(self.probabilities())
+
+
+def equivalent_misfit(misfit: float, penalty: float, effective: float) -> float:
+    r"""Return the misfit that has the same evidence without what is far-fetched of the nominal parameters.
+
+    .. math:: M e^{\max(0, \text{penalty} - p_0) / n}
+
+    with :math:`p_0` = ``SEARCH.far_fetched``: up to there they are what data sheets are wrong by.
+    """
+    return misfit * math.exp(max(0.0, penalty - SEARCH.far_fetched) / effective)

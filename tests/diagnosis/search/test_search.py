@@ -73,8 +73,9 @@ def test_probabilities_of_a_round_by_hand() -> None:
     weights = [1.5**-5 * math.exp(-1.0), 1.6**-5, len(NOMINAL.library) * 1.8**-5]
     assert stage.probabilities() == pytest.approx([weight / sum(weights) for weight in weights[:2]])
     assert stage.present() == pytest.approx(1.0 - weights[2] / sum(weights))
-    assert stage.gain(rivals[0]) == pytest.approx((1.8 - 1.5 * math.exp(0.2)) / 0.8)
-    assert stage.gain(rivals[1]) == pytest.approx(0.2 / 0.8)
+    assert stage.gain(rivals[0]) == pytest.approx(0.3 / 0.8)
+    far_fetched = dataclasses.replace(stage, penalty=SEARCH.far_fetched + 3.0)
+    assert far_fetched.gain(rivals[0]) == pytest.approx((1.8 * math.exp(0.3) - 1.5) / (1.8 * math.exp(0.3) - 1.0))
 
 
 def test_beside_a_far_fetched_base_an_effect_is_also_fitted_from_the_nominal_values() -> None:
