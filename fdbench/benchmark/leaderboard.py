@@ -59,6 +59,12 @@ the parameter's unit."""
 ERRATA: tuple[tuple[str, str], ...] = (
     (
         "0.2.0",
+        "in DriveCurrentClosed up to -v1 the gains in newtons are exact, so that the loop's equation tells the "
+        "disturbance; in SlotMilling up to -v1 the force is read without noise and tells the parameters exactly. -v2 "
+        "mends both. No estimator listed here used it.",
+    ),
+    (
+        "0.2.0",
         "in the velocity loops up to -v1 (Milling, Shaker) the position is read without noise, and the way of a sample "
         "tells the parameters exactly; from -v2 on it is read from a scale. No estimator listed here used it.",
     ),

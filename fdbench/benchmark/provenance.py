@@ -23,7 +23,7 @@ from fdbench.metrics import metrics
 from fdbench.motions import motions
 from fdbench.plants import plants
 from fdbench.registry import Registry
-from fdbench.sandbox import Source
+from fdbench.sandbox import Source, own_files
 from fdbench.version import __version__
 
 PACKAGE = Path(__file__).parent.parent
@@ -99,8 +99,8 @@ def estimator_source(name: str, files: Sequence[Path] | None = None) -> Source:
     """Return where a registered estimator is, made of these files; which they are takes a while to find out."""
     by_path = estimators.files()
     if name in by_path:
-        file = by_path[name]
-        return Source(name=name, own=(file,), digest=estimator_digest([file], {}), file=file)
+        own = own_files(by_path[name]) if files is None else tuple(files)
+        return Source(name=name, own=own, digest=estimator_digest(own, {}), file=by_path[name])
     module = estimators.modules()[name]
     digest = estimator_digest(source_files(module) if files is None else files, {})
     return Source(name=name, own=(package_folder(module.split(".")[0]).resolve(),), digest=digest)

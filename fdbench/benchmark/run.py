@@ -25,7 +25,7 @@ from fdbench.errors import FdbenchError, MissingData, PluginError
 from fdbench.estimator import estimators as registry
 from fdbench.nonce import check_nonce
 from fdbench.reading import measured_file
-from fdbench.sandbox import Misbehaved, WorkerLimits, confinement
+from fdbench.sandbox import Misbehaved, WorkerLimits, confinement, own_files
 from fdbench.scenario import Scenario, load_scenario
 
 NULL = "null"
@@ -179,14 +179,15 @@ def run(
         place = store.folder.resolve()
         plan += [replace(job, folder=place, plugins=plugins, is_apart=jobs > 1, limits=limits) for job in own]
     keys = {key for job in plan for key in job.runs}
-    others, stale = _others(store, keys, [scenario for _, scenario in selected], origin)
     selection = {"scenarios": {scenario.id: scenario.digest for _, scenario in selected}, "estimators": list(names)}
     options = {"seeds": seeds, "first_seed": first_seed, "keep_estimates": keep_estimates}
     store.write_selection({**selection, **options, **origin})
     wanting = {scenario.id: _wanting(scenario) for _, scenario in selected}
     waiting = [job for job in (_unfinished(job, store, wanting[job.scenario]) for job in plan) if job.choices]
     _work(waiting, jobs, progress)
-    found = store.merge({*keys, *others})
+    with store.alone():
+        others, stale = _others(store, keys, [scenario for _, scenario in selected], origin)
+        found = store.merge({*keys, *others})
     statuses = Counter(status for key, status in found.items() if key in keys)
     computed = sum(len(job.choices) for job in waiting)
     return Summary(
@@ -282,7 +283,7 @@ def _sources(names: Iterable[str]) -> dict[str, list[Path]]:
     """Return the files that each of some estimators is made of; reading them takes a while."""
     by_path, modules = plugin_files(registry), registry.modules()
     others = (name for name in names if name != oracle.NAME)
-    return {name: [by_path[name]] if name in by_path else source_files(modules[name]) for name in others}
+    return {name: list(own_files(by_path[name])) if name in by_path else source_files(modules[name]) for name in others}
 
 
 def _choice(name: str, scenario: Scenario, sources: Mapping[str, Sequence[Path]]) -> Choice:

@@ -11,6 +11,7 @@
 =================================================  ====================================================================
 """
 
+import fcntl
 import json
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -235,6 +236,16 @@ class Store:
             return {str(key): None if models is None else tuple(map(str, models)) for key, models in found.items()}
         except (OSError, ValueError, TypeError, AttributeError):
             return {}
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep other processes from the tables, so that of two that write into one folder the last has all runs."""
+        folder = os.open(self.folder, os.O_RDONLY)
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(folder)
 
     def merge(self, keys: Collection[RunKey]) -> dict[RunKey, str]:
         """Write the two tables from the runs of ``keys``; return the status of each."""

@@ -88,7 +88,7 @@ def declare(plugin: str, sandbox: "Sandbox") -> str:
     from fdbench.errors import PluginError
     from fdbench.estimator import estimators
     from fdbench.registry import owner
-    from fdbench.sandbox import Misbehaved, Source
+    from fdbench.sandbox import Misbehaved, Source, own_files
 
     if not plugin.endswith(".py"):
         return plugin
@@ -96,7 +96,7 @@ def declare(plugin: str, sandbox: "Sandbox") -> str:
     if owner(Path(plugin), (estimators, effects)) is not None:
         return path.stem
     try:
-        worker = sandbox.worker(Source(name=path.stem, own=(path,), digest="", file=path))
+        worker = sandbox.worker(Source(name=path.stem, own=own_files(path), digest="", file=path))
         kind = worker.load(("estimator", "effect")).kind
     except Misbehaved as error:
         text = str(error).removeprefix("PluginError: ").replace(str(path), plugin)

@@ -9,7 +9,7 @@ never unpickles what they say (`fdbench.sandbox.message`).
 from fdbench.sandbox.claims import check_kinds
 from fdbench.sandbox.confine import confinement
 from fdbench.sandbox.parent import Sandbox, Worker
-from fdbench.sandbox.terms import Declaration, FitResult, Misbehaved, Source, WorkerLimits
+from fdbench.sandbox.terms import Declaration, FitResult, Misbehaved, Source, WorkerLimits, own_files
 
 __all__ = [
     "Declaration",
@@ -21,4 +21,5 @@ __all__ = [
     "WorkerLimits",
     "check_kinds",
     "confinement",
+    "own_files",
 ]

@@ -1,6 +1,5 @@
 """The side that holds the truth: it starts the fork server, asks workers, measures their time and ends them."""
 
-import glob
 import math
 import os
 import pickle
@@ -113,8 +112,7 @@ class Worker:
             self._pid = server.fork(theirs, self._last_words)
         self.is_alive = True
         cache = _cache(source)
-        readable = [*self._own, *(str(path) for path in _beside(source.file))]
-        files = {"own": list(self._own), "read": readable, "cache": str(cache), "plugins": plugins}
+        files = {"own": list(self._own), "cache": str(cache), "plugins": plugins}
         files |= {"shared": server.shared}
         self._ask({"do": "confine", "memory_MB": limits.memory_MB, "has_landlock": landlock.version() > 0, **files})
 
@@ -159,6 +157,8 @@ class Worker:
         parameters, peak = answer.header.get("parameters"), answer.header.get("peak_memory_MB")
         if not isinstance(parameters, dict) or not all(type(value) is float for value in parameters.values()):
             raise self._unreadable("its parameters are no numbers")
+        if any(_clean(name) != name for name in parameters):
+            raise self._unreadable("the names of its parameters are too long or cannot be printed")
         if not (isinstance(peak, float) and math.isfinite(peak)):
             raise self._unreadable("its memory is no number")
         claims = {"covariance": None, **answer.arrays}
@@ -265,11 +265,6 @@ class Worker:
 def _close_both(channel: socket.socket, last_words: IO[bytes]) -> None:
     channel.close()
     last_words.close()
-
-
-def _beside(file: Path | None) -> list[Path]:
-    """Return the files beside a plug-in's that bear its name, such as weights."""
-    return [] if file is None else sorted(file.parent.glob(f"{glob.escape(file.stem)}.*"))
 
 
 def _cache(source: Source) -> Path:

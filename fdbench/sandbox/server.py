@@ -36,6 +36,8 @@ from fdbench.sandbox.worker import ContextUnpickler, PluginServer, leave
 
 LONGEST_REQUEST = 4096
 
+MOST_GENERATIONS = 1000
+
 PARENT_DEATH_SIGNAL, CHILD_SUBREAPER = 1, 36
 
 
@@ -166,9 +168,13 @@ def _end(pid: int, workers: set[int], wait_s: float) -> int | None:
 
 
 def _end_orphans(workers: set[int]) -> None:
+    """End what workers have left behind; the children of an orphan are orphans when it has ended."""
     children = Path(f"/proc/self/task/{os.getpid()}/children")
-    if children.is_file():
-        for orphan in {int(pid) for pid in children.read_text("ascii").split()} - workers:
+    for _ in range(MOST_GENERATIONS if children.is_file() else 0):
+        orphans = {int(pid) for pid in children.read_text("ascii").split()} - workers
+        if not orphans:
+            return
+        for orphan in orphans:
             with suppress(ProcessLookupError, ChildProcessError):
                 os.kill(orphan, signal.SIGKILL)
                 os.waitpid(orphan, 0)

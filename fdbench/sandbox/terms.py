@@ -1,5 +1,6 @@
 """What the side that holds the truth calls an estimator, its limits, and what comes back of it."""
 
+import glob
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,15 @@ class WorkerLimits:
     memory_MB: float = 4096.0
 
 
+def own_files(file: Path) -> tuple[Path, ...]:
+    """Return a plug-in file and those in its folder that begin with its name and a dot, such as weights.
+
+    A link is none of its own: an estimator may read what is here, and it may lead to the results.
+    """
+    beside = sorted(file.parent.glob(f"{glob.escape(file.stem)}.*"))
+    return file, *(path for path in beside if path != file and path.is_file() and not path.is_symlink())
+
+
 @dataclass(frozen=True, kw_only=True)
 class Source:
     """Where an estimator is.
@@ -24,7 +34,7 @@ class Source:
     ----------
     name : str
     own : tuple of Path
-        Its file, or the folders of the package that it is in; errors are located in these.
+        Its file with those that it reads, or the folders of the package that it is in; errors are located in these.
     digest : str
         Of its code; a worker that has imported another one is not used any more.
     file : Path or None

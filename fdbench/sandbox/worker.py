@@ -3,7 +3,7 @@
 =============  ================================================  ===========================
 request        holds                                             answer
 =============  ================================================  ===========================
-``confine``    ``own``, ``read``, ``cache``, ``shared`` ..    nothing
+``confine``    ``own``, ``cache``, ``shared`` ..              nothing
 ``load``       ``name``, ``file``, ``kinds``                     ``kind``, ``made_for`` ..
 ``begin``      ``name``, ``arguments``, ``context``              ``skip``, a reason or null
 ``record``     ``columns``                                       nothing
@@ -120,7 +120,6 @@ class PluginServer:
     def confine(
         self,
         own: list[str],
-        read: list[str],
         cache: str,
         shared: str,
         memory_MB: float,
@@ -144,7 +143,7 @@ class PluginServer:
                 for value in vars(module).values():
                     if isinstance(value, Dispatcher) and value.stats.cache_path is not None:
                         kept(value)
-        files = (shared, *read, *(file for _, file in plugins))
+        files = (shared, *own, *(file for _, file in plugins))
         reach = Reach((*self._reach.read, *files), self._reach.listed)
         confine(reach, (self._folder, folder), memory_MB, has_landlock=has_landlock)
         os._exit = _exit_refused

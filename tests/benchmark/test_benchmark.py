@@ -457,6 +457,32 @@ def test_results_of_what_has_changed_are_left_out(
     )
 
 
+def test_an_estimator_whose_weights_have_changed_is_run_again(tmp_path: Path, scenario: str) -> None:
+    body = "value = float(open(__file__.replace('.py', '.weights')).read())\n        "
+    mine = estimator_file(tmp_path, "mine", FIT + body + f"return {LIKE_NULL}\n".replace("0.0", "value"))
+    weights, store = tmp_path / "mine.weights", Store(tmp_path / "out")
+    for value in ("0.25", "0.75"):
+        weights.write_text(value, "utf-8")
+        assert run([scenario], [mine], 1, store.folder).computed > 0
+        kept = store.read_estimate(key("mine"))
+        assert kept is not None
+        assert set(kept.estimate.parameters.values()) == {float(value)}
+    assert run([scenario], [mine], 1, store.folder).computed == 0
+    (tmp_path / "mine.link").symlink_to(weights)
+    assert run([scenario], [mine], 1, store.folder).computed == 0
+
+
+def test_of_two_runs_at_once_the_tables_hold_all(tmp_path: Path, scenario: str) -> None:
+    out, other = tmp_path / "out", short_scenario(tmp_path, "Other-v0")
+
+    def run_beside(progress: Progress) -> None:
+        if not progress.runs:
+            run([other], ["krls_t"], 1, out)
+
+    assert run([scenario], ["least_squares"], 1, out, progress=run_beside).others == 3
+    assert set(Store(out).scores()["estimator"]) == {"least_squares", "krls_t", "null", "oracle"}
+
+
 def test_an_installed_estimator_that_has_changed_is_left_out(
     tmp_path: Path, scenario: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -33,6 +33,7 @@ def stores(tmp_path_factory: pytest.TempPathFactory) -> tuple[Store, Store]:
         patch.chdir(folder)
         patch.setenv("PWD", str(folder))
         run([SCENARIO], ["least_squares"], 1, "results")
+        (folder / "follow_link.weights").symlink_to("results")
         files = [str(shutil.copy(file, folder)) for file in CHEATS]
         run([SCENARIO], [*files, "least_squares"], 1, "with_cheats", time_limit_s=60.0)
     return Store(folder / "results"), Store(folder / "with_cheats")

@@ -32,6 +32,7 @@ MESSAGES = {
     "kills_itself": "kills_itself.py:13: an estimator may not send a signal (os.kill)",
     "kills_itself_in_compiled_code": "crashed with SIGKILL, by itself or for want of memory",
     "leaves_a_process": "leaves_a_process.py:16: ValueError: forked",
+    "leaves_generations": "leaves_generations.py:24: ValueError: forked",
     "never_ends": "never_ends.py:1",  # line 10 or 11, as it was met
     "never_ends_deaf": "took longer than 5 s",
     "predicts_nothing_useful": "",
@@ -48,6 +49,7 @@ MESSAGES = {
     "returns_nan": "PluginError: parameters['beta_1'] is nan, expected a finite number.",
     "returns_objects": "PluginError: output is a ndarray of type object, expected real numbers.",
     "returns_poison": "returns_poison.py:11: RuntimeError: poisoned",
+    "returns_unprintable_names": "its answer cannot be used: the names of its parameters are too long or cannot be",
     "returns_wrong_length": "PluginError: output has shape (3,), expected (998,), one value for each row",
     "returns_wrong_names": "PluginError: parameters['beta1']: the model has no such parameter. Did you mean beta_1?",
     "skips_with_a_crash": "skips_with_a_crash.py:15: crashed with SIGSEGV",
@@ -167,6 +169,16 @@ def gone(pids: set[int]) -> bool:
     while any(map(is_running, pids)) and time.monotonic() < deadline:
         time.sleep(0.05)
     return not any(map(is_running, pids))
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="processes are looked up in /proc")
+def test_no_process_outlives_its_worker(tmp_path: Path) -> None:
+    file = Path(__file__).parent / "misbehaving" / "leaves_generations.py"
+    scenario = short_scenario(tmp_path, "Short-v0")
+    code = "import sys; from fdbench.benchmark.run import run; run([sys.argv[1]], [sys.argv[2]], 1, sys.argv[3])"
+    arguments = [sys.executable, "-c", code, scenario, str(file), str(tmp_path / "out")]
+    subprocess.run(arguments, check=True, capture_output=True)
+    assert "left behind" not in {comm.read_text("utf-8").strip() for comm in Path("/proc").glob("[0-9]*/comm")}
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="processes are looked up in /proc")
