@@ -1,5 +1,6 @@
 """What the side that holds the truth calls an estimator, its limits, and what comes back of it."""
 
+import ast
 import glob
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,12 +19,35 @@ class WorkerLimits:
 
 
 def own_files(file: Path) -> tuple[Path, ...]:
-    """Return a plug-in file and those in its folder that begin with its name and a dot, such as weights.
+    """Return a plug-in file and what is its own in its folder.
 
-    A link is none of its own: an estimator may read what is here, and it may lead to the results.
+    That is what begins with its name and a dot, such as weights, and the modules that it imports, directly or not. A
+    link is none of its own: an estimator may read what is here, and it may lead to the results.
     """
-    beside = sorted(file.parent.glob(f"{glob.escape(file.stem)}.*"))
-    return file, *(path for path in beside if path != file and path.is_file() and not path.is_symlink())
+    named = sorted(file.parent.glob(f"{glob.escape(file.stem)}.*"))
+    found, waiting = dict.fromkeys([file, *filter(_is_plain, named)]), [file]
+    while waiting:
+        for name in sorted(_imported(waiting.pop())):
+            package = sorted((file.parent / name).rglob("*.py"))
+            new = [path for path in (file.parent / f"{name}.py", *package) if _is_plain(path) and path not in found]
+            found |= dict.fromkeys(new)
+            waiting += new
+    return tuple(found)
+
+
+def _is_plain(path: Path) -> bool:
+    return path.is_file() and not path.is_symlink()
+
+
+def _imported(file: Path) -> set[str]:
+    """Return the names before the first dot of what a file imports; nothing where it cannot be read as Python."""
+    try:
+        nodes = list(ast.walk(ast.parse(file.read_bytes())))
+    except (SyntaxError, ValueError):
+        return set()  # it cannot be imported either, which is reported where it is
+    names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    names += [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module and not node.level]
+    return {name.split(".")[0] for name in names}
 
 
 @dataclass(frozen=True, kw_only=True)

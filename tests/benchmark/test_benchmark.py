@@ -11,13 +11,14 @@ from conftest import REPOSITORY
 from short_scenario import short_scenario
 from threadpoolctl import threadpool_limits
 
-from fdbench.benchmark import provenance
+from fdbench.benchmark import job, provenance
 from fdbench.benchmark.run import Progress, Summary, run
 from fdbench.benchmark.store import PARAMETER_COLUMNS, SCORE_COLUMNS, KeptRun, RunKey, Store
 from fdbench.benchmark.validate import check_estimate
 from fdbench.errors import FdbenchError, PluginError, SpecError, UnknownName
 from fdbench.estimator import Estimate, estimators
 from fdbench.regression import Regression
+from fdbench.sandbox import WorkerLimits
 from fdbench.scenario import load_scenario
 
 HEAD = "import numpy as np\nfrom fdbench.estimator import BatchEstimator, Estimate\n\n\nclass Fake(BatchEstimator):\n"
@@ -470,6 +471,24 @@ def test_an_estimator_whose_weights_have_changed_is_run_again(tmp_path: Path, sc
     assert run([scenario], [mine], 1, store.folder).computed == 0
     (tmp_path / "mine.link").symlink_to(weights)
     assert run([scenario], [mine], 1, store.folder).computed == 0
+
+
+def test_an_estimator_whose_helper_has_changed_is_run_again(
+    tmp_path: Path, scenario: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(job, "_kept", job._Kept())  # workers that are on this path
+    body = f"return {LIKE_NULL}\n".replace("0.0", "a_helper.value")
+    mine = estimator_file(tmp_path, "mine", "import a_helper\n" + FIT + body)
+    (tmp_path / "a_helper.py").write_text("from below_a_helper import value\n", "utf-8")
+    store = Store(tmp_path / "out")
+    for value in (0.25, 0.75):
+        (tmp_path / "below_a_helper.py").write_text(f"value = {value}\n", "utf-8")
+        assert run([scenario], [mine], 1, store.folder).computed > 0
+        kept = store.read_estimate(key("mine"))
+        assert kept is not None
+        assert set(kept.estimate.parameters.values()) == {value}
+    job.sandbox(WorkerLimits()).close()
 
 
 def test_of_two_runs_at_once_the_tables_hold_all(tmp_path: Path, scenario: str) -> None:
