@@ -15,7 +15,7 @@ import numpy as np
 from fdbench.catalogue import scenario_folder, scenario_ids
 from fdbench.draw import Draw, check_draws, drawn, moved
 from fdbench.effects import Effect
-from fdbench.errors import SimulationDiverged, SpecError, UnknownName, did_you_mean
+from fdbench.errors import MissingData, SimulationDiverged, SpecError, UnknownName, did_you_mean
 from fdbench.estimator import Context
 from fdbench.motions import Motion
 from fdbench.plants import LinearModel, Plant
@@ -187,6 +187,17 @@ class Scenario:
                 raise SpecError(f"validation.{needed}: a {kind} scenario has this one, and no {other}.")
         if self.measured is None and (self.timing is None or self.motion is None):
             raise SpecError("timing: missing table; a scenario has [timing] and [motion], or [measured].")
+
+    @property
+    def content_digest(self) -> str:
+        """Digest with that of the measured file, where there is one on this machine; else the digest."""
+        if self.measured is None:
+            return self.digest
+        try:
+            data = measured_file(self.measured.file, self.measured.obtain).read_bytes()
+        except MissingData:
+            return self.digest
+        return hashlib.sha256(self.digest.encode() + hashlib.sha256(data).digest()).hexdigest()
 
     @property
     def linear_model(self) -> LinearModel:

@@ -161,7 +161,7 @@ def run(
     if sealed:
         fixed = Seal(
             estimators={name: estimator_digest(files, {}) for name, files in sources.items()},
-            scenarios={scenario.id: scenario.digest for _, scenario in selected},
+            scenarios={scenario.id: scenario.content_digest for _, scenario in selected},
             code_digest=origin["code_digest"],
             commit=origin["commit"],
         )
@@ -179,7 +179,8 @@ def run(
         place = store.folder.resolve()
         plan += [replace(job, folder=place, plugins=plugins, is_apart=jobs > 1, limits=limits) for job in own]
     keys = {key for job in plan for key in job.runs}
-    selection = {"scenarios": {scenario.id: scenario.digest for _, scenario in selected}, "estimators": list(names)}
+    contents = {scenario.id: scenario.content_digest for _, scenario in selected}
+    selection = {"scenarios": contents, "estimators": list(names)}
     options = {"seeds": seeds, "first_seed": first_seed, "keep_estimates": keep_estimates}
     store.write_selection({**selection, **options, **origin})
     wanting = {scenario.id: _wanting(scenario) for _, scenario in selected}
@@ -234,7 +235,7 @@ def _digests_now(runs: Sequence[KeptRun], selected: Sequence[Scenario]) -> dict[
     sources = _sources({name for _, name in by_pair}.intersection(registry.names()))
     for name, estimator in by_pair:
         if name in known:
-            by_scenario[name] = known[name].digest
+            by_scenario[name] = known[name].content_digest
             if estimator in (*sources, oracle.NAME):
                 by_pair[name, estimator] = _choice(estimator, known[name], sources).digest
     return {pair: (by_scenario[pair[0]], digest) for pair, digest in by_pair.items()}
@@ -298,6 +299,7 @@ def _choice(name: str, scenario: Scenario, sources: Mapping[str, Sequence[Path]]
 def _jobs(
     source: str, scenario: Scenario, choices: tuple[Choice, ...], seeds: range, keep: bool, origin: Mapping[str, str]
 ) -> Iterator[Job]:
+    content = scenario.content_digest
     for seed in seeds:
         yield Job(
             source=source,
@@ -305,7 +307,7 @@ def _jobs(
             seed=seed,
             choices=choices,
             keep=keep or seed == seeds[0],
-            provenance={**origin, "scenario_digest": scenario.digest},
+            provenance={**origin, "scenario_digest": content},
         )
 
 

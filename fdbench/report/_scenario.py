@@ -47,7 +47,7 @@ def known_scenario(name: str, digest: str) -> Scenario | None:
         scenario = load_scenario(name)
     except FdbenchError:
         return None
-    return scenario if scenario.digest == digest else None
+    return scenario if scenario.content_digest == digest else None
 
 
 def pictures(

@@ -1,13 +1,15 @@
 """The benchmark: every run leaves a row with a status, finished runs are not repeated, and nothing stale is reused."""
 
 import json
+import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from conftest import REPOSITORY
+from conftest import REPOSITORY, shared_file
+from scipy.io import loadmat, savemat
 from short_scenario import short_scenario
 from threadpoolctl import threadpool_limits
 
@@ -300,6 +302,18 @@ def test_missing_data_are_looked_for_again(tmp_path: Path, monkeypatch: pytest.M
     file.parent.mkdir(parents=True)
     file.write_bytes(b"")
     assert run(["EMPS-v0"], ["least_squares"], 1, tmp_path / "out").computed == 3
+
+
+def test_a_measured_file_that_was_replaced_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = shutil.copy(shared_file("data", "emps", "DATA_EMPS.mat"), tmp_path / "DATA_EMPS.mat")
+    place, out = tmp_path / "data" / "emps" / "DATA_EMPS.mat", tmp_path / "out"
+    place.parent.mkdir(parents=True)
+    monkeypatch.setenv("FDBENCH_DATA", str(tmp_path / "data"))
+    place.write_bytes(file.read_bytes())
+    run(["EMPS-v0"], [], 1, out)
+    assert run(["EMPS-v0"], [], 1, out).computed == 0
+    savemat(place, {name: value for name, value in loadmat(file).items() if not name.startswith("__")})
+    assert run(["EMPS-v0"], [], 1, out).computed == 2
 
 
 def test_a_damaged_run_is_repeated(tmp_path: Path, scenario: str) -> None:
