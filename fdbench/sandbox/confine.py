@@ -1,7 +1,7 @@
 """What a worker may read, write and do, and how it is kept to it.
 
-An audit hook of Python refuses with a message that says what was refused; Landlock, where the system has it, holds
-compiled code too. What the hook alone refuses can be undone by who is bent on it.
+An audit hook of Python refuses with a message that says what was refused; Landlock and seccomp, where the system has
+them, hold compiled code too. What the hook alone refuses can be undone by who is bent on it.
 """
 
 import os
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from fdbench.catalogue import PACKAGE, scenario_folder
-from fdbench.sandbox import landlock
+from fdbench.sandbox import landlock, seccomp
 from fdbench.sandbox.memory import limit_memory
 
 # Of this package: what holds scenarios, draws and scores. The simulator of the nominal model stays in reach.
@@ -76,11 +76,13 @@ class Reach:
 def confinement() -> str:
     """Return what keeps workers to their reach on this system.
 
-    >>> confinement().split()[0] in ("Landlock", "audit")
+    >>> confinement().endswith("audit hook")
     True
     """
     version = landlock.version()
-    return f"Landlock {version} and audit hook" if version else "audit hook"
+    found = [f"Landlock {version}"] if version else []
+    found += ["seccomp"] if seccomp.is_available() else []
+    return f"{', '.join(found)} and audit hook" if found else "audit hook"
 
 
 def common_reach(path: Sequence[str]) -> Reach:
@@ -124,18 +126,20 @@ def _is_below(path: str, root: str) -> bool:
     return path == root or path.startswith(f"{root.rstrip('/')}/")
 
 
-def confine(reach: Reach, written: Sequence[Path], memory_MB: float, *, has_landlock: bool) -> None:
-    """Keep this process to what it may read and write, for good; by Landlock too where the system has it.
+def confine(reach: Reach, written: Sequence[Path], memory_MB: float, *, has_landlock: bool, has_seccomp: bool) -> None:
+    """Keep this process to what it may read and write, for good; by Landlock and seccomp too where the system has them.
 
     Raises
     ------
     OSError
-        If Landlock cannot be applied.
+        If one of them cannot be applied.
     """
     folders = tuple(os.path.realpath(folder) for folder in written)
     limit_memory(memory_MB)
     if has_landlock:
         landlock.restrict(read=reach.read, listed=reach.listed, written=(*folders, "/dev/null"))
+    if has_seccomp:
+        seccomp.restrict()
     sys.addaudithook(_hook({*reach.read, *folders}, set(reach.listed), {*folders, "/dev/null"}))
 
 

@@ -18,7 +18,7 @@ from typing import IO, Any
 
 from fdbench.estimator import Context, Estimate
 from fdbench.record import FloatArray, Record
-from fdbench.sandbox import landlock
+from fdbench.sandbox import landlock, seccomp
 from fdbench.sandbox.fault import LONGEST_TEXT, LONGEST_TRACEBACK, is_own
 from fdbench.sandbox.launch import ForkServer
 from fdbench.sandbox.message import Reply, Unreadable, receive_answer, send_request
@@ -114,7 +114,8 @@ class Worker:
         cache = _cache(source)
         files = {"own": list(self._own), "cache": str(cache), "plugins": plugins}
         files |= {"shared": server.shared}
-        self._ask({"do": "confine", "memory_MB": limits.memory_MB, "has_landlock": landlock.version() > 0, **files})
+        kept_by = {"has_landlock": landlock.version() > 0, "has_seccomp": seccomp.is_available()}
+        self._ask({"do": "confine", "memory_MB": limits.memory_MB, **kept_by, **files})
 
     def has_other(self, source: Source) -> bool:
         """Return whether this worker is for other code than this."""

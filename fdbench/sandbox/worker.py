@@ -124,6 +124,7 @@ class PluginServer:
         shared: str,
         memory_MB: float,
         has_landlock: bool,
+        has_seccomp: bool,
         plugins: list[tuple[str, str]],
     ) -> Reply:
         """Give up all that no estimator needs, then register the plug-in files that a context may name."""
@@ -145,7 +146,8 @@ class PluginServer:
                         kept(value)
         files = (shared, *own, *(file for _, file in plugins))
         reach = Reach((*self._reach.read, *files), self._reach.listed)
-        confine(reach, (self._folder, folder), memory_MB, has_landlock=has_landlock)
+        written = (self._folder, folder)
+        confine(reach, written, memory_MB, has_landlock=has_landlock, has_seccomp=has_seccomp)
         os._exit = _exit_refused
         for kind, file in plugins:
             SIMULATED[kind].add_file(file)

@@ -15,7 +15,7 @@ from fdbench.benchmark.run import run
 from fdbench.benchmark.store import RunKey, Store
 from fdbench.estimator import estimators
 from fdbench.metrics import metrics
-from fdbench.sandbox import Sandbox, Source, WorkerLimits, landlock
+from fdbench.sandbox import Sandbox, Source, WorkerLimits, landlock, seccomp
 from fdbench.scenario import load_scenario
 from fdbench.simulate.compose import cache_folder
 
@@ -82,7 +82,8 @@ def test_nothing_is_left_where_code_is_loaded_from(stores: tuple[Store, Store]) 
 @pytest.mark.skipif(not landlock.version(), reason="this system has no Landlock")
 def test_the_rows_say_what_they_were_confined_by(stores: tuple[Store, Store]) -> None:
     scores = stores[1].scores()
-    assert (scores["confinement"] == f"Landlock {landlock.version()} and audit hook").all()
+    others = ", seccomp" if seccomp.is_available() else ""
+    assert (scores["confinement"] == f"Landlock {landlock.version()}{others} and audit hook").all()
     assert (scores["time_limit_s"] == "60").all()
     assert (scores["memory_limit_MB"] == "4096").all()
 
@@ -99,6 +100,7 @@ def test_without_landlock_the_audit_hook_alone_refuses_and_the_rows_say_so(
     prying.write_text(text[: text.index("    def fit")] + f"    def fit(self, context, record):\n{body}\n", "utf-8")
     monkeypatch.setattr(estimators, "_files", {})
     monkeypatch.setattr(landlock, "version", lambda: 0)
+    monkeypatch.setattr(seccomp, "is_available", lambda: False)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PWD", str(tmp_path))
     run([SCENARIO], [*files, str(prying)], 1, "without", time_limit_s=1003.0)

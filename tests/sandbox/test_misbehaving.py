@@ -14,6 +14,7 @@ from fdbench.benchmark.run import run
 from fdbench.benchmark.store import RunKey, Store
 from fdbench.errors import FdbenchError, PluginError
 from fdbench.estimator import estimators
+from fdbench.sandbox import seccomp
 
 FILES = sorted((Path(__file__).parent / "misbehaving").glob("*.py"))
 MEMORY_MB = 1024.0
@@ -33,6 +34,7 @@ MESSAGES = {
     "kills_itself_in_compiled_code": "crashed with SIGKILL, by itself or for want of memory",
     "leaves_a_process": "leaves_a_process.py:16: ValueError: forked",
     "leaves_generations": "leaves_generations.py:24: ValueError: forked",
+    "limits_others": f"limits_others.py:23: ValueError: {'refused' if seccomp.is_available() else 'done'}",
     "never_ends": "never_ends.py:1",  # line 10 or 11, as it was met
     "never_ends_deaf": "took longer than 5 s",
     "predicts_nothing_useful": "",
@@ -171,12 +173,21 @@ def gone(pids: set[int]) -> bool:
     return not any(map(is_running, pids))
 
 
+# Which refuses them to begin with.
+WITHOUT_SECCOMP = """
+import sys
+from fdbench.benchmark.run import run
+from fdbench.sandbox import seccomp
+seccomp.is_available = lambda: False
+run([sys.argv[1]], [sys.argv[2]], 1, sys.argv[3])
+"""
+
+
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="processes are looked up in /proc")
 def test_no_process_outlives_its_worker(tmp_path: Path) -> None:
     file = Path(__file__).parent / "misbehaving" / "leaves_generations.py"
     scenario = short_scenario(tmp_path, "Short-v0")
-    code = "import sys; from fdbench.benchmark.run import run; run([sys.argv[1]], [sys.argv[2]], 1, sys.argv[3])"
-    arguments = [sys.executable, "-c", code, scenario, str(file), str(tmp_path / "out")]
+    arguments = [sys.executable, "-c", WITHOUT_SECCOMP, scenario, str(file), str(tmp_path / "out")]
     subprocess.run(arguments, check=True, capture_output=True)
     assert "left behind" not in {comm.read_text("utf-8").strip() for comm in Path("/proc").glob("[0-9]*/comm")}
 

@@ -15,7 +15,7 @@ class Misbehaving(BatchEstimator):
     def fit(self, context, record):
         library, worker = ctypes.CDLL(None), os.getpid()
         for _ in range(4):
-            if library.fork() > 0:
+            if library.fork() != 0:
                 break
             os.setsid()
             library.prctl(SET_NAME, b"left behind")
