@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from fdbench.catalogue import PACKAGE
 from fdbench.errors import PluginError
 from fdbench.estimator import Estimate
 
@@ -21,13 +22,13 @@ class WorkerLimits:
 def own_files(file: Path) -> tuple[Path, ...]:
     """Return a plug-in file and what is its own in its folder.
 
-    That is what begins with its name and a dot, such as weights, and the modules that it imports, directly or not. A
-    link is none of its own: an estimator may read what is here, and it may lead to the results.
+    That is what begins with its name and a dot, such as weights, and the modules that it imports, directly or not. An
+    estimator may read what is here: a link, which may lead to the results, and this package are none of its own.
     """
     named = sorted(file.parent.glob(f"{glob.escape(file.stem)}.*"))
     found, waiting = dict.fromkeys([file, *filter(_is_plain, named)]), [file]
     while waiting:
-        for name in sorted(_imported(waiting.pop())):
+        for name in sorted(_imported(waiting.pop()) - {PACKAGE.name}):
             package = sorted((file.parent / name).rglob("*.py"))
             new = [path for path in (file.parent / f"{name}.py", *package) if _is_plain(path) and path not in found]
             found |= dict.fromkeys(new)
@@ -36,7 +37,7 @@ def own_files(file: Path) -> tuple[Path, ...]:
 
 
 def _is_plain(path: Path) -> bool:
-    return path.is_file() and not path.is_symlink()
+    return path.is_file() and not path.is_symlink() and PACKAGE not in path.parents
 
 
 def _imported(file: Path) -> set[str]:

@@ -20,7 +20,7 @@ from fdbench.benchmark.validate import check_estimate
 from fdbench.errors import FdbenchError, PluginError, SpecError, UnknownName
 from fdbench.estimator import Estimate, estimators
 from fdbench.regression import Regression
-from fdbench.sandbox import WorkerLimits
+from fdbench.sandbox import WorkerLimits, terms
 from fdbench.scenario import load_scenario
 
 HEAD = "import numpy as np\nfrom fdbench.estimator import BatchEstimator, Estimate\n\n\nclass Fake(BatchEstimator):\n"
@@ -503,6 +503,18 @@ def test_an_estimator_whose_helper_has_changed_is_run_again(
         assert kept is not None
         assert set(kept.estimate.parameters.values()) == {value}
     job.sandbox(WorkerLimits()).close()
+
+
+def test_this_package_is_no_helper(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "fdbench"
+    package.mkdir()
+    (package / "scenario.py").write_text("", "utf-8")
+    for folder, imported in ((tmp_path, "fdbench.scenario"), (package, "scenario")):
+        file = Path(estimator_file(folder, "mine", f"import {imported}\n"))
+        monkeypatch.setattr(terms, "PACKAGE", package)
+        assert terms.own_files(file) == (file,)
+        monkeypatch.setattr(terms, "PACKAGE", tmp_path / "another")
+        assert set(terms.own_files(file)) == {file, package / "scenario.py"}
 
 
 def test_of_two_runs_at_once_the_tables_hold_all(tmp_path: Path, scenario: str) -> None:
