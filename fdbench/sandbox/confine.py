@@ -102,12 +102,12 @@ def common_reach(path: Sequence[str]) -> Reach:
 
 
 def _importable(folder: str) -> Iterator[str]:
-    """Yield the modules and packages in a folder, and what an installation notes beside them."""
+    """Yield the modules and packages in a folder, and what an installation notes beside them; no links to files."""
     if not os.path.isdir(folder):
         return
     for entry in os.scandir(folder):
         is_package = entry.is_dir() and os.path.exists(f"{entry.path}/__init__.py")
-        if is_package or entry.name.endswith((".py", ".so", ".dist-info", ".egg-info")):
+        if is_package or (entry.name.endswith((".py", ".so", ".dist-info", ".egg-info")) and not entry.is_symlink()):
             yield os.path.realpath(entry.path)
 
 

@@ -16,6 +16,7 @@ from fdbench.benchmark.store import RunKey, Store
 from fdbench.estimator import estimators
 from fdbench.metrics import metrics
 from fdbench.sandbox import Sandbox, Source, WorkerLimits, landlock, seccomp
+from fdbench.sandbox.confine import common_reach
 from fdbench.scenario import load_scenario
 from fdbench.simulate.compose import cache_folder
 
@@ -69,6 +70,17 @@ def test_the_rows_of_others_are_the_same_to_the_bit(stores: tuple[Store, Store])
     for name in ("least_squares", "oracle"):
         kept = [store.read_estimate(RunKey(SCENARIO, name, 0)) for store in stores]
         np.testing.assert_array_equal(kept[0].estimate.output, kept[1].estimate.output)  # type: ignore[union-attr]
+
+
+def test_a_link_beside_what_can_be_imported_is_out_of_reach(tmp_path: Path) -> None:
+    truth, folder = tmp_path / "truth.parquet", tmp_path / "on_the_path"
+    folder.mkdir()
+    truth.touch()
+    (folder / "helper.py").touch()
+    (folder / "linked.py").symlink_to(truth)
+    read = common_reach([str(folder)]).read
+    assert str(folder / "helper.py") in read
+    assert str(truth) not in read
 
 
 def test_nothing_is_left_where_code_is_loaded_from(stores: tuple[Store, Store]) -> None:
