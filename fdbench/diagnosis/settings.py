@@ -93,6 +93,7 @@ class ModelSettings:
     usual_speed_span: float = number(30.0, "the same for the speed of a linear axis", zero=1.0)
     smallest_mass: float = number(0.05, "of the nominal mass, below which re-calibration does not go")
     freedom: float = number(3.0, "degrees of freedom of Student's t of a nominal parameter: a few are far off")
+    far_fetched: float = number(5.0, "deviations of a nominal parameter beyond which it stands in for an effect")
     line_step: float = number(3e-4, "relative step of a period in a fit", "a record holds hundreds of periods")
     step: float = number(0.1, "relative step of any other number of an effect in a fit")
     phase_step_rad: float = number(0.3, "step of a phase in a fit")
@@ -156,9 +157,6 @@ class SearchSettings:
     sizes: tuple[float, ...] = number((1.0, 0.5), "of that size: large effects are not proportional to it")
     refined: int = number(3, "classes that are refined in closed loop before one is chosen, at most")
     serious: float = number(0.5, "share of the best gain that makes a class worth refining")
-    far_fetched: float = number(
-        20.0, "prior penalty of a base beside which effects are also fitted from nominal values"
-    )
     smallest_gain: float = number(0.04, "share of the excess misfit that an effect must remove")
     noise_alone: float = number(1.05, "misfit below which nothing is left to explain", zero=1.0)
     effective_samples: float = number(60.0, "independent samples that a misfit is worth at most, for probabilities")

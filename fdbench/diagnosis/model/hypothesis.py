@@ -80,6 +80,19 @@ class Hypothesis:
         freedom = MODEL.freedom
         return float(sum((freedom + 1.0) * math.log1p(shift**2 / freedom) for shift in self.shifts))
 
+    def far_fetched(self) -> float:
+        """Return what nominal parameters beyond ``MODEL.far_fetched`` deviations add to the prior penalty.
+
+        Only of those that a data sheet has: over which speed friction turns its sign, and where it acts, is in none.
+        """
+        freedom, limit = MODEL.freedom, 1.0 + MODEL.far_fetched**2 / MODEL.freedom
+        stated = (
+            shift
+            for item, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True)
+            if item.kind not in ("width", "friction_side", "friction_form")
+        )
+        return sum((freedom + 1.0) * max(0.0, math.log((1.0 + shift**2 / freedom) / limit)) for shift in stated)
+
     def moved(self, change: Sequence[float] | FloatArray) -> "Hypothesis":
         """Return the hypothesis with its nominal parameters moved by the first numbers of ``change``, in deviations."""
         shifts = tuple(float(old + new) for old, new in zip(self.shifts, change, strict=False))

@@ -223,7 +223,7 @@ class Search:
         Nominal parameters that stand in for an effect that is not there yet are far off, and stay there beside it.
         """
         found = self.refine(hypothesis)
-        if base.prior_penalty() < SEARCH.far_fetched:
+        if base.far_fetched() == 0.0:
             return found
         anew = self.refine(dataclasses.replace(hypothesis, shifts=(0.0,) * len(hypothesis.shifts)))
         evidence = gather(self.readings, self.split, base, [found, anew], self.split.fitted, keep=[found, anew])
@@ -249,5 +249,4 @@ def _cost(base: Hypothesis, misfit: float, fit: Fit) -> float:
 
 
 def _equivalent(base: Hypothesis, fit: Fit) -> float:
-    penalty = base.moved(fit.coefficients).prior_penalty()
-    return equivalent_misfit(fit.misfit, penalty, SEARCH.effective_samples)
+    return equivalent_misfit(fit.misfit, base.moved(fit.coefficients), SEARCH.effective_samples)

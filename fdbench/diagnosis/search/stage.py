@@ -64,8 +64,8 @@ class Stage:
 
         Nominal parameters that are far-fetched count too: see `equivalent_misfit`.
         """
-        alone, beside = (equivalent_misfit(item.misfit, item.penalty, self.effective) for item in (self, rival))
-        return (alone - beside) / max(alone - 1.0, 1e-12)
+        alone = equivalent_misfit(self.misfit, self.base, self.effective)
+        return (alone - equivalent_misfit(rival.misfit, rival.hypothesis, self.effective)) / max(alone - 1.0, 1e-12)
 
     def log_evidence(self, misfit: float, penalty: float) -> float:
         """Return the tempered log evidence of a misfit."""
@@ -86,11 +86,11 @@ class Stage:
         return sum(self.probabilities())
 
 
-def equivalent_misfit(misfit: float, penalty: float, effective: float) -> float:
+def equivalent_misfit(misfit: float, hypothesis: Hypothesis, effective: float) -> float:
     r"""Return the misfit that has the same evidence without what is far-fetched of the nominal parameters.
 
-    .. math:: M e^{\max(0, \text{penalty} - p_0) / n}
+    .. math:: M e^{p / n}
 
-    with :math:`p_0` = ``SEARCH.far_fetched``: up to there they are what data sheets are wrong by.
+    with p of `Hypothesis.far_fetched`: up to there values are what data sheets may be wrong by.
     """
-    return misfit * math.exp(max(0.0, penalty - SEARCH.far_fetched) / effective)
+    return misfit * math.exp(hypothesis.far_fetched() / effective)

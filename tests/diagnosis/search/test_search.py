@@ -17,7 +17,7 @@ from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import Run
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Rival, Stage
-from fdbench.diagnosis.settings import SEARCH
+from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import Effect, effects
 
 PERIOD_S = 1e-3
@@ -74,8 +74,11 @@ def test_probabilities_of_a_round_by_hand() -> None:
     assert stage.probabilities() == pytest.approx([weight / sum(weights) for weight in weights[:2]])
     assert stage.present() == pytest.approx(1.0 - weights[2] / sum(weights))
     assert stage.gain(rivals[0]) == pytest.approx(0.3 / 0.8)
-    far_fetched = dataclasses.replace(stage, penalty=SEARCH.far_fetched + 3.0)
-    assert far_fetched.gain(rivals[0]) == pytest.approx((1.8 * math.exp(0.3) - 1.5) / (1.8 * math.exp(0.3) - 1.0))
+    kinds_of_values = [item.kind for item in nominal_parameters(NOMINAL)]
+    far = base.moved([2.0 * MODEL.far_fetched if kind == "viscous" else 0.0 for kind in kinds_of_values])
+    ratio = (1.0 + 4.0 * MODEL.far_fetched**2 / MODEL.freedom) / (1.0 + MODEL.far_fetched**2 / MODEL.freedom)
+    alone = 1.8 * ratio ** (kinds_of_values.count("viscous") * (MODEL.freedom + 1.0) / 10.0)
+    assert dataclasses.replace(stage, base=far).gain(rivals[0]) == pytest.approx((alone - 1.5) / (alone - 1.0))
 
 
 def test_beside_a_far_fetched_base_an_effect_is_also_fitted_from_the_nominal_values() -> None:
@@ -85,9 +88,7 @@ def test_beside_a_far_fetched_base_an_effect_is_also_fitted_from_the_nominal_val
     given = start(NOMINAL)
     names = [item.name for item in nominal_parameters(NOMINAL)]
     far = given.moved([8.0 if name == "motor_viscous" else 0.0 for name in names])
-    assert far.prior_penalty() < SEARCH.far_fetched
-    far = far.moved([-8.0 if name == "table_viscous" else 0.0 for name in names])
-    assert far.prior_penalty() > SEARCH.far_fetched
+    assert far.far_fetched() > 0.0 == given.far_fetched()
     tried = far.with_effect(true.scaled(0.1))
     found = own.refined_anew(tried, far)
     assert found.prior_penalty() <= own.refine(tried).prior_penalty()
