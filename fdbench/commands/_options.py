@@ -19,7 +19,8 @@ def writable(path: Path | None) -> Path | None:
         raise FdbenchError(f"{path}: a folder, where a file to write is expected.")
     if not path.parent.is_dir():
         raise FdbenchError(f"{path}: cannot be written: there is no folder {path.parent}.")
-    if not os.access(path if path.exists() else path.parent, os.W_OK):
+    # It is written beside and then moved, which takes both.
+    if not os.access(path, os.W_OK) if path.exists() else not os.access(path.parent, os.W_OK):
         raise FdbenchError(f"{path}: cannot be written: permission denied.")
     return path
 

@@ -1,0 +1,154 @@
+"""Figures as SVG: paths in a coordinate system of their own that stretches with the page, text that does not.
+
+Each panel is an ``svg`` of a height in pixels, whose width is that of the page; ticks and grid are placed in per cent.
+Its curves lie in an inner ``svg`` of `WIDE` x `HIGH` units that is stretched to it, and their lines are not.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.regression import FloatArray
+from fdbench.report._figures import Band, Curve, Figure, Style
+from fdbench.report._templates import Html, part, rendered, resource
+from fdbench.report._ticks import linear_ticks, log_ticks, tick_texts
+
+WIDE, HIGH = 3000, 1000
+FAR = 4 * HIGH  # units beyond which what is outside of the panel is not told apart
+LEFT_PX, RIGHT_PX, HEAD_PX, FOOT_PX = 54, 14, 24, 46
+DASH_PX = {"solid": "", "dash": "6 4", "dot": "2 3"}
+TICK_PX = 45  # between horizontal grid lines
+FILE_PX = 960  # width of a file of its own
+
+Integers: TypeAlias = NDArray[np.int64]
+Scale: TypeAlias = Callable[[FloatArray], FloatArray]
+
+
+def drawing(figure: Figure) -> Html:
+    """Return a figure for a page, without title and caption, its legend above."""
+    return part("drawing", _keys(figure), _panels(figure, FILE_PX), _height_px(figure))
+
+
+def svg_file(figure: Figure) -> str:
+    """Return a figure as the text of an SVG file, in the colours of a light or a dark screen."""
+    height_px = HEAD_PX * (2 if figure.legend else 1) + _height_px(figure)
+    return str(
+        rendered(
+            "figure.svg",
+            css=resource("figure.css"),
+            figure=figure,
+            keys=_keys(figure),
+            panels=_panels(figure, FILE_PX - LEFT_PX - RIGHT_PX),
+            width_px=FILE_PX,
+            height_px=height_px,
+            top_px=height_px - _height_px(figure),
+        )
+    )
+
+
+def _keys(figure: Figure) -> list[tuple[str, str, Style, bool]]:
+    """Return class, name, style and whether it is hidden of each entry of the legend."""
+    return [(f"c{number}", name, item.style, item.hidden) for number, (name, item) in enumerate(figure.legend.items())]
+
+
+def _height_px(figure: Figure) -> int:
+    return sum(HEAD_PX + panel.height_px for panel in figure.panels) + FOOT_PX
+
+
+def _scale(bounds: tuple[float, float], log: bool, size: int) -> Scale:
+    """Return what takes values to 0 ... ``size``."""
+    low, high = np.log10(bounds) if log else np.array(bounds)
+
+    def scale(values: FloatArray) -> FloatArray:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            levels = np.log10(values) if log else values
+        return np.asarray((levels - low) / (high - low) * size)
+
+    return scale
+
+
+def _panels(figure: Figure, width_px: int) -> list[dict[str, object]]:
+    x_bounds, found, top_px = figure.shown_range, [], 0
+    x_ticks = log_ticks(*x_bounds) if figure.x_log else linear_ticks(*x_bounds)
+    to_x = _scale(x_bounds, figure.x_log, WIDE)
+    classes = {name: key for key, name, _, _ in _keys(figure)}
+    for number, panel in enumerate(figure.panels, start=1):
+        top_px += HEAD_PX
+        bounds = panel.shown_range
+        about = max(2, panel.height_px // TICK_PX)
+        y_ticks = log_ticks(*bounds) if panel.y_log else linear_ticks(*bounds, about)
+        to_y = _scale(bounds, panel.y_log, HIGH)
+        found.append(
+            {
+                "panel": panel,
+                "top_px": top_px,
+                "left_px": LEFT_PX,
+                "width_px": width_px,
+                "x_ticks": _placed(x_ticks, to_x, WIDE),
+                "y_ticks": [(100.0 - place, text) for place, text in _placed(y_ticks, to_y, HIGH)],
+                "x_title": figure.x_title if number == len(figure.panels) else "",
+                "marks": [(100.0 / WIDE * float(to_x(np.array(x))), text) for x, text in figure.marks],
+                "bounds": _bounds(x_bounds, figure.x_log, bounds, panel.y_log),
+                "paths": Html("\n").join(_path(item, to_x, to_y, classes.get(item.name, "")) for item in panel.items),
+            }
+        )
+        top_px += panel.height_px
+    return found
+
+
+def _placed(ticks: Sequence[float], scale: Scale, size: int) -> list[tuple[float, str]]:
+    places = 100.0 / size * scale(np.array(ticks))
+    return [(round(float(place), 3), text) for place, text in zip(places, tick_texts(ticks), strict=True)]
+
+
+def _bounds(x: tuple[float, float], x_log: bool, y: tuple[float, float], y_log: bool) -> str:
+    """Return what a script needs to read values off a panel."""
+    return " ".join([*(f"{value:.7g}" for value in (*x, *y)), str(int(x_log)), str(int(y_log))])
+
+
+def _path(item: Curve | Band, to_x: Scale, to_y: Scale, key: str) -> Html:
+    classes = " ".join(filter(None, (key, "off" if item.hidden else "")))
+    if isinstance(item, Band):
+        there = np.isfinite(item.lower) & np.isfinite(item.upper)
+        x = np.concatenate([item.x[there], item.x[there][::-1]])
+        y = np.concatenate([item.upper[there], item.lower[there][::-1]])
+        style = f"fill:{item.style.colour}"
+        return part("path", f"band {classes}".strip(), style, commands(to_x(x), to_y(y)), item.name)
+    width = item.width * 4.0 if item.points else item.width
+    style = f"stroke:{item.style.colour};stroke-width:{width:g}"
+    if item.points:
+        style += f";stroke-linecap:{'round' if item.style.symbol == 'circle' else 'square'}"
+    elif DASH_PX[item.style.dash]:
+        style += f";stroke-dasharray:{DASH_PX[item.style.dash]}"
+    return part("path", classes, style, commands(to_x(item.x), to_y(item.y), item.points), item.name)
+
+
+def commands(x: FloatArray, y: FloatArray, points: bool = False) -> str:
+    """Return a line, or points, through places in units, as the data of a path; y points upwards, NaN is a gap.
+
+    >>> commands(np.array([0.0, 1.2, 3.0, 4.0, 5.0]), np.array([1000.0, 990.0, np.nan, 0.0, 1.0]))
+    'M0 0l1 10M4 1000l1-1'
+    >>> commands(np.array([2.0, 7.0]), np.array([900.0, 890.0]), points=True)
+    'M2 100h0M7 110h0'
+    """
+    there = np.isfinite(x) & np.isfinite(y)
+    across = np.rint(np.where(there, x, 0.0)).astype(np.int64)
+    down = np.rint(np.clip(HIGH - np.where(there, y, 0.0), -FAR, FAR)).astype(np.int64)
+    if points:
+        return "".join(f"M{u} {v}h0" for u, v in zip(across[there].tolist(), down[there].tolist(), strict=True))
+    text = ""
+    for rows in np.split(np.arange(len(x)), np.flatnonzero(np.diff(there)) + 1):
+        if len(rows) and there[rows[0]]:
+            text += _run(across[rows], down[rows])
+    return text
+
+
+def _run(across: Integers, down: Integers) -> str:
+    start = f"M{across[0]} {down[0]}"
+    steps = np.stack([np.diff(across), np.diff(down)], axis=1)
+    steps = steps[(steps != 0).any(axis=1)]
+    if len(steps) == 0:
+        return f"{start}h0"
+    return f"{start}l" + " ".join(map(str, steps.ravel().tolist())).replace(" -", "-")
