@@ -43,7 +43,8 @@ def bars(
         {
             "name": name,
             "text": text(value),
-            "bar": (0.0, _within(value / full)),
+            "bar": _within(value / full),
+            "dot": None,
             "interval": _interval(*bounds[place], lambda x: x / full) if place < len(bounds) else None,
         }
         for place, (name, value) in enumerate(zip(names, values, strict=True))
@@ -75,6 +76,7 @@ def dots(
         {
             "name": name,
             "text": texts[index] if texts else number(value),
+            "bar": None,
             "dot": _within(place(value)),
             "interval": _interval(*bounds[index], place) if index < len(bounds) else None,
         }

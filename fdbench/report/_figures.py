@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,11 @@ class Style:
     colour: str
     dash: str = "solid"
     symbol: str = "circle"
+
+    @property
+    def solid(self) -> "Style":
+        """The same without dashes, for a line that is alone in its panel."""
+        return replace(self, dash="solid")
 
 
 # A model before and after its repair.

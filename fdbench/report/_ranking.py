@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from fdbench.benchmark.leaderboard import SCORE, interval_text, unranked_text
+from fdbench.benchmark.leaderboard import SCORE, fixed, interval_text, unranked_text
 from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.run import NULL
 from fdbench.benchmark.statistics import LEVEL, Standing, rankings, run_statuses, standings
@@ -119,7 +119,7 @@ def _cell(line: Standing | None, steps: float) -> dict[str, object] | None:
     covers = "" if line.scenarios == line.of_scenarios else f", {line.scenarios} of {line.of_scenarios} scenarios"
     interval = interval_text(line.score)
     return {
-        "value": f"{line.score.value:.3f}",
+        "value": fixed(line.score.value),
         "bar": (min(zero, value), round(abs(value - zero), 2)),
         "interval": None if math.isnan(low) else (low, round(high - low, 2)),
         "is_below": line.score.value < 0.0,

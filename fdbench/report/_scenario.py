@@ -238,7 +238,7 @@ class _Case:
         self, name: str, claim: _Claim, y_title: str, factor: float, limit: float, unit: str, rows: slice
     ) -> Panel:
         error, half = claim.error[rows], claim.half_width
-        items: list[Curve | Band] = [self._curve(name, factor * claim.error, style_of(name))]
+        items: list[Curve | Band] = [self._curve(name, factor * claim.error, style_of(name).solid)]
         heading = f"{name}: {si_text(float(np.sqrt(np.mean(error**2))), unit)} rms"
         if half is not None:
             n_points = self.n_points // POINTS_FOR_A_BOUND
@@ -264,7 +264,7 @@ class _Case:
                 Curve(name="truth", x=time_s[rows], y=factor * claim.right[rows], style=wide, width=4.0, listed=False)
             )
         own = Curve(
-            name=name, x=time_s[rows], y=factor * claim.value[rows], style=style_of(name), width=1.5, listed=False
+            name=name, x=time_s[rows], y=factor * claim.value[rows], style=style_of(name).solid, width=1.5, listed=False
         )
         limit = factor * largest
         panel = Panel(y_title=labelled("force", unit), items=[*items, own], y_range=(-limit, limit), height_px=SMALL_PX)

@@ -19,7 +19,7 @@ WIDE, HIGH = 3000, 1000
 FAR = 4 * HIGH  # units beyond which what is outside of the panel is not told apart
 LEFT_PX, RIGHT_PX, HEAD_PX, FOOT_PX = 54, 14, 24, 46
 DASH_PX = {"solid": "", "dash": "6 4", "dot": "2 3"}
-TICK_PX = 45  # between horizontal grid lines
+TICK_PX = 40  # between horizontal grid lines
 FILE_PX = 960  # width of a file of its own
 
 Integers: TypeAlias = NDArray[np.int64]
@@ -28,7 +28,7 @@ Scale: TypeAlias = Callable[[FloatArray], FloatArray]
 
 def drawing(figure: Figure) -> Html:
     """Return a figure for a page, without title and caption, its legend above."""
-    return part("drawing", _keys(figure), _panels(figure, FILE_PX), _height_px(figure))
+    return part("drawing", _keys(figure), _panels(figure), _height_px(figure))
 
 
 def svg_file(figure: Figure) -> str:
@@ -40,7 +40,9 @@ def svg_file(figure: Figure) -> str:
             css=resource("figure.css"),
             figure=figure,
             keys=_keys(figure),
-            panels=_panels(figure, FILE_PX - LEFT_PX - RIGHT_PX),
+            panels=_panels(figure),
+            left_px=LEFT_PX,
+            right_px=RIGHT_PX,
             width_px=FILE_PX,
             height_px=height_px,
             top_px=height_px - _height_px(figure),
@@ -69,7 +71,7 @@ def _scale(bounds: tuple[float, float], log: bool, size: int) -> Scale:
     return scale
 
 
-def _panels(figure: Figure, width_px: int) -> list[dict[str, object]]:
+def _panels(figure: Figure) -> list[dict[str, object]]:
     x_bounds, found, top_px = figure.shown_range, [], 0
     x_ticks = log_ticks(*x_bounds) if figure.x_log else linear_ticks(*x_bounds)
     to_x = _scale(x_bounds, figure.x_log, WIDE)
@@ -77,7 +79,7 @@ def _panels(figure: Figure, width_px: int) -> list[dict[str, object]]:
     for number, panel in enumerate(figure.panels, start=1):
         top_px += HEAD_PX
         bounds = panel.shown_range
-        about = max(2, panel.height_px // TICK_PX)
+        about = max(3, panel.height_px // TICK_PX)
         y_ticks = log_ticks(*bounds) if panel.y_log else linear_ticks(*bounds, about)
         to_y = _scale(bounds, panel.y_log, HIGH)
         found.append(
@@ -85,7 +87,6 @@ def _panels(figure: Figure, width_px: int) -> list[dict[str, object]]:
                 "panel": panel,
                 "top_px": top_px,
                 "left_px": LEFT_PX,
-                "width_px": width_px,
                 "x_ticks": _placed(x_ticks, to_x, WIDE),
                 "y_ticks": [(100.0 - place, text) for place, text in _placed(y_ticks, to_y, HIGH)],
                 "x_title": figure.x_title if number == len(figure.panels) else "",

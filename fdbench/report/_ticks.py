@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 MOST_LABELS = 6  # of a logarithmic axis
+STEPS = {1.0: 1.5, 2.0: 3.5, 5.0: 7.5, 10.0: math.inf}  # and up to which rough one each is taken
 
 
 def linear_ticks(low: float, high: float, about: int = 5) -> list[float]:
@@ -14,7 +15,7 @@ def linear_ticks(low: float, high: float, about: int = 5) -> list[float]:
     """
     rough = (high - low) / about
     power = 10.0 ** math.floor(math.log10(rough))
-    step = next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= 0.999 * rough)
+    step = power * next(factor for factor, end in STEPS.items() if rough < end * power)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     return [float(f"{number * step:.12g}") for number in range(first, last + 1)]
 

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fdbench.benchmark.leaderboard import NEGLIGIBLE, check_mergeable, number_text, seeds_of, shown_unit, value_text
+from fdbench.benchmark.leaderboard import (
+    NEGLIGIBLE,
+    check_mergeable,
+    fixed,
+    number_text,
+    seeds_of,
+    shown_unit,
+    value_text,
+)
 from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.run import NULL
 from fdbench.benchmark.statistics import (
@@ -100,7 +108,7 @@ def _orders(scores: "pd.DataFrame") -> dict[str, dict[str, dict[str, str]]]:
             best = values.dropna().sort_values(ascending=False)
             if len(best):
                 own = found.setdefault(str(scenario), {})
-                own[track] = {str(name): f"{value:.3f}" for name, value in best.items()}
+                own[track] = {str(name): fixed(value) for name, value in best.items()}
     return found
 
 
