@@ -11,7 +11,7 @@ from fdbench.diagnosis.diagnose import Diagnosis
 from fdbench.diagnosis.records.runs import Run
 from fdbench.record import FloatArray
 from fdbench.report._figures import AFTER, BEFORE, INK, SOFT, TRUTH, Curve, Figure, Panel, Style, labelled
-from fdbench.report._page import Block, Section, note
+from fdbench.report._page import Block, Folded, note
 from fdbench.report._series import MOST_POINTS, opening_range, peak, thinned
 from fdbench.wording import percent, quantity, scaled, unit_text
 
@@ -28,12 +28,12 @@ class Curves:
 
     found: Diagnosis
 
-    def sections(self) -> list[Section]:
-        """Return the gap over time, position and frequency."""
+    def folded(self) -> list[Folded]:
+        """Return the gap of every channel over time, position and frequency, folded."""
         return [
-            Section("Gap over time", list(self.over_time())),
-            Section("Gap over position", list(self.over_position())),
-            Section("Spectrum of the gap", list(self.spectra())),
+            Folded("Gap over time", list(self.over_time())),
+            Folded("Gap over position", list(self.over_position())),
+            Folded("Spectrum of the gap", list(self.spectra())),
         ]
 
     @property

@@ -42,12 +42,19 @@ def winners(found: Rankings) -> Iterator[Html]:
             if not first:
                 continue
             names = [part("strong", breakable(line.estimator)) for line in first[:MOST_NAMED]]
-            more = f" and {len(first) - MOST_NAMED} more" if len(first) > MOST_NAMED else ""
-            level = " on a level," if len(first) > 1 else ""
-            joined = Html(", ").join(names) + more
-            sentences.append(part("win", track, joined, level, ratio_text(first[0].score.value, decades(track))))
+            more = f" and {len(first) - MOST_NAMED} more, level," if len(first) > MOST_NAMED else ""
+            ratio = f"{ratio_text(first[0].score.value, decades(track))} of the data sheet's error"
+            if first[0].score.value > 0.0:
+                sentences.append(part("win", track, _listed(names) + more, ratio))
+            else:
+                sentences.append(part("win", track, "nobody", ratio))
         if sentences:
             yield part("wins", plant, Html("; ").join(sentences))
+
+
+def _listed(names: Sequence[Html]) -> Html:
+    """Return names of equals."""
+    return names[0] if len(names) == 1 else Html(", ").join(names[:-1]) + Html(" and ") + names[-1]
 
 
 def decades(track: str) -> float:

@@ -74,7 +74,11 @@ def channel_bars(answer: Answer) -> Html:
                 ),
             }
         )
-    return part("gaps", rows, f"Root mean square gap on {answer.shrinkage.judged_on_words}; line: noise floor.")
+    return part(
+        "gaps",
+        rows,
+        f"Root mean square gap on {answer.shrinkage.judged_on_words}. Above nominal, below repaired; line: noise.",
+    )
 
 
 def sections(answer: Answer) -> list[Section]:
@@ -147,7 +151,7 @@ def _causes(answer: Answer) -> Iterator[Block]:
         [
             bars(
                 "Probability",
-                list(map(breakable, names)),
+                names,
                 [min(chance, 1.0) for chance in chances],
                 text=probability_text,
                 longest=1.0,
@@ -155,7 +159,7 @@ def _causes(answer: Answer) -> Iterator[Block]:
             ),
             bars(
                 "What the mean squared gap after re-calibration consists of",
-                [*(breakable(cause.effect) for cause in added), "not explained", "noise"],
+                [*(cause.effect for cause in added), "not explained", "noise"],
                 [*(cause.share for cause in added), answer.unexplained(), noise],
                 whole=1.0,
                 caption=f"Judged on {answer.shrinkage.judged_on_words}. What effects share is split by the mean over "
@@ -238,7 +242,7 @@ def _shrinkage(answer: Answer) -> Iterator[Block]:
     intervals = [(step.before * (1.0 - step.ci95[1]), step.before * (1.0 - step.ci95[0])) for step in steps]
     yield dots(
         "Mean squared gap in units of the noise floor",
-        [breakable(name) for name in names],
+        names,
         values,
         [none, none, *intervals, none],
         log=True,

@@ -9,7 +9,7 @@ from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import SEARCH
 from fdbench.report._bars import bars
 from fdbench.report._curves import Curves
-from fdbench.report._page import Block, Section, breakable, folded, note, paragraph, table, write_page
+from fdbench.report._page import Block, Section, folded, note, paragraph, table, write_page
 from fdbench.report._recalibrated import recalibrated
 from fdbench.report._sections import lead, noise_floors, sections
 from fdbench.report._templates import part
@@ -37,10 +37,10 @@ def write_diagnosis(found: Diagnosis, path: str | Path) -> None:
         parts = [
             Section("The gap", [curves.worst()]),
             *sections(found.answer),
-            *curves.sections(),
+            Section("All curves", curves.folded()),
             Section("Rivals", list(_rivals(found.stages))),
             Section("Records, noise floor and re-calibration", list(_basis(found))),
-            Section("Repaired model", [part("preformatted", model_text(found))]),
+            Section("Repaired model", [folded("As a file", part("preformatted", model_text(found)))]),
         ]
         write_page(Path(path), "fdbench: diagnosis of a gap", list(lead(found.answer)), parts)
 
@@ -54,7 +54,7 @@ def _rivals(stages: Sequence[Stage]) -> Iterator[Block]:
     for number, stage in enumerate(stages, start=1):
         base = ", ".join(effect.name for effect in stage.base.effects) or "the re-calibrated model"
         gains = [(rival, stage.gain(rival)) for rival in stage.rivals]
-        names = [breakable(rival.kind.name) for rival, _ in gains[:SEEN_RIVALS]]
+        names = [rival.kind.name for rival, _ in gains[:SEEN_RIVALS]]
         blocks: list[Block] = [note(f"On top of {base}.")]
         if names:
             shares = [max(gain, 0.0) for _, gain in gains[:SEEN_RIVALS]]

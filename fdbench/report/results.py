@@ -1,7 +1,7 @@
 """The page of benchmark results: who wins where, then each scenario, failures, speed, provenance."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -95,8 +95,14 @@ def _scenarios(store: Store, scores: "pd.DataFrame", parameters: "pd.DataFrame")
         blocks += _metric_tables(means[means.index.get_level_values("scenario") == name].droplevel("scenario"))
         blocks += pictures(store, name, seed, scenario, ranked, n_points)
         blocks += _biases(biases[biases["scenario"] == name])
-        summary = part("scenario", name, [(track, *next(iter(values.items()))) for track, values in order.items()])
+        summary = part("scenario", name, [(track, *_winner(values)) for track, values in order.items()])
         yield Folded(summary, blocks, identifier=f"scenario-{slug(name)}", name=name)
+
+
+def _winner(values: Mapping[str, str]) -> tuple[str, str]:
+    """Return the first name and its score; no name where it is no better than the data sheet."""
+    name, score = next(iter(values.items()))
+    return (name, score) if float(score) > 0.0 else ("", score)
 
 
 def _orders(scores: "pd.DataFrame") -> dict[str, dict[str, dict[str, str]]]:
@@ -157,7 +163,7 @@ def _biases(biases: "pd.DataFrame") -> Iterator[Block]:
         factor, unit = (1.0, unit_text(unit_of(parameter))) if is_zero else (100.0 / abs(truth), "%")
         values = [float(value) for value in factor * group["bias"].to_numpy()]
         bounds = [(float(low), float(high)) for low, high in factor * group[["low", "high"]].to_numpy()]
-        names = [breakable(str(name)) for name in group["estimator"]]
+        names = [str(name) for name in group["estimator"]]
         text, own_unit = quantity(parameter)
         shown = "0" if is_zero else number_text(truth, truth)
         title = f"{text}, truth {shown} {unit_text(own_unit)}".rstrip()

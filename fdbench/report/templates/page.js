@@ -29,7 +29,7 @@
       item.hidden = !wanted.every((word) => item.dataset.name.toLowerCase().includes(word));
     }
   }));
-  all(".tools").forEach((tools) => { tools.hidden = false; });
+  all(".tools input").forEach((input) => { input.hidden = false; });
   const reveal = () => {
     const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
     for (let node = target; node; node = node.parentElement) if (node.tagName === "DETAILS") node.open = true;
