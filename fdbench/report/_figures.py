@@ -178,8 +178,12 @@ class Figure:
     @property
     def legend(self) -> dict[str, Curve | Band]:
         """What is listed, by name, each once."""
-        items = [item for panel in self.panels for item in panel.items if item.listed]
-        return {item.name: item for item in reversed(items)} if len({item.name for item in items}) > 1 else {}
+        found: dict[str, Curve | Band] = {}
+        for panel in self.panels:
+            for item in panel.items:
+                if item.listed:
+                    found.setdefault(item.name, item)
+        return found if len(found) > 1 else {}
 
     def curves(self) -> Iterator[Curve]:
         """Yield all curves of all panels."""

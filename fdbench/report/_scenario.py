@@ -71,7 +71,7 @@ def pictures(
     else:
         unit, outputs = quantity(case.first.target_name)[1], list(case.outputs)
         hidden = [name for name in outputs[SHOWN:] if name != ORACLE]
-        blocks += spectrum(scenario, {name: case.outcomes[name] for name in outputs}, unit, hidden)
+        blocks += spectrum(scenario, {name: case.outcomes[name] for name in outputs}, unit, hidden, n_points)
     return blocks
 
 

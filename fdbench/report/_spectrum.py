@@ -11,7 +11,7 @@ from fdbench.metrics._spectrum import FEWEST_ROWS, ORDERS, folded, n_rows_in_win
 from fdbench.regression import FloatArray
 from fdbench.report._figures import INK, Curve, Figure, Panel, Style, style_of
 from fdbench.report._page import Block, note
-from fdbench.report._series import gaps
+from fdbench.report._series import gaps, thinned
 from fdbench.scenario import Scenario
 from fdbench.wording import unit_text
 
@@ -19,7 +19,9 @@ from fdbench.wording import unit_text
 ROOM_FOR_A_LABEL = 0.02
 
 
-def spectrum(scenario: Scenario, outcomes: Mapping[str, Outcome], unit: str, hidden: Sequence[str]) -> Iterator[Block]:
+def spectrum(
+    scenario: Scenario, outcomes: Mapping[str, Outcome], unit: str, hidden: Sequence[str], n_points: int
+) -> Iterator[Block]:
     """Yield the density of the prediction error within the scenario's window, or why there is none.
 
     Parameters
@@ -30,6 +32,8 @@ def spectrum(scenario: Scenario, outcomes: Mapping[str, Outcome], unit: str, hid
         Of the output.
     hidden : sequence of str
         Estimators that are drawn only when their name is clicked.
+    n_points : int
+        Of a curve.
     """
     if not outcomes:
         return
@@ -39,24 +43,20 @@ def spectrum(scenario: Scenario, outcomes: Mapping[str, Outcome], unit: str, hid
     elif len(gaps(first.regression.time_s)):
         yield note("The rows are not one series without gaps: no spectrum.")
     else:
-        yield _figure(scenario, outcomes, unit, hidden)
+        yield _figure(scenario, outcomes, unit, hidden, n_points)
 
 
-def _figure(scenario: Scenario, outcomes: Mapping[str, Outcome], unit: str, hidden: Sequence[str]) -> Figure:
+def _figure(
+    scenario: Scenario, outcomes: Mapping[str, Outcome], unit: str, hidden: Sequence[str], n_points: int
+) -> Figure:
     first = next(iter(outcomes.values()))
     rate_Hz, length = 1.0 / first.regression.sampling_time_s, segment_length(n_rows_in_window(first))
     frequency_Hz = rate_Hz / length * np.arange(length // 2 + 1, dtype=np.float64)
     # Each segment is without its mean, so the bin at 0 Hz holds nothing.
-    items = [
-        Curve(
-            name=name,
-            x=frequency_Hz[1:],
-            y=_decibels(residual_density(outcome)[1:]),
-            style=style_of(name),
-            hidden=name in hidden,
-        )
-        for name, outcome in sorted(outcomes.items(), key=lambda item: item[0] != ORACLE)
-    ]
+    items = []
+    for name, outcome in sorted(outcomes.items(), key=lambda item: item[0] != ORACLE):
+        x, y = thinned(frequency_Hz[1:], _decibels(residual_density(outcome)[1:]), n_points)
+        items.append(Curve(name=name, x=x, y=y, style=style_of(name), hidden=name in hidden))
     captions = [f"Welch's method: Hann's window, segments of {length} rows, {_span(scenario)}."]
     reason = no_white_floor(first)
     if reason is None:

@@ -5,13 +5,14 @@ Its curves lie in an inner ``svg`` of `WIDE` x `HIGH` units that is stretched to
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.regression import FloatArray
-from fdbench.report._figures import Band, Curve, Figure, Style
+from fdbench.report._figures import Band, Curve, Figure, Panel, Style
 from fdbench.report._templates import Html, part, rendered, resource
 from fdbench.report._ticks import linear_ticks, log_ticks, tick_texts
 
@@ -28,35 +29,54 @@ Scale: TypeAlias = Callable[[FloatArray], FloatArray]
 
 def drawing(figure: Figure) -> Html:
     """Return a figure for a page, without title and caption, its legend above."""
-    return part("drawing", _keys(figure), _panels(figure), _height_px(figure))
+    return part("drawing", _drawn(figure))
 
 
 def svg_file(figure: Figure) -> str:
     """Return a figure as the text of an SVG file, in the colours of a light or a dark screen."""
-    height_px = HEAD_PX * (2 if figure.legend else 1) + _height_px(figure)
+    drawn = _drawn(figure)
     return str(
         rendered(
             "figure.svg",
             css=resource("figure.css"),
-            figure=figure,
-            keys=_keys(figure),
-            panels=_panels(figure),
+            title=figure.title,
+            drawn=drawn,
+            width_px=FILE_PX,
+            height_px=drawn.height_px + (HEAD_PX if drawn.keys else 0),
             left_px=LEFT_PX,
             right_px=RIGHT_PX,
-            width_px=FILE_PX,
-            height_px=height_px,
-            top_px=height_px - _height_px(figure),
         )
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _DrawnPanel:
+    """A panel with the place of its upper edge, ticks in per cent from above, and paths."""
+
+    panel: Panel
+    top_px: int
+    y_ticks: Sequence[tuple[float, str]]
+    bounds: str
+    paths: Html
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Drawn:
+    """A figure with all that its template places; keys are class, name, style and whether it is hidden."""
+
+    keys: Sequence[tuple[str, str, Style, bool]]
+    panels: Sequence[_DrawnPanel]
+    x_ticks: Sequence[tuple[float, str]]
+    x_title: str
+    marks: Sequence[tuple[float, str]]
+    top_px: int
+    bottom_px: int
+    height_px: int
 
 
 def _keys(figure: Figure) -> list[tuple[str, str, Style, bool]]:
     """Return class, name, style and whether it is hidden of each entry of the legend."""
     return [(f"c{number}", name, item.style, item.hidden) for number, (name, item) in enumerate(figure.legend.items())]
-
-
-def _height_px(figure: Figure) -> int:
-    return sum(HEAD_PX + panel.height_px for panel in figure.panels) + FOOT_PX
 
 
 def _scale(bounds: tuple[float, float], log: bool, size: int) -> Scale:
@@ -71,37 +91,41 @@ def _scale(bounds: tuple[float, float], log: bool, size: int) -> Scale:
     return scale
 
 
-def _panels(figure: Figure) -> list[dict[str, object]]:
-    x_bounds, found, top_px = figure.shown_range, [], 0
+def _drawn(figure: Figure) -> _Drawn:
+    x_bounds, keys, panels, top_px = figure.shown_range, _keys(figure), [], 0
     x_ticks = log_ticks(*x_bounds) if figure.x_log else linear_ticks(*x_bounds)
     to_x = _scale(x_bounds, figure.x_log, WIDE)
-    classes = {name: key for key, name, _, _ in _keys(figure)}
-    for number, panel in enumerate(figure.panels, start=1):
-        top_px += HEAD_PX
-        bounds = panel.shown_range
+    classes = {name: key for key, name, _, _ in keys}
+    for panel in figure.panels:
+        y_bounds = panel.shown_range
         about = max(3, panel.height_px // TICK_PX)
-        y_ticks = log_ticks(*bounds) if panel.y_log else linear_ticks(*bounds, about)
-        to_y = _scale(bounds, panel.y_log, HIGH)
-        found.append(
-            {
-                "panel": panel,
-                "top_px": top_px,
-                "left_px": LEFT_PX,
-                "x_ticks": _placed(x_ticks, to_x, WIDE),
-                "y_ticks": [(100.0 - place, text) for place, text in _placed(y_ticks, to_y, HIGH)],
-                "x_title": figure.x_title if number == len(figure.panels) else "",
-                "marks": [(100.0 / WIDE * float(to_x(np.array(x))), text) for x, text in figure.marks],
-                "bounds": _bounds(x_bounds, figure.x_log, bounds, panel.y_log),
-                "paths": Html("\n").join(_path(item, to_x, to_y, classes.get(item.name, "")) for item in panel.items),
-            }
+        y_ticks = log_ticks(*y_bounds) if panel.y_log else linear_ticks(*y_bounds, about)
+        to_y = _scale(y_bounds, panel.y_log, HIGH)
+        panels.append(
+            _DrawnPanel(
+                panel=panel,
+                top_px=top_px + HEAD_PX,
+                y_ticks=[(round(100.0 - place, 2), text) for place, text in _placed(y_ticks, to_y, HIGH)],
+                bounds=_bounds(x_bounds, figure.x_log, y_bounds, panel.y_log),
+                paths=Html("\n").join(_path(item, to_x, to_y, classes.get(item.name, "")) for item in panel.items),
+            )
         )
-        top_px += panel.height_px
-    return found
+        top_px += HEAD_PX + panel.height_px
+    return _Drawn(
+        keys=keys,
+        panels=panels,
+        x_ticks=_placed(x_ticks, to_x, WIDE),
+        x_title=figure.x_title,
+        marks=[(round(100.0 / WIDE * float(to_x(np.array(x))), 3), text) for x, text in figure.marks],
+        top_px=HEAD_PX,
+        bottom_px=top_px,
+        height_px=top_px + FOOT_PX,
+    )
 
 
 def _placed(ticks: Sequence[float], scale: Scale, size: int) -> list[tuple[float, str]]:
     places = 100.0 / size * scale(np.array(ticks))
-    return [(round(float(place), 3), text) for place, text in zip(places, tick_texts(ticks), strict=True)]
+    return [(round(float(place), 2), text) for place, text in zip(places, tick_texts(ticks), strict=True)]
 
 
 def _bounds(x: tuple[float, float], x_log: bool, y: tuple[float, float], y_log: bool) -> str:

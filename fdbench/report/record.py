@@ -1,13 +1,13 @@
 """Pictures of records: every column over time, those of several records above each other."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from fdbench.errors import RecordError, SpecError, did_you_mean
 from fdbench.files import write_text
-from fdbench.record import Record
+from fdbench.record import FloatArray, Record
 from fdbench.report._figures import TRUTH, Curve, Figure, Panel, Style, labelled, numbered
 from fdbench.report._page import Section, note, table, write_page
 from fdbench.report._series import MOST_POINTS, peak, thinned
@@ -53,7 +53,8 @@ def figure(records: Sequence[Record], columns: Sequence[str] = ()) -> Figure:
     """Return a panel for each column; a reference is drawn behind what follows it."""
     names = _chosen(records, columns)
     behind = {name: f"{REFERENCE}{name}" for name in names if f"{REFERENCE}{name}" in names}
-    panels = [_panel(records, name, behind.get(name)) for name in names if name not in behind.values()]
+    alone = [name for name in names if name not in behind.values()]
+    panels = [panel for name in alone for panel in _panels(records, name, behind.get(name))]
     return Figure(title="", panels=panels, x_title="time (s)")
 
 
@@ -66,21 +67,41 @@ def _chosen(records: Sequence[Record], columns: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(columns)) or known
 
 
-def _panel(records: Sequence[Record], name: str, behind: str | None) -> Panel:
+def _panels(records: Sequence[Record], name: str, behind: str | None) -> Iterator[Panel]:
+    """Yield a column with its reference behind it, and what lies between the two."""
     text, unit = quantity(name)
+    titles = _titles(records)
     those = [(place, record) for place, record in enumerate(records) if name in record]
-    factor, shown = scaled(unit, peak([record[name][np.isfinite(record[name])] for _, record in those]))
-    items = []
+    factor, shown = scaled(unit, peak([_finite(record[name]) for _, record in those]))
+    items, errors = [], {}
     for place, record in those:
-        title = Path(record.source).name if len(records) > 1 else "measured"
         if behind is not None and behind in record:
-            items.append(_curve(record, behind, "reference", factor, Style(colour=TRUTH), 3.0))
-        items.append(_curve(record, name, title, factor, numbered(place)))
-    return Panel(y_title=labelled(text, shown), items=items, height_px=150)
+            items.append(_curve(record, record[behind], "reference", factor, Style(colour=TRUTH), 3.0))
+            errors[place] = record[name] - record[behind]
+        items.append(_curve(record, record[name], titles[place], factor, numbered(place)))
+    yield Panel(y_title=labelled(text, shown), items=items, height_px=150)
+    if errors:
+        factor, shown = scaled(unit, peak([_finite(values) for values in errors.values()]))
+        items = [
+            _curve(records[place], values, titles[place], factor, numbered(place)) for place, values in errors.items()
+        ]
+        yield Panel(y_title=labelled(f"{text} minus reference", shown), items=items, height_px=150)
 
 
-def _curve(record: Record, column: str, name: str, factor: float, style: Style, width: float = 1.2) -> Curve:
-    x, y = thinned(record[TIME], factor * record[column], MOST_POINTS)
+def _titles(records: Sequence[Record]) -> list[str]:
+    """Return the names of the files, with their folders where they are the same without."""
+    if len(records) == 1:
+        return ["measured"]
+    names = [Path(record.source).name for record in records]
+    return names if len(set(names)) == len(names) else [record.source for record in records]
+
+
+def _finite(values: FloatArray) -> FloatArray:
+    return values[np.isfinite(values)]
+
+
+def _curve(record: Record, values: FloatArray, name: str, factor: float, style: Style, width: float = 1.2) -> Curve:
+    x, y = thinned(record[TIME], factor * values, MOST_POINTS)
     return Curve(name=name, x=x, y=y, style=style, width=width)
 
 
@@ -90,7 +111,7 @@ def _sizes(records: Sequence[Record], names: Sequence[str]) -> Html:
         unit = quantity(name)[1]
         for record in records:
             if name in record:
-                values = record[name][np.isfinite(record[name])]
+                values = _finite(record[name])
                 root = float(np.sqrt(np.mean(values**2)))
                 sizes = (float(values.min()), float(values.max()), float(values.mean()), root)
                 rows.append([name, Path(record.source).name, *(si_text(size, unit) for size in sizes)])

@@ -2,7 +2,6 @@
 // The page is whole without this; it adds sorting, filters, values under the pointer, and a closer look at figures.
 (() => {
   const all = (query, root = document) => [...root.querySelectorAll(query)];
-  const NS = "http://www.w3.org/2000/svg";
 
   // ---- tables and folded parts ----
   const sortBy = (heading) => {
@@ -62,31 +61,26 @@
   const views = new WeakMap();
   const show = (drawing, from, to) => {
     const width = Math.min(1, Math.max(1e-3, to - from)), start = Math.min(1 - width, Math.max(0, from));
-    const view = [start, start + width];
-    if (!views.has(drawing)) views.set(drawing, { ticks: all(".ticks.x", drawing).map((group) => group.innerHTML) });
-    const kept = views.get(drawing);
-    kept.view = view;
-    all(".curves", drawing).forEach((inner) => inner.setAttribute("viewBox", `${3000 * view[0]} 0 ${3000 * width} 1000`));
-    all(".marks", drawing).forEach((group) => { group.style.display = width < 1 ? "none" : ""; });
-    all(".panel", drawing).forEach((panel, number) => {
-      const group = panel.querySelector(".ticks.x"), own = bounds(panel);
-      group.innerHTML = kept.ticks[number];
-      if (width === 1) return;
-      const last = group.querySelector("text") !== null;
-      const low = at(own.x, own.xLog, view[0]), high = at(own.x, own.xLog, view[1]);
-      group.textContent = "";
-      for (const tick of ticks(low, high)) {
-        const share = own.xLog ? Math.log(tick / low) / Math.log(high / low) : (tick - low) / (high - low);
-        const line = document.createElementNS(NS, "line");
-        for (const [key, value] of [["x1", `${100 * share}%`], ["x2", `${100 * share}%`], ["y2", "100%"]]) line.setAttribute(key, value);
-        group.append(line);
-        if (!last) continue;
-        const text = document.createElementNS(NS, "text");
-        for (const [key, value] of [["x", `${100 * share}%`], ["y", "100%"], ["dy", "1.3em"]]) text.setAttribute(key, value);
-        text.textContent = short(tick, high - low).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
-        group.append(text);
-      }
-    });
+    const group = drawing.querySelector(".ticks.x"), own = bounds(drawing.querySelector(".panel"));
+    const kept = views.get(drawing) ?? { ticks: group.innerHTML, line: group.querySelector("line").cloneNode(), text: group.querySelector("text").cloneNode() };
+    views.set(drawing, { ...kept, view: [start, start + width] });
+    all(".curves", drawing).forEach((inner) => inner.setAttribute("viewBox", `${3000 * start} 0 ${3000 * width} 1000`));
+    all(".marks", drawing).forEach((marks) => { marks.style.display = width < 1 ? "none" : ""; });
+    if (width === 1) {
+      group.innerHTML = kept.ticks;
+      return;
+    }
+    const low = at(own.x, own.xLog, start), high = at(own.x, own.xLog, start + width);
+    group.textContent = "";
+    for (const tick of ticks(low, high)) {
+      const place = `${100 * (own.xLog ? Math.log(tick / low) / Math.log(high / low) : (tick - low) / (high - low))}%`;
+      const line = kept.line.cloneNode(), text = kept.text.cloneNode();
+      line.setAttribute("x1", place);
+      line.setAttribute("x2", place);
+      text.setAttribute("x", place);
+      text.textContent = short(tick, high - low).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
+      group.append(line, text);
+    }
   };
   const viewOf = (drawing) => views.get(drawing)?.view ?? [0, 1];
   const readout = document.createElement("div");
