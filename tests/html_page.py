@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 VOID = {"meta", "wbr", "link", "img", "br", "input"}
-WIDE, HIGH = 3000.0, 1000.0  # of the coordinates of a path
 
 
 @dataclass
@@ -19,19 +18,23 @@ class Panel:
     bounds: list[float]
     title: str = ""
     paths: list[tuple[str, str]] = field(default_factory=list)
+    wide: float = 0.0
+    high: float = 0.0
 
     @property
     def resolution(self) -> float:
         """What one unit of height stands for."""
-        return (self.bounds[3] - self.bounds[2]) / HIGH
+        return (self.bounds[3] - self.bounds[2]) / self.high
 
     def curve(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Return the values that the uppermost path of a name goes through."""
         *_, data = [data for own, data in self.paths if own == name]
         x, y = places(data).T
         low, high, bottom, top, x_log, _ = self.bounds
-        share = x / WIDE
-        return low * (high / low) ** share if x_log else low + share * (high - low), top - (top - bottom) * y / HIGH
+        share = x / self.wide
+        return low * (high / low) ** share if x_log else low + share * (high - low), top - (
+            top - bottom
+        ) * y / self.high
 
 
 def places(data: str) -> np.ndarray:
@@ -91,6 +94,8 @@ class Page(HTMLParser):
             self.shown = self.figures.setdefault(f"{title} #{number}" if number else title, [])
         if own.get("class") == "panel":
             self.shown.append(Panel([float(number) for number in (own["data-bounds"] or "").split()]))
+        if own.get("class") == "curves":
+            _, _, self.shown[-1].wide, self.shown[-1].high = map(float, (own["viewbox"] or "").split())
         if tag == "path":
             self.path = own["d"] or ""
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LOWEST = -1.0 / 3.0  # score at the left end of a bar; lower ones are cut off
-MOST_NAMED = 3  # winners of one track
+MOST_NAMED = 2  # winners of one track
 
 Rankings = Mapping[tuple[str, str], Sequence[Standing]]
 
@@ -37,24 +37,23 @@ def winners(found: Rankings) -> Iterator[Html]:
     for plant in dict.fromkeys(plant for _, plant in found):
         sentences = []
         for track in TRACKS:
-            ranking = found.get((track, plant), ())
-            first = [line for line in ranking if line.rank == 1]
+            first = [line for line in found.get((track, plant), ()) if line.rank == 1]
             if not first:
                 continue
-            names = [part("strong", breakable(line.estimator)) for line in first[:MOST_NAMED]]
-            more = f" and {len(first) - MOST_NAMED} more, level," if len(first) > MOST_NAMED else ""
-            ratio = f"{ratio_text(first[0].score.value, decades(track))} of the data sheet's error"
-            if first[0].score.value > 0.0:
-                sentences.append(part("win", track, _listed(names) + more, ratio))
-            else:
-                sentences.append(part("win", track, "nobody", ratio))
+            best = first[0].score
+            names: list[str] = [part("strong", line.estimator) for line in first]
+            if math.isnan(best.low) or len(first) > MOST_NAMED:
+                names = names[:1]
+            also = f" and {len(first) - 1} more" if len(first) > MOST_NAMED and not math.isnan(best.low) else ""
+            who = _listed(names) + also if best.value > 0.0 else "nobody"
+            sentences.append(part("win", track, who, error_text(best.value, decades(track))))
         if sentences:
-            yield part("wins", plant, Html("; ").join(sentences))
+            yield part("wins", plant, Html(", ").join(sentences))
 
 
-def _listed(names: Sequence[Html]) -> Html:
+def _listed(names: Sequence[str]) -> Html:
     """Return names of equals."""
-    return names[0] if len(names) == 1 else Html(", ").join(names[:-1]) + Html(" and ") + names[-1]
+    return Html(" and ").join([Html(", ").join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def decades(track: str) -> float:
@@ -63,15 +62,17 @@ def decades(track: str) -> float:
     return sum(own) / len(own)
 
 
-def ratio_text(score: float, steps: float) -> str:
+def error_text(score: float, steps: float) -> str:
     """Return what a score means as an error beside that of the data sheet.
 
-    >>> ratio_text(1.0, 3.0), ratio_text(0.5, 2.0), ratio_text(0.02, 3.0), ratio_text(-0.1, 3.0)
-    ('1/1000', '1/10', '1/1.1', '2 times')
+    >>> error_text(1.0, 3.0), error_text(0.5, 2.0), error_text(-0.1, 3.0), error_text(1e-3, 3.0)
+    ('1/1000 of its error', '1/10 of its error', '2 times its error', 'its error')
     """
     ratio = 10.0 ** (steps * abs(score))
     words = f"{ratio:.2g}" if ratio < 100.0 else f"{float(f'{ratio:.2g}'):.0f}"
-    return f"1/{words}" if score >= 0.0 else f"{words} times"
+    if words == "1":
+        return "its error"
+    return f"1/{words} of its error" if score >= 0.0 else f"{words} times its error"
 
 
 def ranking_tables(scores: "pd.DataFrame", found: Rankings) -> Iterator[Html]:
@@ -98,15 +99,17 @@ def ranking_tables(scores: "pd.DataFrame", found: Rankings) -> Iterator[Html]:
             for name in sorted(names, key=lambda name: (name in (NULL, ORACLE), *_places(lines, name)))
         ]
         n_scenarios = max(line.of_scenarios for own in lines.values() for line in own.values())
-        groups.append({"plant": plant, "scenarios": n_scenarios, "rows": rows})
-    axes = [_axis(decades(track)) for track in tracks]
-    yield part("ranking", list(zip(tracks, axes, strict=True)), groups, _download(found))
+        axes = [_axis(decades(track)) if lines[track] else [] for track in tracks]
+        groups.append({"plant": plant, "scenarios": n_scenarios, "rows": rows, "axes": axes})
+    yield part("ranking", tracks, groups, _download(found))
     yield note(
         "Bars are on a logarithmic axis of the error: from that of the data sheet, which is all that an estimator is "
         "told, towards the truth; to the left of it one is worse than not having measured. Fine lines: "
         f"{LEVEL:.0%} intervals; bold: nobody is better beyond chance; ×: runs that failed or diverged. null is the "
         "data sheet, oracle knows the truth."
     )
+    if all(math.isnan(line.score.low) for ranking in found.values() for line in ranking):
+        yield note("One seed: no interval is known, and what is first may be so by chance.")
     for track, plant in found:
         if text := unranked_text(scores, track, plant):
             yield note(f"{track}, {plant}: {text}")
@@ -130,9 +133,9 @@ def _cell(line: Standing | None, steps: float) -> dict[str, object] | None:
         "bar": (min(zero, value), round(abs(value - zero), 2)),
         "interval": None if math.isnan(low) else (low, round(high - low, 2)),
         "is_below": line.score.value < 0.0,
-        "is_best": line.rank == 1,
+        "is_best": line.rank == 1 and not math.isnan(low),
         "marks": [place for place, _ in _axis(steps)],
-        "words": f"error {ratio_text(line.score.value, steps)} of the data sheet's; score {interval}{covers}",
+        "words": f"beside the data sheet {error_text(line.score.value, steps)}; score {interval}{covers}",
     }
 
 

@@ -1,7 +1,7 @@
 """Figures as SVG: paths in a coordinate system of their own that stretches with the page, text that does not.
 
 Each panel is an ``svg`` of a height in pixels, whose width is that of the page; ticks and grid are placed in per cent.
-Its curves lie in an inner ``svg`` of `WIDE` x `HIGH` units that is stretched to it, and their lines are not.
+Its curves lie in an inner ``svg`` with whole units of its own that is stretched to it, and their lines are not.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,8 +16,9 @@ from fdbench.report._figures import Band, Curve, Figure, Panel, Style
 from fdbench.report._templates import Html, part, rendered, resource
 from fdbench.report._ticks import linear_ticks, log_ticks, tick_texts
 
-WIDE, HIGH = 3000, 1000
-FAR = 4 * HIGH  # units beyond which what is outside of the panel is not told apart
+FEWEST_UNITS, MOST_UNITS = 500, 3000  # of the width, one for each point
+UNITS_A_PX = 3  # of the height
+FAR = 4  # heights beyond which what is outside of the panel is not told apart
 LEFT_PX, RIGHT_PX, HEAD_PX, FOOT_PX = 54, 14, 24, 46
 DASH_PX = {"solid": "", "dash": "6 4", "dot": "2 3"}
 TICK_PX = 40  # between horizontal grid lines
@@ -51,10 +52,11 @@ def svg_file(figure: Figure) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class _DrawnPanel:
-    """A panel with the place of its upper edge, ticks in per cent from above, and paths."""
+    """A panel with the place of its upper edge, ticks in per cent from above, and paths in units."""
 
     panel: Panel
     top_px: int
+    high: int
     y_ticks: Sequence[tuple[float, str]]
     bounds: str
     paths: Html
@@ -66,6 +68,7 @@ class _Drawn:
 
     keys: Sequence[tuple[str, str, Style, bool]]
     panels: Sequence[_DrawnPanel]
+    wide: int
     x_ticks: Sequence[tuple[float, str]]
     x_title: str
     marks: Sequence[tuple[float, str]]
@@ -94,29 +97,36 @@ def _scale(bounds: tuple[float, float], log: bool, size: int) -> Scale:
 def _drawn(figure: Figure) -> _Drawn:
     x_bounds, keys, panels, top_px = figure.shown_range, _keys(figure), [], 0
     x_ticks = log_ticks(*x_bounds) if figure.x_log else linear_ticks(*x_bounds)
-    to_x = _scale(x_bounds, figure.x_log, WIDE)
+    n_points = max(len(curve.x) for curve in figure.curves())
+    wide = min(max(n_points, FEWEST_UNITS), MOST_UNITS)
+    to_x = _scale(x_bounds, figure.x_log, wide)
     classes = {name: key for key, name, _, _ in keys}
     for panel in figure.panels:
         y_bounds = panel.shown_range
         about = max(3, panel.height_px // TICK_PX)
         y_ticks = log_ticks(*y_bounds) if panel.y_log else linear_ticks(*y_bounds, about)
-        to_y = _scale(y_bounds, panel.y_log, HIGH)
+        high = UNITS_A_PX * panel.height_px
+        to_y = _scale(y_bounds, panel.y_log, high)
         panels.append(
             _DrawnPanel(
                 panel=panel,
                 top_px=top_px + HEAD_PX,
-                y_ticks=[(round(100.0 - place, 2), text) for place, text in _placed(y_ticks, to_y, HIGH)],
+                y_ticks=[(round(100.0 - place, 2), text) for place, text in _placed(y_ticks, to_y, high)],
                 bounds=_bounds(x_bounds, figure.x_log, y_bounds, panel.y_log),
-                paths=Html("\n").join(_path(item, to_x, to_y, classes.get(item.name, "")) for item in panel.items),
+                high=high,
+                paths=Html("\n").join(
+                    _path(item, to_x, to_y, high, classes.get(item.name, "")) for item in panel.items
+                ),
             )
         )
         top_px += HEAD_PX + panel.height_px
     return _Drawn(
         keys=keys,
         panels=panels,
-        x_ticks=_placed(x_ticks, to_x, WIDE),
+        wide=wide,
+        x_ticks=_placed(x_ticks, to_x, wide),
         x_title=figure.x_title,
-        marks=[(round(100.0 / WIDE * float(to_x(np.array(x))), 3), text) for x, text in figure.marks],
+        marks=[(round(100.0 / wide * float(to_x(np.array(x))), 3), text) for x, text in figure.marks],
         top_px=HEAD_PX,
         bottom_px=top_px,
         height_px=top_px + FOOT_PX,
@@ -133,34 +143,34 @@ def _bounds(x: tuple[float, float], x_log: bool, y: tuple[float, float], y_log: 
     return " ".join([*(f"{value:.7g}" for value in (*x, *y)), str(int(x_log)), str(int(y_log))])
 
 
-def _path(item: Curve | Band, to_x: Scale, to_y: Scale, key: str) -> Html:
+def _path(item: Curve | Band, to_x: Scale, to_y: Scale, high: int, key: str) -> Html:
     classes = " ".join(filter(None, (key, "off" if item.hidden else "")))
     if isinstance(item, Band):
         there = np.isfinite(item.lower) & np.isfinite(item.upper)
         x = np.concatenate([item.x[there], item.x[there][::-1]])
         y = np.concatenate([item.upper[there], item.lower[there][::-1]])
         style = f"fill:{item.style.colour}"
-        return part("path", f"band {classes}".strip(), style, commands(to_x(x), to_y(y)), item.name)
+        return part("path", f"band {classes}".strip(), style, commands(to_x(x), to_y(y), high), item.name)
     width = item.width * 4.0 if item.points else item.width
     style = f"stroke:{item.style.colour};stroke-width:{width:g}"
     if item.points:
         style += f";stroke-linecap:{'round' if item.style.symbol == 'circle' else 'square'}"
     elif DASH_PX[item.style.dash]:
         style += f";stroke-dasharray:{DASH_PX[item.style.dash]}"
-    return part("path", classes, style, commands(to_x(item.x), to_y(item.y), item.points), item.name)
+    return part("path", classes, style, commands(to_x(item.x), to_y(item.y), high, item.points), item.name)
 
 
-def commands(x: FloatArray, y: FloatArray, points: bool = False) -> str:
+def commands(x: FloatArray, y: FloatArray, high: int, points: bool = False) -> str:
     """Return a line, or points, through places in units, as the data of a path; y points upwards, NaN is a gap.
 
-    >>> commands(np.array([0.0, 1.2, 3.0, 4.0, 5.0]), np.array([1000.0, 990.0, np.nan, 0.0, 1.0]))
-    'M0 0l1 10M4 1000l1-1'
-    >>> commands(np.array([2.0, 7.0]), np.array([900.0, 890.0]), points=True)
+    >>> commands(np.array([0.0, 1.2, 3.0, 4.0, 5.0]), np.array([300.0, 290.0, np.nan, 0.0, 1.0]), 300)
+    'M0 0l1 10M4 300l1-1'
+    >>> commands(np.array([2.0, 7.0]), np.array([200.0, 190.0]), 300, points=True)
     'M2 100h0M7 110h0'
     """
     there = np.isfinite(x) & np.isfinite(y)
     across = np.rint(np.where(there, x, 0.0)).astype(np.int64)
-    down = np.rint(np.clip(HIGH - np.where(there, y, 0.0), -FAR, FAR)).astype(np.int64)
+    down = np.rint(np.clip(high - np.where(there, y, 0.0), -FAR * high, FAR * high)).astype(np.int64)
     if points:
         return "".join(f"M{u} {v}h0" for u, v in zip(across[there].tolist(), down[there].tolist(), strict=True))
     text = ""

@@ -57,7 +57,7 @@ def write_report(folder: Path, output: Path) -> None:
     check_mergeable(scores)
     statuses = run_statuses(scores)
     found = all_rankings(scores)
-    lead = [_counts(scores, statuses), part("bare_list", list(winners(found)), "wins")]
+    lead = [_counts(scores, statuses), part("winners", list(winners(found)))]
     sections = [
         Section("Ranking", list(ranking_tables(scores, found))),
         Section("Scenarios", list(_scenarios(store, scores, parameters))),

@@ -95,9 +95,11 @@ def only_failures(tmp_path: Path) -> Page:
 def test_who_wins_where_comes_first(tmp_path: Path) -> None:
     """Errors of 100, 10 and 1: a tenth and a hundredth of the data sheet's, a third and two thirds of the score."""
     shown = hand_made(tmp_path, scored({"null": 100.0, "oracle": 0.0, "good": 1.0, "fair": 10.0}))
-    sentence = "Best on feed_drive: good and fair at parameters (1/100 of the data sheet's error)."
-    assert sentence in shown.spoken  # one seed: no interval is known, and all share the rank
-    places = [shown.text.index(part) for part in ("Best on", '<table class="ranking"', 'id="scenarios"', "<script>")]
+    assert "Best beside the data sheet: feed_drive: good at parameters (1/100 of its error)" in shown.spoken
+    assert "One seed: no interval is known, and what is first may be so by chance." in shown.spoken
+    places = [
+        shown.text.index(part) for part in ("Best beside", '<table class="ranking"', 'id="scenarios"', "<script>")
+    ]
     assert places == sorted(places)
     cells = dict(re.findall(r'data-name="(\w+)".*?class="scored".*?>([-\d.]+)</span>', shown.text, re.DOTALL))
     assert cells == {"good": "0.667", "fair": "0.333", "oracle": "1.000", "null": "0.000"}
@@ -120,7 +122,7 @@ def test_bars_are_scores_on_a_logarithmic_axis_of_the_error(tmp_path: Path) -> N
 
 def test_nobody_wins_where_the_data_sheet_does(tmp_path: Path) -> None:
     shown = hand_made(tmp_path, scored({"null": 1.0, "oracle": 0.0, "bad": 10.0}))
-    assert "Best on feed_drive: nobody at parameters (10 times of the data sheet's error)." in shown.spoken
+    assert "feed_drive: nobody at parameters (10 times its error)" in shown.spoken
     assert "parameters: nobody beats the data sheet" in shown.spoken
 
 

@@ -62,9 +62,10 @@
   const show = (drawing, from, to) => {
     const width = Math.min(1, Math.max(1e-3, to - from)), start = Math.min(1 - width, Math.max(0, from));
     const group = drawing.querySelector(".ticks.x"), own = bounds(drawing.querySelector(".panel"));
-    const kept = views.get(drawing) ?? { ticks: group.innerHTML, line: group.querySelector("line").cloneNode(), text: group.querySelector("text").cloneNode() };
+    const kept = views.get(drawing) ?? { ticks: group.innerHTML, line: group.querySelector("line").cloneNode(), text: group.querySelector("text").cloneNode(),
+      boxes: all(".curves", drawing).map((inner) => [inner, ...inner.getAttribute("viewBox").split(" ").slice(2).map(Number)]) };
     views.set(drawing, { ...kept, view: [start, start + width] });
-    all(".curves", drawing).forEach((inner) => inner.setAttribute("viewBox", `${3000 * start} 0 ${3000 * width} 1000`));
+    kept.boxes.forEach(([inner, wide, high]) => inner.setAttribute("viewBox", `${wide * start} 0 ${wide * width} ${high}`));
     all(".marks", drawing).forEach((marks) => { marks.style.display = width < 1 ? "none" : ""; });
     if (width === 1) {
       group.innerHTML = kept.ticks;
