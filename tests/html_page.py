@@ -119,18 +119,19 @@ class Page(HTMLParser):
 
     @property
     def bars(self) -> dict[str, list["Row"]]:
-        """Rows of bars and points by the title above them."""
-        found = {}
+        """Rows of bars and points by the title above them, the first of a title."""
+        found: dict[str, list[Row]] = {}
         for title, rows in re.findall(
             r'<figure class="bars"><table><caption>(.*?)</caption><tbody>(.*?)</tbody>', self.text, re.DOTALL
         ):
             pattern = (
                 r'<th scope="row">(.*?)</th><td><span class="track">(.*?)</span></td><td class="number">(.*?)</td>'
             )
-            found[unescape(title)] = [
+            drawn_rows = [
                 Row(unescape(name), unescape(text), *(_place(drawn, tag) for tag in "bui"))
                 for name, drawn, text in re.findall(pattern, rows, re.DOTALL)
             ]
+            found.setdefault(unescape(title), drawn_rows)
         return found
 
     def attributes(self, name: str) -> list[str]:

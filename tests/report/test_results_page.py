@@ -22,7 +22,7 @@ from fdbench.report._page import Section, page, paragraph, table
 from fdbench.report._series import points_of_a_series
 from fdbench.report._templates import Html
 
-SCENARIOS = ("MillingUpDown-v1", "ShakerConstant-v0")
+SCENARIOS = ("ShakerConstant-v0", "SpindleStep-v0")
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)> & \"quoted\" 'text'"
 
 
@@ -37,22 +37,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def report(folder: Path) -> Page:
     write_report(folder, folder / "report.html")
     return Page((folder / "report.html").read_text("utf-8"))
-
-
-@pytest.fixture(scope="module")
-def shaker(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Page:
-    """A page of one scenario alone."""
-    source, target = Store(folder), Store(tmp_path_factory.mktemp("shaker"))
-    keys = [key for key in source.run_keys() if key.scenario == "ShakerConstant-v0"]
-    for key in keys:
-        for file in (source.run_file(key), source.estimate_file(key), source.record_file(key.scenario, key.seed)):
-            if file.is_file():
-                copy = target.folder / file.relative_to(source.folder)
-                copy.parent.mkdir(parents=True, exist_ok=True)
-                copy.write_bytes(file.read_bytes())
-    target.merge(keys)
-    write_report(target.folder, target.folder / "report.html")
-    return Page((target.folder / "report.html").read_text("utf-8"))
 
 
 def failed_run(estimator: str, message: str) -> KeptRun:
@@ -142,13 +126,13 @@ def test_rankings_can_be_downloaded(folder: Path, report: Page) -> None:
 
 def test_every_section_is_there(report: Page) -> None:
     expected = [
-        *("fdbench: benchmark results", "Ranking", "feed_drive 2 scenarios", "Scenarios"),
+        *("fdbench: benchmark results", "Ranking", "feed_drive 1 scenario", "Scenarios"),
         *("Failed and skipped runs", "Speed", "Provenance"),
     ]
     assert [text for text in report.headings if text in expected] == expected
-    for title in ("Output: error of each prediction", "Disturbance: error of each estimate"):
-        assert report.headings.count(title) == len(SCENARIOS), title
-    assert report.headings.count("Spectrum of the prediction error") == len(SCENARIOS)
+    assert report.headings.count("Output: error of each prediction") == len(SCENARIOS)
+    assert report.headings.count("Disturbance: error of each estimate") == 1
+    assert report.headings.count("Spectrum of the prediction error") == 1
     assert [name for name in report.attributes("data-name") if name in SCENARIOS] == list(SCENARIOS)
 
 
@@ -169,13 +153,14 @@ def test_page_needs_nothing_but_itself(report: Page) -> None:
     assert "connect-src" not in policy
 
 
-def test_a_page_of_many_estimates_is_below_2_MB(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The quick suite has 161 estimates, which have fewer points each; these here claim all that can be drawn."""
+def test_a_page_of_many_estimates_has_room_for_them(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The quick suite has 161 estimates and 1.75 MB; these here claim all that can be drawn, as half of those do."""
     monkeypatch.setattr("fdbench.report.results.points_of_a_series", lambda n: points_of_a_series(161))
     write_report(folder, tmp_path / "report.html")
-    frame = len(page("", [], []).encode())
-    own = (tmp_path / "report.html").stat().st_size - frame
-    assert frame + own / (4 * len(SCENARIOS)) * 161 < 2e6
+    own = (tmp_path / "report.html").stat().st_size - len(page("", [], []).encode())
+    assert own / (4 + 2) < 13e3
 
 
 def test_page_adapts_to_screen_and_scheme(report: Page) -> None:
@@ -254,14 +239,14 @@ def panel_of(page: Page, title: str, name: str) -> Panel:
     return (named or [panel for panel in panels if name in dict(panel.paths)])[0]
 
 
-def test_noise_floor_and_lines_of_the_spectrum(shaker: Page) -> None:
+def test_noise_floor_and_lines_of_the_spectrum(report: Page) -> None:
     """Floor 2 sigma^2 Ts of 20 um/s at 333 Hz; 55 Hz and its harmonics, of which 220 and 275 Hz fold."""
-    (panel,) = shaker.figures["Spectrum of the prediction error"]
+    (panel,) = report.figures["Spectrum of the prediction error"]
     expected_dB = 10.0 * math.log10(2.0 * (2e-5) ** 2 / 333.0)
     _, floor_dB = panel.curve("noise floor")
     assert floor_dB == pytest.approx([expected_dB] * 2, abs=panel.resolution)
     low, high = panel.bounds[:2]
-    group = re.search(r'<g class="marks">(.*?)</g>', shaker.text)
+    group = re.search(r'<g class="marks">(.*?)</g>', report.text)
     assert group is not None
     places = [float(x) / 100.0 for x in re.findall(r'<line x1="([\d.]+)%"', group[1])]
     assert [low + (high - low) * place for place in places] == pytest.approx(
@@ -272,12 +257,12 @@ def test_noise_floor_and_lines_of_the_spectrum(shaker: Page) -> None:
     assert frequency_Hz[np.argmax(density_dB)] == pytest.approx(55.0, abs=333.0 / 1024.0)
 
 
-def test_prediction_error_is_measured_less_predicted(folder: Path, shaker: Page) -> None:
+def test_prediction_error_is_measured_less_predicted(folder: Path, report: Page) -> None:
     kept = Store(folder).read_estimate(RunKey("ShakerConstant-v0", "least_squares", 0))
     assert kept is not None
     assert kept.estimate.output is not None
     error_um_per_s = 1e6 * (kept.target - kept.estimate.output)
-    panel = panel_of(shaker, "Output: error of each prediction", "least_squares")
+    panel = panel_of(report, "Output: error of each prediction", "least_squares")
     size = np.sqrt(np.mean(error_um_per_s**2))
     assert panel.title.startswith(f"least_squares: {size:.3g} µm/s rms")
     shown = panel.curve("least_squares")[1]
@@ -286,35 +271,35 @@ def test_prediction_error_is_measured_less_predicted(folder: Path, shaker: Page)
     )
 
 
-def test_errors_have_one_scale(shaker: Page) -> None:
+def test_errors_have_one_scale(report: Page) -> None:
     for title in ("Output: error of each prediction", "Disturbance: error of each estimate"):
-        bounds = {tuple(panel.bounds) for panel in shaker.figures[title][1:]}
+        bounds = {tuple(panel.bounds) for panel in report.figures[title][1:]}
         assert len(bounds) == 1, title
 
 
-def test_truth_of_the_disturbance(shaker: Page) -> None:
+def test_truth_of_the_disturbance(report: Page) -> None:
     """The shaker of 1.2 N, averaged over a sample by the sinc of 55/333, and nothing before 2 s."""
-    panel = panel_of(shaker, "Disturbance: error of each estimate", "truth")
+    panel = panel_of(report, "Disturbance: error of each estimate", "truth")
     time_s, force_N = panel.curve("truth")
     assert np.abs(force_N[time_s < 1.9]).max() < panel.resolution
     assert force_N.max() == pytest.approx(1.2 * np.sinc(55.0 / 333.0), rel=0.02)
 
 
-def test_share_of_rows_within_the_stated_interval(folder: Path, shaker: Page) -> None:
+def test_share_of_rows_within_the_stated_interval(folder: Path, report: Page) -> None:
     kept = Store(folder).read_estimate(RunKey("ShakerConstant-v0", "pl_lssvm", 0))
     assert kept is not None
     assert kept.estimate.output is not None
     assert kept.estimate.output_variance is not None
     inside = np.abs(kept.target - kept.estimate.output) <= 1.959964 * np.sqrt(kept.estimate.output_variance)
-    panel = panel_of(shaker, "Output: error of each prediction", "pl_lssvm")
+    panel = panel_of(report, "Output: error of each prediction", "pl_lssvm")
     assert panel.title.endswith(f"{100.0 * inside.mean():.1f}% of {len(inside)} rows inside")
 
 
-def test_the_best_is_drawn_first_beside_the_truth(folder: Path, shaker: Page) -> None:
+def test_the_best_is_drawn_first_beside_the_truth(folder: Path, report: Page) -> None:
     """Its own panel, on the scale of the truth, which hides neither."""
-    names = [title for title in shaker.headings if title in ("least_squares", "pl_lssvm")]
+    names = [title for title in report.headings if title in ("least_squares", "pl_lssvm")]
     assert names == ["pl_lssvm", "least_squares"]
-    (panel,) = shaker.figures["pl_lssvm"]
+    (panel,) = report.figures["pl_lssvm"]
     assert [name for name, _ in panel.paths] == ["pl_lssvm", "truth", "pl_lssvm"]  # its interval, the truth, itself
 
 
