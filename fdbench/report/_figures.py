@@ -59,6 +59,13 @@ def style_of(name: str) -> Style:
     return numbered(int.from_bytes(digest[:4], "big") % (N_COLOURS * len(DASHES)))
 
 
+def styles_of(names: Sequence[str]) -> dict[str, Style]:
+    """Return `style_of` each name, without dashes where their colours alone tell them apart."""
+    styles = {name: style_of(name) for name in names}
+    is_clear = len({style.colour for style in styles.values()}) == len(styles)
+    return {name: style.solid if is_clear else style for name, style in styles.items()}
+
+
 def labelled(text: str, unit: str) -> str:
     """Return the title of an axis."""
     return f"{text} ({unit})" if unit else text

@@ -9,7 +9,7 @@ from fdbench.metrics import Outcome
 from fdbench.metrics._series import no_white_floor
 from fdbench.metrics._spectrum import FEWEST_ROWS, ORDERS, folded, n_rows_in_window, residual_density, segment_length
 from fdbench.regression import FloatArray
-from fdbench.report._figures import INK, Curve, Figure, Panel, Style, style_of
+from fdbench.report._figures import INK, Curve, Figure, Panel, Style, styles_of
 from fdbench.report._page import Block, note
 from fdbench.report._series import gaps, thinned
 from fdbench.scenario import Scenario
@@ -53,10 +53,10 @@ def _figure(
     rate_Hz, length = 1.0 / first.regression.sampling_time_s, segment_length(n_rows_in_window(first))
     frequency_Hz = rate_Hz / length * np.arange(length // 2 + 1, dtype=np.float64)
     # Each segment is without its mean, so the bin at 0 Hz holds nothing.
-    items = []
+    items, styles = [], styles_of(list(outcomes))
     for name, outcome in sorted(outcomes.items(), key=lambda item: item[0] != ORACLE):
         x, y = thinned(frequency_Hz[1:], _decibels(residual_density(outcome)[1:]), n_points)
-        items.append(Curve(name=name, x=x, y=y, style=style_of(name), hidden=name in hidden))
+        items.append(Curve(name=name, x=x, y=y, style=styles[name], hidden=name in hidden))
     captions = [f"Welch's method: Hann's window, segments of {length} rows, {_span(scenario)}."]
     reason = no_white_floor(first)
     if reason is None:

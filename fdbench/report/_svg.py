@@ -40,7 +40,6 @@ def svg_file(figure: Figure) -> str:
         rendered(
             "figure.svg",
             css=resource("figure.css"),
-            title=figure.title,
             drawn=drawn,
             width_px=FILE_PX,
             height_px=drawn.height_px + (HEAD_PX if drawn.keys else 0),
@@ -66,6 +65,7 @@ class _DrawnPanel:
 class _Drawn:
     """A figure with all that its template places; keys are class, name, style and whether it is hidden."""
 
+    title: str
     keys: Sequence[tuple[str, str, Style, bool]]
     panels: Sequence[_DrawnPanel]
     wide: int
@@ -121,6 +121,7 @@ def _drawn(figure: Figure) -> _Drawn:
         )
         top_px += HEAD_PX + panel.height_px
     return _Drawn(
+        title=figure.title,
         keys=keys,
         panels=panels,
         wide=wide,

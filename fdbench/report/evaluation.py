@@ -8,7 +8,7 @@ import numpy as np
 from fdbench.diagnosis.evaluation.evaluate import Evaluated
 from fdbench.diagnosis.evaluation.result import WAYS
 from fdbench.record import FloatArray
-from fdbench.report._figures import TRUTH, Curve, Figure, Panel, Style, labelled, style_of
+from fdbench.report._figures import TRUTH, Curve, Figure, Panel, Style, labelled, styles_of
 from fdbench.report._page import Block, Section, note, paragraph, table, write_page
 from fdbench.report._series import MOST_POINTS, opening_range, peak, thinned
 from fdbench.report._templates import Html
@@ -58,6 +58,7 @@ def _figure(found: Evaluated, way: str, place: int, channel: str) -> Figure:
     first = next(iter(own.values()))
     measured = first.measured[channel]
     time_s = run.period_s * (first.first + np.arange(len(measured), dtype=np.float64))
+    styles = styles_of(models)
     n_points = min(MOST_POINTS, POINTS_OF_ALL_RUNS // min(len(found.runs), MOST_RUNS))
 
     def curve(name: str, values: FloatArray, style: Style, width: float = 1.2) -> Curve:
@@ -67,7 +68,7 @@ def _figure(found: Evaluated, way: str, place: int, channel: str) -> Figure:
     errors = {name: item.measured[channel] - item.predicted[channel] for name, item in own.items()}
     factor, prefixed = scaled(unit, peak([measured]))
     of_error, error_unit = scaled(unit, peak(list(errors.values())))
-    above = [curve(name, factor * item.predicted[channel], style_of(name)) for name, item in own.items()]
+    above = [curve(name, factor * item.predicted[channel], styles[name]) for name, item in own.items()]
     below = [of_error * error for error in errors.values()]
     panels = [
         Panel(
@@ -77,7 +78,7 @@ def _figure(found: Evaluated, way: str, place: int, channel: str) -> Figure:
         ),
         Panel(
             y_title=labelled("error", error_unit),
-            items=[curve(name, values, style_of(name)) for name, values in zip(models, below, strict=True)],
+            items=[curve(name, values, styles[name]) for name, values in zip(models, below, strict=True)],
             y_range=opening_range(below),
         ),
     ]
