@@ -132,7 +132,7 @@ def test_every_section_is_there(report: Page) -> None:
     assert [text for text in report.headings if text in expected] == expected
     assert report.headings.count("Output: error of each prediction") == len(SCENARIOS)
     assert report.headings.count("Disturbance: error of each estimate") == 1
-    assert report.headings.count("Spectrum of the prediction error") == 1
+    assert report.headings.count("Spectrum of the prediction error") == len(SCENARIOS)
     assert [name for name in report.attributes("data-name") if name in SCENARIOS] == list(SCENARIOS)
 
 
