@@ -95,8 +95,9 @@ def _scenarios(store: Store, scores: "pd.DataFrame", parameters: "pd.DataFrame")
         blocks += _metric_tables(means[means.index.get_level_values("scenario") == name].droplevel("scenario"))
         blocks += pictures(store, name, seed, scenario, ranked, n_points)
         blocks += _biases(biases[biases["scenario"] == name])
-        summary = part("scenario", name, [(track, *_winner(values)) for track, values in order.items()])
-        yield Folded(summary, blocks, identifier=f"scenario-{slug(name)}", name=name)
+        identifier = f"scenario-{slug(name)}"
+        best = [(track, *_winner(values)) for track, values in order.items()]
+        yield Folded(part("scenario", name, identifier, best), blocks, identifier=identifier, name=name)
 
 
 def _winner(values: Mapping[str, str]) -> tuple[str, str]:
