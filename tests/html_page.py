@@ -40,9 +40,9 @@ class Panel:
 def places(data: str) -> np.ndarray:
     """Return the points of a path in its own units, (n, 2)."""
     found: list[tuple[float, float]] = []
-    for command, numbers in re.findall(r"([Mlh])([^Mlh]*)", data):
+    for command, numbers in re.findall(r"([Mlhz])([^Mlhz]*)", data):
         pairs = [int(number) for number in re.findall(r"-?\d+", numbers)]
-        if command == "h":
+        if command in "hz":
             continue
         for dx, dy in zip(pairs[::2], pairs[1::2], strict=True):
             x, y = found[-1] if command == "l" else (0.0, 0.0)

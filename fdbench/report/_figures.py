@@ -100,13 +100,20 @@ class Curve:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Band:
-    """The filled area between two bounds."""
+    """The filled area between two bounds; NaN is a gap.
+
+    Attributes
+    ----------
+    is_dense : bool
+        It stands for a line that goes up and down within it, more often than can be seen.
+    """
 
     name: str
     x: FloatArray
     lower: FloatArray
     upper: FloatArray
     style: Style
+    is_dense: bool = False
     hidden: bool = False
     listed: bool = False
 

@@ -62,7 +62,7 @@ def _traces(item: Curve | Band) -> Iterator[dict[str, Any]]:
     if isinstance(item, Band):
         edge = {**shared, "mode": "lines", "line": {"width": 0, "color": colour}, "hoverinfo": "skip"}
         yield {**edge, "y": item.lower, "showlegend": False}
-        yield {**edge, "y": item.upper, "fill": "tonexty", "fillcolor": f"{colour}33"}
+        yield {**edge, "y": item.upper, "fill": "tonexty", "fillcolor": colour if item.is_dense else f"{colour}33"}
     elif item.points:
         yield {**shared, "y": item.y, "mode": "markers", "marker": {"color": colour, "size": 4}}
     else:

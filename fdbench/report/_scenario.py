@@ -209,8 +209,12 @@ class _Case:
             above = Panel(y_title=labelled("true disturbance", unit), items=[curve], height_px=PANEL_PX)
             yield from self._errors("Disturbance: error of each estimate", above, self.disturbances, "N", self.window)
 
-    def _curve(self, name: str, values: FloatArray, style: Style, width: float = 1.2) -> Curve:
-        x, y = thinned(self.first.time_s, values, self.n_points)
+    def _curve(self, name: str, values: FloatArray, style: Style, width: float = 1.2) -> Curve | Band:
+        time_s = self.first.time_s
+        if len(values) > self.n_points:  # pairs of extremes would look like a slower wave
+            x, lower, upper = envelope(time_s, values, values, self.n_points)
+            return Band(name=name, x=x, lower=lower, upper=upper, style=style, is_dense=True)
+        x, y = thinned(time_s, values, self.n_points)
         return Curve(name=name, x=x, y=y, style=style, width=width, listed=False)
 
     def _errors(
@@ -227,7 +231,8 @@ class _Case:
         ]
         caption = (
             f"Truth minus estimate; shaded: stated {LEVEL:.0%} interval. All on one scale, that of the better half: "
-            "what is larger is cut off, and its root mean square says how large it is."
+            "what is larger is cut off, and its root mean square says how large it is. A broad line is the range of "
+            "one that goes up and down more often than can be drawn."
         )
         yield Figure(title=title, panels=[above, *panels[:SHOWN]], x_title=TIME, caption=caption)
         if panels[SHOWN:]:

@@ -97,7 +97,7 @@ def _scale(bounds: tuple[float, float], log: bool, size: int) -> Scale:
 def _drawn(figure: Figure) -> _Drawn:
     x_bounds, keys, panels, top_px = figure.shown_range, _keys(figure), [], 0
     x_ticks = log_ticks(*x_bounds) if figure.x_log else linear_ticks(*x_bounds)
-    n_points = max(len(curve.x) for curve in figure.curves())
+    n_points = max(len(item.x) for panel in figure.panels for item in panel.items)
     wide = min(max(n_points, FEWEST_UNITS), MOST_UNITS)
     to_x = _scale(x_bounds, figure.x_log, wide)
     classes = {name: key for key, name, _, _ in keys}
@@ -147,11 +147,9 @@ def _bounds(x: tuple[float, float], x_log: bool, y: tuple[float, float], y_log: 
 def _path(item: Curve | Band, to_x: Scale, to_y: Scale, high: int, key: str) -> Html:
     classes = " ".join(filter(None, (key, "off" if item.hidden else "")))
     if isinstance(item, Band):
-        there = np.isfinite(item.lower) & np.isfinite(item.upper)
-        x = np.concatenate([item.x[there], item.x[there][::-1]])
-        y = np.concatenate([item.upper[there], item.lower[there][::-1]])
-        style = f"fill:{item.style.colour}"
-        return part("path", f"band {classes}".strip(), style, commands(to_x(x), to_y(y), high), item.name)
+        style = f"fill:{item.style.colour}" + (f";stroke:{item.style.colour}" if item.is_dense else "")
+        kind = "dense" if item.is_dense else "band"
+        return part("path", f"{kind} {classes}".strip(), style, _area(item, to_x, to_y, high), item.name)
     width = item.width * 4.0 if item.points else item.width
     style = f"stroke:{item.style.colour};stroke-width:{width:g}"
     if item.points:
@@ -159,6 +157,23 @@ def _path(item: Curve | Band, to_x: Scale, to_y: Scale, high: int, key: str) -> 
     elif DASH_PX[item.style.dash]:
         style += f";stroke-dasharray:{DASH_PX[item.style.dash]}"
     return part("path", classes, style, commands(to_x(item.x), to_y(item.y), high, item.points), item.name)
+
+
+def _area(item: Band, to_x: Scale, to_y: Scale, high: int) -> str:
+    """Return the outlines of a band, one for each stretch between gaps."""
+    there = np.isfinite(item.lower) & np.isfinite(item.upper)
+    text = ""
+    for rows in _stretches(there):
+        x = np.concatenate([item.x[rows], item.x[rows][::-1]])
+        y = np.concatenate([item.upper[rows], item.lower[rows][::-1]])
+        text += commands(to_x(x), to_y(y), high) + "z"
+    return text
+
+
+def _stretches(there: NDArray[np.bool_]) -> list[Integers]:
+    """Return the rows of each stretch without gaps."""
+    parts = np.split(np.arange(len(there)), np.flatnonzero(np.diff(there)) + 1)
+    return [rows for rows in parts if len(rows) and there[rows[0]]]
 
 
 def commands(x: FloatArray, y: FloatArray, high: int, points: bool = False) -> str:
@@ -174,11 +189,7 @@ def commands(x: FloatArray, y: FloatArray, high: int, points: bool = False) -> s
     down = np.rint(np.clip(high - np.where(there, y, 0.0), -FAR * high, FAR * high)).astype(np.int64)
     if points:
         return "".join(f"M{u} {v}h0" for u, v in zip(across[there].tolist(), down[there].tolist(), strict=True))
-    text = ""
-    for rows in np.split(np.arange(len(x)), np.flatnonzero(np.diff(there)) + 1):
-        if len(rows) and there[rows[0]]:
-            text += _run(across[rows], down[rows])
-    return text
+    return "".join(_run(across[rows], down[rows]) for rows in _stretches(there))
 
 
 def _run(across: Integers, down: Integers) -> str:
