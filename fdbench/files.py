@@ -1,6 +1,7 @@
 """Files that are whole or not there: written beside their place, and moved to it when all has gone well."""
 
 import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -24,7 +25,9 @@ def replaced(path: str | Path, error: type[FdbenchError] = FdbenchError, *, fold
     path = Path(path)
     place = path.resolve() if path.is_symlink() else path
     is_special = place.exists() and not place.is_file() and not place.is_dir()
-    partial = place if is_special else place.with_name(f".{place.name}.{os.getpid()}.partial")
+    partial = (
+        place if is_special else place.with_name(f".{place.name}.{os.getpid()}.{threading.get_native_id()}.partial")
+    )
     try:
         if folders:
             place.parent.mkdir(parents=True, exist_ok=True)
