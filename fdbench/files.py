@@ -8,6 +8,9 @@ from pathlib import Path
 
 from fdbench.errors import FdbenchError
 
+# Folders of devices and of what is open already, such as standard output.
+DEVICES = {Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd")}
+
 
 @contextmanager
 def replaced(path: str | Path, error: type[FdbenchError] = FdbenchError, *, folders: bool = False) -> Iterator[Path]:
@@ -23,11 +26,10 @@ def replaced(path: str | Path, error: type[FdbenchError] = FdbenchError, *, fold
         Make the folders above it.
     """
     path = Path(path)
-    place = path.resolve() if path.is_symlink() else path
-    is_special = place.exists() and not place.is_file() and not place.is_dir()
-    partial = (
-        place if is_special else place.with_name(f".{place.name}.{os.getpid()}.{threading.get_native_id()}.partial")
-    )
+    is_special = path.parent in DEVICES or (path.exists() and not path.is_file() and not path.is_dir())
+    place = path.resolve() if path.is_symlink() and not is_special else path
+    beside = place.with_name(f".{place.name}.{os.getpid()}.{threading.get_native_id()}.partial")
+    partial = path if is_special else beside
     try:
         if folders:
             place.parent.mkdir(parents=True, exist_ok=True)

@@ -88,6 +88,11 @@ def test_links_stay_links_and_what_is_no_file_is_written_to(tmp_path: Path) -> N
     write_text(link, "after")
     assert link.is_symlink()
     assert target.read_text("utf-8") == "after"
+    command = [sys.executable, "-c", "from fdbench.files import write_text; write_text('/dev/stdout', 'said')"]
+    with (tmp_path / "piped.txt").open("w") as file:
+        subprocess.run(command, stdout=file, timeout=60, check=True)
+    assert (tmp_path / "piped.txt").read_text("utf-8") == "said"
+    assert subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout == "said"
     write_text(os.devnull, "nothing")
     assert Path(os.devnull).exists()
     assert not Path(os.devnull).is_file()
