@@ -15,6 +15,7 @@ from fdbench.commands.diagnose import diagnose
 from fdbench.commands.evaluate import evaluate
 from fdbench.commands.leaderboard import leaderboard
 from fdbench.commands.list import list_
+from fdbench.commands.plot import plot
 from fdbench.commands.record import record
 from fdbench.commands.report import report
 from fdbench.commands.reproduce import reproduce
@@ -91,7 +92,7 @@ def common(
 
 
 app.command("list")(list_)
-for command in (run, leaderboard, verify, compare, report, record, show, check, reproduce, diagnose, evaluate):
+for command in (run, leaderboard, verify, compare, report, record, plot, show, check, reproduce, diagnose, evaluate):
     app.command()(command)
 app.add_typer(trial, name="trial")
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.errors import RecordError, UnknownName, did_you_mean
+from fdbench.files import replaced
 from fdbench.units import UNITS, split_unit
 
 FloatArray = NDArray[np.float64]
@@ -184,23 +185,17 @@ class Record(Mapping[str, FloatArray]):
         from pyarrow import csv as arrow_csv
 
         head = f"# fdbench {self._provenance_text()}\n{','.join(self.columns)}\n"
-        try:
-            with Path(path).open("wb") as file:
-                file.write(head.encode())
-                arrow_csv.write_csv(self._table(), file, arrow_csv.WriteOptions(include_header=False))
-        except OSError as error:
-            raise RecordError(f"{path}: cannot be written: {error.strerror}.") from error
+        with replaced(path, RecordError) as partial, partial.open("wb") as file:
+            file.write(head.encode())
+            arrow_csv.write_csv(self._table(), file, arrow_csv.WriteOptions(include_header=False))
 
     def to_parquet(self, path: str | Path) -> None:
         """Write as Parquet, with the provenance as metadata ``fdbench`` of the schema."""
         from pyarrow import parquet
 
         table = self._table().replace_schema_metadata({"fdbench": self._provenance_text()})
-        try:
-            with Path(path).open("wb") as file:
-                parquet.write_table(table, file)
-        except OSError as error:
-            raise RecordError(f"{path}: cannot be written: {error.strerror}.") from error
+        with replaced(path, RecordError) as partial, partial.open("wb") as file:
+            parquet.write_table(table, file)
 
     def _table(self) -> Any:
         import pyarrow

@@ -9,7 +9,13 @@ from fdbench.units import UNITS, split_unit
 
 SURE = 0.99  # no probability is printed beyond it
 PREFIXES = {6: "M", 3: "k", 0: "", -3: "m", -6: "µ", -9: "n", -12: "p"}
-TAKES_PREFIX = {"m", "s", "N", "A", "V", "W", "Pa", "rad", "N m", "m/s", "m/s^2", "m/s^3", "rad/s", "rad/s^2", "N/s"}
+# Smallest and largest prefix that is in use: nobody writes km/s, krad or ks.
+IN_USE = {
+    **dict.fromkeys(("m", "s", "rad", "m/s", "m/s^2", "m/s^3", "rad/s", "rad/s^2"), (-12, 0)),
+    **dict.fromkeys(("N", "A", "V", "W", "N m", "N/s"), (-12, 3)),
+    "Pa": (-12, 6),
+}
+TENTHS = {"N", "A", "V", "W", "N m", "N/s"}  # written without prefix from 0.1 on: 0.4 N, but 400 mm
 
 _ABSOLUTE_FOLDER = re.compile(r"(?<![\w:/.>~])(?:[A-Za-z]:)?[/\\](?:[^\s/\\:']+[/\\])+")
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
@@ -78,15 +84,20 @@ def unit_text(unit: str) -> str:
 
 
 def scaled(unit: str, peak: float) -> tuple[float, str]:
-    """Return the factor and the unit in which values up to ``peak`` have one to three digits before the point.
+    """Return the factor and the unit in which values up to ``peak`` are written.
+
+    They have one to three digits before the point, where the prefix that this takes is in use.
 
     >>> scaled("m/s", 4e-5), scaled("N s/m", 4e-5), scaled("m", 0.9996)
     ((1000000.0, 'µm/s'), (1.0, 'N s/m'), (1.0, 'm'))
+    >>> scaled("N", 0.4), scaled("N", 0.04), scaled("N", 4e3), scaled("m/s^2", 4e3)
+    ((1.0, 'N'), (1000.0, 'mN'), (0.001, 'kN'), (1.0, 'm/s²'))
     """
     unit = spoken_unit(unit)
-    if unit not in TAKES_PREFIX or not 0.0 < peak < math.inf:
+    if unit not in IN_USE or not 0.0 < peak < math.inf or (unit in TENTHS and 0.1 <= peak < 1.0):
         return 1.0, unit_text(unit)
-    exponent = min(max(3 * math.floor(math.log10(1.0005 * peak) / 3.0), min(PREFIXES)), max(PREFIXES))
+    lowest, highest = IN_USE[unit]
+    exponent = min(max(3 * math.floor(math.log10(1.0005 * peak) / 3.0), lowest), highest)
     return 10.0**-exponent, PREFIXES[exponent] + unit_text(unit)
 
 

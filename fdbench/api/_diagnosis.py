@@ -13,6 +13,7 @@ from fdbench.diagnosis.diagnose import diagnose as find
 from fdbench.diagnosis.model.nominal import Nominal, load_nominal, nominal_of
 from fdbench.diagnosis.repaired import write_repaired
 from fdbench.errors import SpecError, UnknownName, did_you_mean
+from fdbench.files import write_text
 from fdbench.json_text import json_text
 from fdbench.reading import read_record
 from fdbench.record import Record
@@ -121,7 +122,7 @@ class DiagnosisResult:
 
     def write_json(self, path: str | Path) -> None:
         """Write the answer as JSON."""
-        Path(path).write_text(json_text(self.answer.as_json()) + "\n", encoding="utf-8")
+        write_text(path, json_text(self.answer.as_json()) + "\n")
 
     def write_model(self, path: str | Path) -> None:
         """Write the repaired model as TOML, which `diagnose` takes as a model."""

@@ -20,9 +20,7 @@ from fdbench.benchmark.suite import SEEDS, Suite, in_suite
 from fdbench.checks.plugin_files import add_effects, distinct
 from fdbench.errors import SpecError, UnknownName
 from fdbench.report import cards
-from fdbench.report._figures import styles_of
-from fdbench.report._plotly import plotly_figure
-from fdbench.report.results import ranking_figure
+from fdbench.report._plotly import ranking_figure
 from fdbench.report.written import write_results
 
 if TYPE_CHECKING:
@@ -88,9 +86,7 @@ class RunResult:
         plants = self._plants(track, plant)
         if len(plants) > 1:
             raise SpecError(f"track '{track}' has a ranking for each of {', '.join(plants)}: say which plant.")
-        scores = self.scores()
-        styles = styles_of(sorted(scores["estimator"].unique()))
-        return plotly_figure(ranking_figure(standings(scores, track, plants[0]), styles))
+        return ranking_figure(standings(self.scores(), track, plants[0]))
 
     def _plants(self, track: str, plant: str | None) -> list[str]:
         known = self.tracks

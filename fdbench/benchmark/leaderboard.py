@@ -192,7 +192,7 @@ def _ranking(ranking: Sequence[Standing]) -> Iterator[str]:
         [
             "" if line.rank is None else str(line.rank),
             f"`{line.estimator}`",
-            _fixed(line.score.value),
+            fixed(line.score.value),
             interval_text(line.score),
             f"{line.scenarios} of {line.of_scenarios}",
             str(line.failures),
@@ -247,7 +247,7 @@ def _bias(bias: float, width: float, scale: float) -> str:
 
 
 def _percent(value: float) -> str:
-    return _fixed(value, 2) if abs(value) < 1e4 else f"{value:.{DIGITS}g}"
+    return fixed(value, 2) if abs(value) < 1e4 else f"{value:.{DIGITS}g}"
 
 
 def _failures(found: Sequence[Trouble]) -> Iterator[str]:
@@ -284,14 +284,15 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]], alignment: str)
         yield f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |"
 
 
-def _fixed(value: float, digits: int = DIGITS) -> str:
+def fixed(value: float, digits: int = DIGITS) -> str:
+    """Return a number with digits behind the point, and no sign where they are all 0."""
     text = f"{value:.{digits}f}"
     return text.removeprefix("-") if float(text) == 0.0 else text
 
 
 def interval_text(interval: Interval) -> str:
     """Return ``low to high``, or a dash where no interval is known."""
-    return "–" if math.isnan(interval.low) else f"{_fixed(interval.low)} to {_fixed(interval.high)}"
+    return "–" if math.isnan(interval.low) else f"{fixed(interval.low)} to {fixed(interval.high)}"
 
 
 def unranked_text(scores: "pd.DataFrame", track: str, plant: str) -> str:

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from fdbench.benchmark.store import replaced
 from fdbench.errors import FdbenchError
+from fdbench.files import write_text
 from fdbench.nonce import check_nonce, new_nonce
 
 FILE = "seal.json"
@@ -81,5 +81,4 @@ def read_seal(folder: Path) -> Seal | None:
 
 
 def _write(folder: Path, seal: Seal) -> None:
-    with replaced(folder / FILE) as partial:
-        partial.write_text(json.dumps(asdict(seal), indent=1) + "\n", "utf-8")
+    write_text(folder / FILE, json.dumps(asdict(seal), indent=1) + "\n", folders=True)

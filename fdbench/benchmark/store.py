@@ -15,7 +15,7 @@ import fcntl
 import json
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -24,6 +24,7 @@ import numpy as np
 
 from fdbench.errors import FdbenchError, did_you_mean
 from fdbench.estimator import Estimate
+from fdbench.files import replaced, write_text
 from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.regression import FloatArray, Regression
@@ -304,7 +305,7 @@ class Store:
 
     def write_record(self, scenario: str, seed: int, record: Record) -> None:
         """Keep a record."""
-        with replaced(self.record_file(scenario, seed)) as partial:
+        with replaced(self.record_file(scenario, seed), folders=True) as partial:
             record.to_parquet(partial)
 
     def read_record(self, scenario: str, seed: int = 0) -> Record:
@@ -326,7 +327,7 @@ class Store:
         }
         arrays = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
         table = pyarrow.table(arrays).replace_schema_metadata({"fdbench": json.dumps(metadata)})
-        with replaced(self.estimate_file(key)) as partial:
+        with replaced(self.estimate_file(key), folders=True) as partial:
             parquet.write_table(table, partial)
 
     def read_estimate(self, key: RunKey) -> Kept | None:
@@ -378,25 +379,9 @@ def _write_table(path: Path, rows: list[dict[str, Any]], columns: Mapping[str, s
     from pyarrow import parquet
 
     schema = pyarrow.schema([(name, pyarrow.type_for_alias(kind)) for name, kind in columns.items()])
-    with replaced(path) as partial:
+    with replaced(path, folders=True) as partial:
         parquet.write_table(pyarrow.Table.from_pylist(rows, schema=schema), partial)
 
 
 def _write(path: Path, text: str) -> None:
-    with replaced(path) as partial:
-        partial.write_text(text, "utf-8", newline="\n")
-
-
-@contextmanager
-def replaced(path: Path) -> Iterator[Path]:
-    """Yield a file beside ``path`` that takes its place when all has gone well."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield partial
-        partial.replace(path)
-    except OSError as error:
-        raise FdbenchError(f"{path}: cannot be written: {error.strerror or error}.") from error
-    finally:
-        with suppress(OSError):  # what went wrong before says more
-            partial.unlink()
+    write_text(path, text, folders=True)

@@ -19,7 +19,10 @@ def writable(path: Path | None) -> Path | None:
         raise FdbenchError(f"{path}: a folder, where a file to write is expected.")
     if not path.parent.is_dir():
         raise FdbenchError(f"{path}: cannot be written: there is no folder {path.parent}.")
-    if not os.access(path if path.exists() else path.parent, os.W_OK):
+    # A file is written beside its place and moved there, which takes both; a device is written to as it is.
+    needed = [path] if path.exists() else []
+    needed += [path.parent] if path.is_file() or not path.exists() else []
+    if not all(os.access(one, os.W_OK) for one in needed):
         raise FdbenchError(f"{path}: cannot be written: permission denied.")
     return path
 

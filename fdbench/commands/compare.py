@@ -7,6 +7,7 @@ import typer
 
 from fdbench.commands._json import echo_json
 from fdbench.commands._options import Json, existing, file_to_write
+from fdbench.files import write_text
 
 
 def compare(
@@ -31,7 +32,7 @@ def compare(
     result = api.compare(*sides, allow_missing=allow_missing, gate_speed=gate_speed)
     found = result.comparison
     if markdown is not None:
-        markdown.write_text(compare_text.markdown(found), encoding="utf-8")
+        write_text(markdown, compare_text.markdown(found))
     if json_:
         echo_json(compare_text.document(found))
     else:

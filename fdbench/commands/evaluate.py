@@ -9,6 +9,7 @@ from fdbench.checks.plugin_files import add_effects
 from fdbench.commands._json import echo_json
 from fdbench.commands._options import Effects, file_to_write, writable
 from fdbench.errors import SpecError
+from fdbench.files import write_text
 from fdbench.json_text import json_text
 
 
@@ -44,7 +45,7 @@ def evaluate(
         read = [read_record(path, data if path.suffix.lower() == ".toml" else None) for path in records]
         found = predict(models, read)
     if json_ is not None and str(json_) != "-":
-        json_.write_text(json_text(found.evaluation.as_json()) + "\n", encoding="utf-8")
+        write_text(json_, json_text(found.evaluation.as_json()) + "\n")
     if html is not None:
         from fdbench.report.evaluation import write_evaluation
 

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from fdbench.commands._options import DEFAULT_OUT, existing, file_to_write
+from fdbench.files import write_text
 
 
 def leaderboard(
@@ -24,7 +25,7 @@ def leaderboard(
 
     text = rankings.leaderboard(Store(existing(folder, "scores.parquet"))) + board(published())
     if not check:
-        output.write_text(text, encoding="utf-8")
+        write_text(output, text)
         return
     difference = rankings.difference(text, output)
     if difference:

@@ -1,333 +1,222 @@
-"""What figures are made of: colours, axes with units, long series thinned for the screen."""
+"""What figures are made of: styles, curves, bands, and panels above each other; `_svg` and `_plotly` draw them."""
 
-import base64
-import html
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+import hashlib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.run import NULL
 from fdbench.regression import FloatArray
-from fdbench.report._page import Figure, Trace
-from fdbench.report._templates import Html, part
 
-# What is drawn for comparison only and would hide the rest; a click on its name shows it.
-LEGEND_ONLY = (NULL,)
+INK, SOFT, TRUTH = "var(--ink)", "var(--soft)", "var(--truth)"
 
-# Place of the first estimator in a legend; what has none of its own comes before.
-FIRST_RANK = 1001
-
-INK, SOFT, GRID, TRUTH = "var(--ink)", "var(--soft)", "var(--grid)", "var(--truth)"
-
-# Colours of the style sheet; the next estimators have them again with another line and marker.
+# Colours of the style sheet; with another dash or symbol they stand for other names.
 N_COLOURS = 16
 DASHES = ("solid", "dash", "dot")
 SYMBOLS = ("circle", "square", "diamond")
+SALT = "fdbench 515"  # with it no two estimators that came with the first pages look alike
+
+MARGIN = 0.04  # of an axis beyond its values
 
 
 @dataclass(frozen=True, kw_only=True)
 class Style:
-    """How an estimator is drawn: colour, dash of its lines, symbol of its points."""
+    """How a name is drawn: colour, dash of its lines, symbol beside it."""
 
     colour: str
     dash: str = "solid"
     symbol: str = "circle"
 
     @property
-    def band(self) -> str:
-        """The colour, mostly transparent."""
-        return f"{self.colour}/33"
+    def solid(self) -> "Style":
+        """The same without dashes, for a line that is alone in its panel."""
+        return replace(self, dash="solid")
 
 
 # A model before and after its repair.
 BEFORE, AFTER = Style(colour="var(--series-0)"), Style(colour="var(--series-1)")
 
 
+def numbered(number: int) -> Style:
+    """Return one of the styles; the first `N_COLOURS` are solid."""
+    turn = number // N_COLOURS % len(DASHES)
+    return Style(colour=f"var(--series-{number % N_COLOURS})", dash=DASHES[turn], symbol=SYMBOLS[turn])
+
+
+def style_of(name: str) -> Style:
+    """Return how an estimator or a model is drawn, on every page the same, whatever else is on it.
+
+    It follows from the name alone, so two names of different authors may look alike (1 in 48); null and oracle are
+    grey.
+    """
+    if name == NULL:
+        return Style(colour="var(--muted)", symbol="diamond")
+    if name == ORACLE:
+        return Style(colour=SOFT)
+    digest = hashlib.sha256(f"{SALT} {name}".encode()).digest()
+    return numbered(int.from_bytes(digest[:4], "big") % (N_COLOURS * len(DASHES)))
+
+
 def styles_of(names: Sequence[str]) -> dict[str, Style]:
-    """Return one style for each estimator; null and oracle are grey."""
-    ordinary = sorted(set(names) - {NULL, ORACLE})
-    styles = {
-        name: Style(
-            colour=f"var(--series-{number % N_COLOURS})",
-            dash=DASHES[number // N_COLOURS % len(DASHES)],
-            symbol=SYMBOLS[number // N_COLOURS % len(SYMBOLS)],
-        )
-        for number, name in enumerate(ordinary)
-    }
-    references = {NULL: Style(colour="var(--muted)", symbol="x"), ORACLE: Style(colour=SOFT, symbol="star")}
-    return styles | {name: style for name, style in references.items() if name in names}
-
-
-def legend(styles: Mapping[str, Style]) -> Html:
-    """Return the colours of the page."""
-    return part("legend", styles)
-
-
-def named(name: str, style: Style) -> Html:
-    """Return the name of an estimator behind its colour."""
-    return part("named", name, style)
+    """Return `style_of` each name, without dashes where their colours alone tell them apart."""
+    styles = {name: style_of(name) for name in names}
+    is_clear = len({style.colour for style in styles.values()}) == len(styles)
+    return {name: style.solid if is_clear else style for name, style in styles.items()}
 
 
 def labelled(text: str, unit: str) -> str:
     """Return the title of an axis."""
-    return plain(f"{text} ({unit})" if unit else text)
+    return f"{text} ({unit})" if unit else text
 
 
-def plain(text: str) -> str:
-    """Return text such that plotly shows it as it is."""
-    return html.escape(text, quote=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Curve:
+    """A line, or points, through values that are few enough already; NaN is a gap.
 
-
-# ---- series ----
-
-
-def encoded(values: FloatArray) -> dict[str, str]:
-    """Return numbers as plotly reads them, 4 bytes each; what is not finite is a gap."""
-    finite = np.where(np.isfinite(values), values, np.nan).astype("<f4")
-    return {"dtype": "f4", "bdata": base64.b64encode(finite.tobytes()).decode("ascii")}
-
-
-def decoded(encoded: Mapping[str, str]) -> FloatArray:
-    """Return the numbers that `encoded` made text of.
-
-    >>> decoded(encoded(np.array([1.0, np.inf, -0.5])))
-    array([ 1. ,  nan, -0.5])
+    Attributes
+    ----------
+    hidden : bool
+        Not drawn until its name is clicked.
+    listed : bool
+        Whether its name is in the legend.
     """
-    return np.frombuffer(base64.b64decode(encoded["bdata"]), encoded["dtype"]).astype(np.float64)
+
+    name: str
+    x: FloatArray
+    y: FloatArray
+    style: Style
+    width: float = 1.2
+    points: bool = False
+    hidden: bool = False
+    listed: bool = True
+
+    @property
+    def ordinates(self) -> Sequence[FloatArray]:
+        """All y, which an axis has to hold."""
+        return (self.y,)
 
 
-def _abscissa(time_s: FloatArray) -> Trace:
-    """Return times as start and step, which takes no room, where the steps are equal."""
-    steps = np.diff(time_s)
-    if len(steps) and np.ptp(steps) <= 1e-6 * abs(steps[0]):
-        return {"x0": float(time_s[0]), "dx": float((time_s[-1] - time_s[0]) / len(steps))}
-    return {"x": encoded(time_s)}
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Band:
+    """The filled area between two bounds; NaN is a gap.
 
+    Attributes
+    ----------
+    is_dense : bool
+        It stands for a line that goes up and down within it, more often than can be seen.
+    """
 
-def line(name: str, time_s: FloatArray, values: FloatArray, style: Style, *, width: float = 1.2) -> Trace:
-    """Return a line through points that are few enough already; see `thinned`."""
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": plain(name),
-        "legendgroup": name,
-        "line": {"color": style.colour, "width": width, "dash": style.dash},
-        **_abscissa(time_s),
-        "y": encoded(values),
-    }
+    name: str
+    x: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    style: Style
+    is_dense: bool = False
+    hidden: bool = False
+    listed: bool = False
 
-
-def band(
-    name: str, time_s: FloatArray, lower: FloatArray, upper: FloatArray, style: Style, *, width: float = 0.0
-) -> list[Trace]:
-    """Return the filled area between two bounds."""
-    edge = {
-        "type": "scatter",
-        "mode": "lines",
-        "name": plain(name),
-        "legendgroup": name,
-        "showlegend": False,
-        "hoverinfo": "skip",
-        "line": {"color": style.colour, "width": width},
-        **_abscissa(time_s),
-    }
-    return [edge | {"y": encoded(lower)}, edge | {"y": encoded(upper), "fill": "tonexty", "fillcolor": style.band}]
-
-
-# ---- axes and layout ----
-
-
-def axis(title: str) -> dict[str, Any]:
-    """Return an axis."""
-    return {
-        "title": {"text": title, "standoff": 8},
-        "automargin": True,
-        "gridcolor": GRID,
-        "zerolinecolor": GRID,
-        "linecolor": GRID,
-        "tickcolor": GRID,
-    }
-
-
-def layout(x: Mapping[str, Any], y: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the layout that all figures share, with a legend above."""
-    return {
-        "paper_bgcolor": "rgba(0,0,0,0)",
-        "plot_bgcolor": "rgba(0,0,0,0)",
-        "font": {"color": INK, "family": "system-ui, sans-serif", "size": 12},
-        "margin": {"l": 56, "r": 12, "t": 8, "b": 44},
-        "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)"},
-        "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": SOFT, "activecolor": INK},
-        "hoverlabel": {"namelength": -1},
-        "xaxis": dict(x),
-        "yaxis": dict(y),
-    }
+    @property
+    def ordinates(self) -> Sequence[FloatArray]:
+        """All y, which an axis has to hold."""
+        return self.lower, self.upper
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Panel:
-    """One of several figures on top of each other.
+    """One of several diagrams above each other.
 
     Attributes
     ----------
     y_title : str
-    traces : sequence of dict
+        With the unit.
+    items : sequence of Curve and Band
+        The last one is drawn on top.
     heading : str
-        Text above.
-    y_range : list of two floats, optional
-        What the axis opens with; everything, if it is not given. A double click shows everything.
+        Stands above.
+    y_range : pair of float, optional
+        What is shown; everything, if it is not given.
+    y_log : bool
     height_px : int
     """
 
     y_title: str
-    traces: Sequence[Trace]
+    items: Sequence[Curve | Band]
     heading: str = ""
-    y_range: list[float] | None = None
+    y_range: tuple[float, float] | None = None
+    y_log: bool = False
     height_px: int = 220
 
-
-GAP_PX = 34
-
-
-def stack(title: str, panels: Sequence[Panel], x_title: str, caption: str = "") -> Figure:
-    """Return panels with one horizontal axis; a name is in the legend once, where it comes first."""
-    total_px = sum(panel.height_px for panel in panels) + GAP_PX * (len(panels) - 1)
-    result = layout(axis(x_title), {})
-    traces: list[Trace] = []
-    seen: set[str] = set()
-    top_px = 0
-    for number, panel in enumerate(panels, start=1):
-        suffix = "" if number == 1 else str(number)
-        domain = [1.0 - (top_px + panel.height_px) / total_px, 1.0 - top_px / total_px]
-        top_px += panel.height_px + GAP_PX
-        if panel.heading:
-            result.setdefault("annotations", []).append(_heading(panel.heading, domain[1]))
-        result[f"yaxis{suffix}"] = axis(panel.y_title) | {"domain": [max(0.0, domain[0]), domain[1]]}
-        if panel.y_range is not None:
-            result[f"yaxis{suffix}"]["range"] = panel.y_range
-        for trace in panel.traces:
-            shown = trace.get("showlegend", trace["legendgroup"] not in seen)
-            if shown:
-                seen.add(trace["legendgroup"])
-            traces.append(trace | {"yaxis": f"y{suffix}", "showlegend": shown})
-    result["xaxis"]["anchor"] = "y" if len(panels) == 1 else f"y{len(panels)}"
-    if panels[0].heading:
-        result["margin"]["t"] = GAP_PX
-    if any(panel.y_range for panel in panels):
-        caption = f"{caption} Single values outside of the range; a double click shows all.".lstrip()
-    return Figure(title=title, traces=traces, layout=result, height_px=total_px + 110, caption=caption)
+    @property
+    def shown_range(self) -> tuple[float, float]:
+        """Bounds of the vertical axis."""
+        if self.y_range is not None:
+            return self.y_range
+        return extent((part for item in self.items for part in item.ordinates), self.y_log, MARGIN)
 
 
-def _heading(text: str, y: float) -> dict[str, Any]:
-    return {
-        "text": plain(text),
-        "x": 0,
-        "y": y,
-        "xref": "paper",
-        "yref": "paper",
-        "xanchor": "left",
-        "yanchor": "bottom",
-        "showarrow": False,
-        "font": {"size": 12},
-    }
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Figure:
+    """Panels with one horizontal axis.
 
-
-ROW_PX = 26
-
-
-def dots(
-    title: str,
-    names: Sequence[str],
-    values: FloatArray,
-    bounds: FloatArray,
-    styles: Mapping[str, Style],
-    x_title: str,
-) -> Figure:
-    """Return a point with its interval for each estimator, the first one on top.
-
-    Parameters
+    Attributes
     ----------
-    values : (n,) array
-    bounds : (n, 2) array
-        Lower and upper bound; NaN where none is known.
+    title, caption : str
+        Text above and below.
+    panels : sequence of Panel
+    x_title : str
+        With the unit.
+    x_log : bool
+    x_range : pair of float, optional
+        What is shown; everything, if it is not given.
+    marks : sequence of (float, str)
+        Vertical lines with what they are called.
     """
-    distances = np.nan_to_num(np.abs(bounds - values[:, None]), nan=0.0)
-    traces = [
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "name": plain(name),
-            "x": [float(value)],
-            "y": [plain(name)],
-            "showlegend": False,
-            "marker": {"color": styles[name].colour, "symbol": styles[name].symbol, "size": 9},
-            "error_x": {
-                "type": "data",
-                "array": [float(above)],
-                "arrayminus": [float(below)],
-                "color": styles[name].colour,
-                "thickness": 2,
-                "width": 5,
-            },
-        }
-        for name, value, (below, above) in zip(names, values, distances, strict=True)
-    ]
-    rows = {"categoryorder": "array", "categoryarray": [plain(name) for name in reversed(names)]}
-    vertical = axis("") | rows | {"range": [-0.6, len(names) - 0.4], "ticks": ""}
-    reached = np.concatenate([[0.0], values, values - distances[:, 0], values + distances[:, 1]])
-    low, high = float(reached.min()), float(reached.max())
-    margin = 0.06 * (high - low) or 1.0
-    horizontal = axis(x_title) | {"zerolinecolor": SOFT, "range": [low - margin, high + margin]}
-    return Figure(
-        title=title,
-        traces=traces,
-        layout=layout(horizontal, vertical) | {"dragmode": False},
-        height_px=ROW_PX * len(names) + 84,
-    )
+
+    title: str
+    panels: Sequence[Panel]
+    x_title: str
+    caption: str = ""
+    x_log: bool = False
+    x_range: tuple[float, float] | None = None
+    marks: Sequence[tuple[float, str]] = ()
+
+    @property
+    def shown_range(self) -> tuple[float, float]:
+        """Bounds of the horizontal axis."""
+        if self.x_range is not None:
+            return self.x_range
+        return extent((item.x for panel in self.panels for item in panel.items), self.x_log, 0.0)
+
+    @property
+    def legend(self) -> dict[str, Curve | Band]:
+        """What is listed, by name, each once."""
+        found: dict[str, Curve | Band] = {}
+        for panel in self.panels:
+            for item in panel.items:
+                if item.listed:
+                    found.setdefault(item.name, item)
+        return found if len(found) > 1 else {}
+
+    def curves(self) -> Iterator[Curve]:
+        """Yield all curves of all panels."""
+        yield from (item for panel in self.panels for item in panel.items if isinstance(item, Curve))
 
 
-BAR_PX = 24
+def extent(series: Iterable[FloatArray], log: bool, margin: float) -> tuple[float, float]:
+    """Return bounds that hold all finite values, and a share of their span on each side; never equal ones.
 
-
-def bars(
-    title: str,
-    names: Sequence[str],
-    values: Sequence[float],
-    x_title: str,
-    caption: str = "",
-    bounds: Sequence[Sequence[float]] = (),
-) -> Figure:
-    """Return a bar for each name, the first one on top, with its interval where there are ``bounds``."""
-    trace = {
-        "type": "bar",
-        "orientation": "h",
-        "x": list(values),
-        "y": [plain(name) for name in names],
-        "marker": {"color": BEFORE.colour},
-        "hovertemplate": "%{y}: %{x:.3g}<extra></extra>",
-        "showlegend": False,
-    }
-    high = max([*values, 0.0])
-    if bounds:
-        trace["error_x"] = {
-            "type": "data",
-            "symmetric": False,
-            "array": [max(above - value, 0.0) for value, (_, above) in zip(values, bounds, strict=True)],
-            "arrayminus": [max(value - below, 0.0) for value, (below, _) in zip(values, bounds, strict=True)],
-            "color": INK,
-            "thickness": 1,
-            "width": 3,
-        }
-        high = max([high, *(above for _, above in bounds)])
-    rows = {"categoryorder": "array", "categoryarray": [plain(name) for name in reversed(names)], "ticks": ""}
-    horizontal = axis(x_title) | {"range": [0.0, 1.05 * high or 1.0], "zerolinecolor": GRID}
-    return Figure(
-        title=title,
-        traces=[trace],
-        layout=layout(horizontal, axis("") | rows) | {"dragmode": False},
-        height_px=BAR_PX * len(names) + 84,
-        caption=caption,
-    )
+    >>> extent([np.array([0.0, 10.0, np.nan])], False, 0.1), extent([np.ones(3)], False, 0.0)
+    ((-1.0, 11.0), (0.5, 1.5))
+    """
+    values = np.concatenate([np.empty(0), *series])
+    values = values[np.isfinite(values) & ((values > 0.0) | (not log))]
+    if len(values) == 0:
+        return (1.0, 10.0) if log else (0.0, 1.0)
+    low, high = float(values.min()), float(values.max())
+    if log:
+        ratio = (high / low) ** margin if high > low else 2.0
+        return low / ratio, high * ratio
+    span = margin * (high - low) if high > low else 0.5 * (abs(low) or 1.0)
+    return low - span, high + span

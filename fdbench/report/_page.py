@@ -1,54 +1,37 @@
-"""The frame of every page: sections with a table of contents, tables, and figures that draw themselves when seen.
+"""The frame of every page: sections with a table of contents, tables, figures, and what is folded.
 
 Plain text is escaped wherever it goes in; only `Html` is taken as it is.
 """
 
-import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from markupsafe import escape
 
-from fdbench.errors import FdbenchError
+from fdbench.files import write_text
+from fdbench.report._figures import Figure
+from fdbench.report._svg import drawing
 from fdbench.report._templates import Html, part, rendered, resource
-
-Trace = dict[str, Any]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Figure:
-    """A plotly figure; colours may be variables of the style sheet, such as ``var(--ink)``.
-
-    Attributes
-    ----------
-    title, caption : str
-        Text above and below.
-    traces : sequence of dict
-    layout : mapping
-    height_px : int
-    """
-
-    title: str
-    traces: Sequence[Trace]
-    layout: Mapping[str, Any]
-    height_px: int
-    caption: str = ""
-
-    @property
-    def json(self) -> Html:
-        """What draws it, as it may stand in a page."""
-        text = json.dumps({"data": self.traces, "layout": self.layout}, allow_nan=False, separators=(",", ":"))
-        return Html(text.replace("<", "\\u003c"))
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
     """Small figures beside each other, as many as the screen has room for."""
 
-    figures: Sequence[Figure]
+    items: Sequence["Html | Figure"]
+
+
+@dataclass(frozen=True, eq=False)
+class Folded:
+    """What is drawn when its summary is opened; one with an ``identifier`` can be linked to and found by ``name``."""
+
+    summary: str
+    blocks: Sequence["Block"]
+    identifier: str = ""
+    name: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +42,7 @@ class Section:
     blocks: Sequence["Block"]
 
 
-Block: TypeAlias = Html | Figure | Grid | Section
+Block: TypeAlias = Html | Figure | Grid | Folded | Section
 
 
 def breakable(name: str) -> Html:
@@ -125,49 +108,56 @@ def write_page(output: Path, title: str, lead: Sequence[Html], sections: Sequenc
     FdbenchError
         If the file cannot be written.
     """
-    try:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        output.write_text(page(title, lead, sections), encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise FdbenchError(f"{output}: cannot be written: {error.strerror or error}.") from error
+    write_text(output, page(title, lead, sections))
 
 
 def page(title: str, lead: Sequence[Html], sections: Sequence[Section]) -> str:
     """Return the text of a page: title, lead, table of contents, sections."""
-    from plotly.offline import get_plotlyjs
-
     return rendered(
         "page.html",
         title=title,
         lead=lead,
         sections=_placed(sections, ""),
-        css=resource("page.css"),
+        css=resource("figure.css") + resource("page.css"),
         js=resource("page.js"),
-        plotly=Html(get_plotlyjs()),
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Placed:
-    """A section with its id, and blocks of which those that are sections are placed too."""
+    """A block as the template takes it: drawn, or with all that stands in it."""
 
-    title: str
-    identifier: str
-    blocks: "list[Html | Figure | Grid | _Placed]"
+    kind: str
+    title: str = ""
+    identifier: str = ""
+    name: str = ""
+    drawing: str = ""
+    caption: str = ""
+    blocks: "Sequence[Html | _Placed]" = ()
 
 
-def _placed(blocks: Iterable[Block], prefix: str) -> "list[Html | Figure | Grid | _Placed]":
-    """Return blocks, the sections among them with an id each; equal titles are numbered."""
-    found: list[Html | Figure | Grid | _Placed] = []
+def _placed(blocks: Iterable[Block], prefix: str) -> list[Html | _Placed]:
+    """Return blocks with figures drawn and an id for each section; equal titles are numbered."""
+    found: list[Html | _Placed] = []
     taken: set[str] = set()
     for block in blocks:
-        if not isinstance(block, Section):
+        if isinstance(block, Html):
             found.append(block)
-            continue
-        wanted = prefix + slug(block.title)
-        identifier, number = wanted, 2
-        while identifier in taken:
-            identifier, number = f"{wanted}-{number}", number + 1
-        taken.add(identifier)
-        found.append(_Placed(block.title, identifier, _placed(block.blocks, f"{identifier}-")))
+        elif isinstance(block, Figure):
+            found.append(_Placed(kind="figure", title=block.title, drawing=drawing(block), caption=block.caption))
+        elif isinstance(block, Grid):
+            found.append(_Placed(kind="grid", blocks=_placed(block.items, prefix)))
+        elif isinstance(block, Folded):
+            inner = _placed(block.blocks, f"{block.identifier or prefix}-")
+            found.append(
+                _Placed(kind="folded", title=block.summary, identifier=block.identifier, name=block.name, blocks=inner)
+            )
+        else:
+            wanted = prefix + slug(block.title)
+            identifier, number = wanted, 2
+            while identifier in taken:
+                identifier, number = f"{wanted}-{number}", number + 1
+            taken.add(identifier)
+            inner = _placed(block.blocks, f"{identifier}-")
+            found.append(_Placed(kind="section", title=block.title, identifier=identifier, blocks=inner))
     return found

@@ -1,13 +1,14 @@
-"""The pictures of one scenario: prediction and its error, disturbance, spectrum, stated bands; all of one seed."""
+"""The pictures of one scenario: errors and stated bands of every estimator on one scale, spectrum; all of one seed."""
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from fdbench.benchmark.oracle import NAME as ORACLE
+from fdbench.benchmark.run import NULL
 from fdbench.benchmark.statistics import LEVEL
 from fdbench.benchmark.store import Kept, RunKey, Store
 from fdbench.errors import FdbenchError
@@ -15,26 +16,18 @@ from fdbench.metrics import Outcome
 from fdbench.metrics._coverage import HALF_WIDTH
 from fdbench.metrics._series import in_window
 from fdbench.regression import FloatArray
-from fdbench.report._figures import (
-    FIRST_RANK,
-    INK,
-    LEGEND_ONLY,
-    TRUTH,
-    Panel,
-    Style,
-    band,
-    labelled,
-    line,
-    stack,
-)
-from fdbench.report._page import Block, Figure, Trace, note
-from fdbench.report._series import POINTS_FOR_A_BOUND, envelope, gaps, opening_range, peak, thinned
+from fdbench.report._figures import TRUTH, Band, Curve, Figure, Panel, Style, labelled, style_of
+from fdbench.report._page import Block, Folded, Grid, note
+from fdbench.report._series import POINTS_FOR_A_BOUND, envelope, gaps, peak, thinned
 from fdbench.report._spectrum import spectrum
 from fdbench.report._templates import Html
 from fdbench.scenario import Scenario, Truth, load_scenario
-from fdbench.wording import quantity, scaled
+from fdbench.wording import quantity, scaled, si_text
 
 TIME = "time (s)"
+SHOWN = 3  # estimators that are drawn at once; the others follow when opened
+PANEL_PX, SMALL_PX = 90, 130
+ROOM, SMALL_ROOM = 1.25, 1.7  # of a common scale beyond its values
 
 # Part of the record that the detail of a disturbance shows.
 DETAIL_PERIODS = 8.0
@@ -51,23 +44,35 @@ def known_scenario(name: str, digest: str) -> Scenario | None:
 
 
 def pictures(
-    store: Store, name: str, seed: int, scenario: Scenario | None, styles: Mapping[str, Style], n_points: int
+    store: Store,
+    name: str,
+    seed: int,
+    scenario: Scenario | None,
+    ranked: Mapping[str, Sequence[str]],
+    n_points: int,
 ) -> list[Block]:
-    """Return the figures of a scenario, and what is missing in words."""
-    kept = {estimator: store.read_estimate(RunKey(name, estimator, seed)) for estimator in styles}
+    """Return the figures of a scenario, and what is missing in words.
+
+    Parameters
+    ----------
+    ranked : mapping of str to sequence of str
+        By track, all estimators, best first.
+    """
+    kept = {estimator: store.read_estimate(RunKey(name, estimator, seed)) for estimator in next(iter(ranked.values()))}
     estimates = {estimator: one for estimator, one in kept.items() if one is not None}
     if not estimates:
         return [note(f"No estimate of seed {seed} is kept, so there are no pictures.")]
-    case = _Case(store, name, seed, scenario, estimates, styles, n_points)
-    blocks: list[Block] = [*case.remarks(), *case.output(), *case.disturbance()]
+    case = _Case(store, name, seed, scenario, estimates, ranked, n_points)
+    blocks: list[Block] = [*case.remarks(), *case.disturbance(), *case.output()]
     if scenario is None:
         blocks.append(
             note("The file of this scenario is not installed under its name, or has changed since: no spectrum.")
         )
     else:
-        unit = quantity(case.first.target_name)[1]
-        blocks += spectrum(scenario, {name: case.outcomes[name] for name in case.outputs}, unit, styles)
-    return [*blocks, *case.bands()]
+        unit, outputs = quantity(case.first.target_name)[1], list(case.outputs)
+        hidden = [name for name in outputs[SHOWN:] if name != ORACLE]
+        blocks += spectrum(scenario, {name: case.outcomes[name] for name in outputs}, unit, hidden, n_points)
+    return blocks
 
 
 @dataclass(frozen=True)
@@ -83,6 +88,11 @@ class _Claim:
     def error(self) -> FloatArray:
         return self.right - self.value
 
+    @property
+    def half_width(self) -> FloatArray | None:
+        """Of the stated interval."""
+        return None if self.variance is None else HALF_WIDTH * np.sqrt(self.variance)
+
 
 @dataclass(frozen=True)
 class _Case:
@@ -91,7 +101,7 @@ class _Case:
     seed: int
     scenario: Scenario | None
     kept: Mapping[str, Kept]
-    styles: Mapping[str, Style]
+    ranked: Mapping[str, Sequence[str]]
     n_points: int
 
     @cached_property
@@ -127,11 +137,16 @@ class _Case:
         outcome = next(iter(self.outcomes.values()), None)
         return slice(0, len(self.first.time_s)) if outcome is None else in_window(outcome)
 
+    def _ordered(self, track: str) -> Iterator[tuple[str, Kept]]:
+        """Yield the kept estimates, the best of a track first, null and oracle last."""
+        names = sorted(self.ranked[track], key=lambda name: name in (NULL, ORACLE))
+        yield from ((name, self.kept[name]) for name in names if name in self.kept)
+
     @cached_property
     def outputs(self) -> dict[str, _Claim]:
         return {
             name: _Claim(one.time_s, one.estimate.output, one.target, one.estimate.output_variance)
-            for name, one in self.kept.items()
+            for name, one in self._ordered("output")
             if one.estimate.output is not None
         }
 
@@ -140,12 +155,20 @@ class _Case:
         oracle = self.kept.get(ORACLE)
         return None if oracle is None else oracle.estimate.disturbance_N
 
-    @property
-    def disturbances(self) -> dict[str, FloatArray]:
+    @cached_property
+    def disturbances(self) -> dict[str, _Claim]:
+        """Without their means over the rows that are scored; the right one is 0 where it is not known."""
+        rows, truth = self.window, self.true_disturbance_N
+        right = np.zeros_like(self.first.time_s) if truth is None else truth - truth[rows].mean()
         return {
-            name: one.estimate.disturbance_N
-            for name, one in self.kept.items()
-            if one.estimate.disturbance_N is not None and name != ORACLE
+            name: _Claim(
+                self.first.time_s,
+                one.estimate.disturbance_N - one.estimate.disturbance_N[rows].mean(),
+                right,
+                one.estimate.disturbance_variance_N2,
+            )
+            for name, one in self._ordered("disturbance")
+            if one.estimate.disturbance_N is not None and name not in (NULL, ORACLE)
         }
 
     # ---- figures ----
@@ -157,78 +180,102 @@ class _Case:
                 "Several series share the time, such as the axes of a stage; each is a curve of the same colour."
             )
 
-    def output(self) -> Iterator[Figure]:
-        """Return measured and predicted output, and below it the difference."""
+    def output(self) -> Iterator[Block]:
+        """Return the measured output, and below it the error of each prediction."""
         if not self.outputs:
             return
-        errors = {name: one.error for name, one in self.outputs.items()}
         text, unit = quantity(self.first.target_name)
         factor, shown = scaled(unit, peak([self.first.target]))
-        small, smaller = scaled(unit, peak(_visible(errors)))
-        measured = _background("measured", *self._thinned(factor * self.first.target))
-        predicted = self._curves({name: factor * one.value for name, one in self.outputs.items()})
-        panels = [
-            Panel(y_title=labelled(text, shown), traces=[measured, *predicted]),
-            self._panel("prediction error", smaller, {name: small * error for name, error in errors.items()}),
-        ]
-        yield stack(
-            "Output: measured and predicted",
-            panels,
-            TIME,
-            "Above measured and predicted output, below measured minus predicted.",
-        )
+        measured = self._curve("measured", factor * self.first.target, Style(colour=TRUTH), 1.5)
+        above = Panel(y_title=labelled(f"measured {text}", shown), items=[measured], height_px=PANEL_PX)
+        yield from self._errors("Output: error of each prediction", above, self.outputs, unit, slice(None))
 
-    def disturbance(self) -> Iterator[Figure]:
-        """Return the disturbance over the whole record, and a few of its periods without the mean."""
+    def disturbance(self) -> Iterator[Block]:
+        """Return a few periods of the disturbance, one estimate a panel, then all of its errors."""
         if not self.disturbances:
             return
         truth = self.true_disturbance_N
-        factor, unit = scaled("N", peak(_visible(self.disturbances) if truth is None else [truth]))
-        whole = self._panel("disturbance", unit, {name: factor * own for name, own in self.disturbances.items()})
-        if truth is not None:
-            whole = replace(whole, traces=[_background("truth", *self._thinned(factor * truth)), *whole.traces])
-        states_variance = any(one.estimate.disturbance_variance_N2 is not None for one in self.kept.values())
-        shaded = f" Shaded: stated {LEVEL:.0%} intervals." if states_variance else ""
-        title = "Disturbance: estimated" if truth is None else "Disturbance: truth and estimates"
-        yield stack(title, [replace(whole, height_px=300)], TIME)
-        yield stack(
-            "Disturbance: detail",
-            [Panel(y_title=whole.y_title, traces=list(self._detail(factor)), height_px=300)],
-            TIME,
-            f"Each curve without its mean over the rows that are scored.{shaded}",
+        small = [self._detail(name, claim) for name, claim in self.disturbances.items()]
+        yield note(
+            "Disturbance over a few of its periods, each without its mean over the rows that are scored; wide and "
+            f"pale: truth; shaded: stated {LEVEL:.0%} interval; the best first, all on one scale."
         )
-
-    def _thinned(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return thinned(self.first.time_s, values, self.n_points)
-
-    def _panel(self, text: str, unit: str, series: Mapping[str, FloatArray]) -> Panel:
-        return Panel(y_title=labelled(text, unit), traces=self._curves(series), y_range=opening_range(_visible(series)))
-
-    def _curves(self, series: Mapping[str, FloatArray]) -> list[Trace]:
-        """Return a line for each estimator: behind all the oracle, then restless before calm ones."""
-        order = sorted(series, key=lambda name: (name != ORACLE, -float(np.std(series[name]))))
-        return [self._curve(name, *self._thinned(series[name])) for name in order]
-
-    def _curve(self, name: str, time_s: FloatArray, values: FloatArray) -> Trace:
-        shown = {"visible": "legendonly"} if name in LEGEND_ONLY else {}
-        rank = {"legendrank": FIRST_RANK + list(self.styles).index(name)}
-        return line(name, time_s, values, self.styles[name]) | rank | shown
-
-    def _detail(self, factor: float) -> Iterator[Trace]:
-        rows, time_s = self._detail_rows(), self.first.time_s
-        values = {name: factor * (own - own[self.window].mean())[rows] for name, own in self.disturbances.items()}
-        for name, own in values.items():
-            variance = self.kept[name].estimate.disturbance_variance_N2
-            if variance is not None:
-                half = factor * HALF_WIDTH * np.sqrt(variance[rows])
-                yield from band(name, time_s[rows], own - half, own + half, self.styles[name])
-        truth = self.true_disturbance_N
+        yield Grid(small[:SHOWN])
+        if small[SHOWN:]:
+            yield Folded(f"The same of {len(small) - SHOWN} more", [Grid(small[SHOWN:])])
         if truth is not None:
-            yield _background("truth", time_s[rows], factor * (truth - truth[self.window].mean())[rows])
-        for name, own in values.items():
-            points = {"mode": "lines+markers", "marker": {"size": 4, "color": self.styles[name].colour}}
-            yield self._curve(name, time_s[rows], own) | points
+            factor, unit = scaled("N", peak([truth]))
+            curve = self._curve("truth", factor * truth, Style(colour=TRUTH), 1.5)
+            above = Panel(y_title=labelled("true disturbance", unit), items=[curve], height_px=PANEL_PX)
+            yield from self._errors("Disturbance: error of each estimate", above, self.disturbances, "N", self.window)
 
+    def _curve(self, name: str, values: FloatArray, style: Style, width: float = 1.2) -> Curve | Band:
+        time_s = self.first.time_s
+        if len(values) > self.n_points:  # pairs of extremes would look like a slower wave
+            x, lower, upper = envelope(time_s, values, values, self.n_points)
+            return Band(name=name, x=x, lower=lower, upper=upper, style=style, is_dense=True)
+        x, y = thinned(time_s, values, self.n_points)
+        return Curve(name=name, x=x, y=y, style=style, width=width, listed=False)
+
+    def _errors(
+        self, title: str, above: Panel, claims: Mapping[str, _Claim], unit: str, rows: slice
+    ) -> Iterator[Block]:
+        """Yield the errors over ``rows`` on the scale of the better half of them, references apart."""
+        sizes = sorted(peak([claim.error[rows]]) for name, claim in claims.items() if name not in (NULL, ORACLE))
+        sizes = sizes or [peak([claim.error[rows]]) for claim in claims.values()]
+        largest = ROOM * (sizes[(len(sizes) - 1) // 2] or 1.0)
+        factor, shown = scaled(unit, largest)
+        panels = [
+            self._error(name, claim, labelled("error", shown), factor, factor * largest, unit, rows)
+            for name, claim in claims.items()
+        ]
+        caption = (
+            f"Truth minus estimate; shaded: stated {LEVEL:.0%} interval. All on one scale, that of the better half: "
+            "what is larger is cut off, and its root mean square says how large it is. A broad line is the range of "
+            "one that goes up and down more often than can be drawn."
+        )
+        yield Figure(title=title, panels=[above, *panels[:SHOWN]], x_title=TIME, caption=caption)
+        if panels[SHOWN:]:
+            others = Figure(title="", panels=panels[SHOWN:], x_title=TIME)
+            yield Folded(f"The same of {len(panels) - SHOWN} more", [others])
+
+    def _error(
+        self, name: str, claim: _Claim, y_title: str, factor: float, limit: float, unit: str, rows: slice
+    ) -> Panel:
+        error, half = claim.error[rows], claim.half_width
+        items: list[Curve | Band] = [self._curve(name, factor * claim.error, style_of(name).solid)]
+        heading = f"{name}: {si_text(float(np.sqrt(np.mean(error**2))), unit)} rms"
+        if half is not None:
+            n_points = self.n_points // POINTS_FOR_A_BOUND
+            x, lower, upper = envelope(claim.time_s, -factor * half, factor * half, n_points)
+            items.insert(0, Band(name=name, x=x, lower=lower, upper=upper, style=style_of(name)))
+            inside = float(np.mean(np.abs(error) <= half[rows]))
+            heading += f", {inside:.1%} of {len(error)} rows inside"
+        return Panel(y_title=y_title, items=items, heading=heading, y_range=(-limit, limit), height_px=PANEL_PX)
+
+    def _detail(self, name: str, claim: _Claim) -> Figure:
+        rows, time_s = self._detail_rows, self.first.time_s
+        known = [claim.right] if claim.right.any() else [one.value for one in self.disturbances.values()]
+        largest = SMALL_ROOM * (peak([one[rows] for one in known]) or 1.0)
+        factor, unit = scaled("N", largest)
+        items: list[Curve | Band] = []
+        half = claim.half_width
+        if half is not None:
+            lower, upper = factor * (claim.value - half)[rows], factor * (claim.value + half)[rows]
+            items.append(Band(name=name, x=time_s[rows], lower=lower, upper=upper, style=style_of(name)))
+        if self.true_disturbance_N is not None:
+            wide = Style(colour=TRUTH)
+            items.append(
+                Curve(name="truth", x=time_s[rows], y=factor * claim.right[rows], style=wide, width=4.0, listed=False)
+            )
+        own = Curve(
+            name=name, x=time_s[rows], y=factor * claim.value[rows], style=style_of(name).solid, width=1.5, listed=False
+        )
+        limit = factor * largest
+        panel = Panel(y_title=labelled("force", unit), items=[*items, own], y_range=(-limit, limit), height_px=SMALL_PX)
+        return Figure(title=name, panels=[panel], x_title=TIME)
+
+    @cached_property
     def _detail_rows(self) -> slice:
         """Return rows without a gap: in the middle of the window or, without a period, where the truth changes."""
         time_s, window = self.first.time_s, self.window
@@ -246,60 +293,3 @@ class _Case:
         last = len(time_s) if number == len(cuts) else int(cuts[number])
         start = max(first, min(centre - n_rows // 2, last - n_rows))
         return slice(start, min(last, start + n_rows))
-
-    def bands(self) -> Iterator[Figure]:
-        """Return the errors of output and disturbance beside the intervals that estimators state for them."""
-        unit = quantity(self.first.target_name)[1]
-        yield from self._bands("Output", self.outputs, unit)
-        truth, rows = self.true_disturbance_N, self.window
-        if truth is None:
-            return
-        claims = {
-            name: _Claim(
-                self.first.time_s[rows],
-                own[rows] - own[rows].mean(),
-                truth[rows] - truth[rows].mean(),
-                None if variance is None else variance[rows],
-            )
-            for name, own in self.disturbances.items()
-            for variance in [self.kept[name].estimate.disturbance_variance_N2]
-        }
-        yield from self._bands("Disturbance without its mean", claims, "N")
-
-    def _bands(self, text: str, claims: Mapping[str, _Claim], unit: str) -> Iterator[Figure]:
-        panels = []
-        for name, claim in claims.items():
-            if claim.variance is None:
-                continue
-            half = HALF_WIDTH * np.sqrt(claim.variance)
-            known = half[np.isfinite(half)]
-            factor, shown = scaled(unit, peak([claim.error, known]))
-            inside = float(np.mean(np.abs(claim.error) <= half))
-            times, lower, upper = envelope(
-                claim.time_s, -factor * half, factor * half, self.n_points // POINTS_FOR_A_BOUND
-            )
-            own = line(name, *thinned(claim.time_s, factor * claim.error, self.n_points), self.styles[name])
-            panels.append(
-                Panel(
-                    y_title=labelled("error", shown),
-                    heading=f"{name}: {inside:.1%} of {len(half)} rows inside",
-                    traces=[
-                        own | {"showlegend": False},
-                        *band(name, times, lower, upper, Style(colour=INK), width=1.0),
-                    ],
-                    y_range=opening_range([factor * claim.error, factor * known, -factor * known]),
-                    height_px=150,
-                )
-            )
-        if panels:
-            title = f"{text}: error and stated {LEVEL:.0%} interval"
-            yield stack(title, panels, TIME, f"Right intervals hold {LEVEL:.0%} of the rows.")
-
-
-def _background(name: str, time_s: FloatArray, values: FloatArray) -> Trace:
-    """Return what is measured or true: a wide pale line that stays seen behind the estimates."""
-    return line(name, time_s, values, Style(colour=TRUTH), width=4.0)
-
-
-def _visible(series: Mapping[str, FloatArray]) -> list[FloatArray]:
-    return [values for name, values in series.items() if name not in LEGEND_ONLY]

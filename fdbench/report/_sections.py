@@ -1,4 +1,4 @@
-"""What the pages of a diagnosis and of its answer alone share: verdict, where the gap lies, causes, shrinkage."""
+"""What the pages of a diagnosis and of its answer alone share: the answer, where the gap lies, causes, shrinkage."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -7,10 +7,11 @@ import numpy as np
 
 from fdbench.diagnosis.answer import Answer, Cell, Experiment, Pair, Quantity, Where
 from fdbench.report import diagnosis_text as words
-from fdbench.report._figures import AFTER, BEFORE, SOFT, Panel, Style, band, bars, dots, line, stack
-from fdbench.report._page import Block, Figure, Grid, Section, note, paragraph, table
+from fdbench.report._bars import bars, dots
+from fdbench.report._figures import BEFORE, Band, Curve, Figure, Panel
+from fdbench.report._page import Block, Grid, Section, breakable, folded, note, paragraph, table
 from fdbench.report._templates import Html, part
-from fdbench.wording import percent, probability_text, public_text, quantity, si_text
+from fdbench.wording import percent, probability_text, public_text, quantity, scaled, si_text, unit_text
 
 PARTITIONS = {
     "motion": "Phase of motion",
@@ -20,26 +21,71 @@ PARTITIONS = {
     "time": "Time",
     "channel": "Channel",
 }
+TITLES = ("Where the gap lies", "Causes", "How far the gap shrinks", "Process forces")
 
 
 def lead(answer: Answer) -> Iterator[Html]:
-    """Yield the verdict and what speaks against it."""
-    for sentence in words.verdict(answer):
-        yield paragraph(part("strong", sentence))
-    doubts = list(words.doubts(answer))
-    if doubts:
-        yield paragraph("Doubts:")
-        yield part("bullets", [public_text(doubt) for doubt in doubts])
+    """Yield the answer on one card, and beside it what speaks against it."""
+    doubts = [public_text(doubt) for doubt in words.doubts(answer)]
+    content = [*_causes_in_short(answer), channel_bars(answer), *map(paragraph, words.verdict(answer))]
+    yield part("answer", words.title(answer), content, doubts)
+
+
+def _causes_in_short(answer: Answer) -> Iterator[Html]:
+    """Yield what is most probable: causes with their values, the type of cause where the effect is in doubt."""
+    named = [cause for cause in answer.causes if cause.probability >= words.LIKELY]
+    for cause in named:
+        names = Html(" or ").join(map(breakable, [cause.effect, *cause.indistinguishable_from]))
+        values = [
+            f"{quantity(name)[0]} {si_text(item.value, item.unit)}"
+            for name, item in cause.parameters.items()
+            if name not in cause.typical
+        ]
+        yield part("cause", names, probability_text(cause.probability), cause.probability, "; ".join(values))
+    others = (("no gap beyond the noise", answer.no_gap_probability), ("something unknown", answer.unknown_probability))
+    for name, chance in others:
+        if chance >= words.LIKELY:
+            yield part("cause", name, probability_text(chance), chance, "")
+    if not named and answer.types:
+        best = answer.types[0]
+        side = f" on the side of the {best.side}" if best.side else ""
+        name = f"type of cause: {best.type.replace('_', ' ')}{side}"
+        yield part("cause", name, probability_text(best.probability), best.probability, "")
+
+
+def channel_bars(answer: Answer) -> Html:
+    """Return the gap of each channel before and after as bars, that with the largest share of the gap first."""
+    rows = []
+    shares = answer.where.channel
+    for name, channel in sorted(answer.gap.channels.items(), key=lambda item: -shares.get(item[0], 0.0)):
+        longest = max(channel.before, channel.recalibrated, channel.repaired, channel.noise_floor) or 1.0
+        sizes = (channel.before, channel.recalibrated, channel.repaired, channel.noise_floor)
+        factor, unit = scaled(channel.unit, longest)
+        rows.append(
+            {
+                "name": quantity(name)[0],
+                "before": round(100.0 * channel.before / longest, 2),
+                "after": round(100.0 * channel.repaired / longest, 2),
+                "floor": round(100.0 * channel.noise_floor / longest, 2),
+                "text": f"{factor * channel.before:.3g} → {factor * channel.repaired:.3g} {unit}",
+                "title": ", ".join(
+                    f"{what} {si_text(size, channel.unit)}"
+                    for what, size in zip(("nominal", "re-calibrated", "repaired", "noise floor"), sizes, strict=True)
+                ),
+            }
+        )
+    return part(
+        "gaps",
+        rows,
+        f"Root mean square gap on {answer.shrinkage.judged_on_words}. Above nominal, below repaired; line: noise.",
+    )
 
 
 def sections(answer: Answer) -> list[Section]:
     """Return where the gap lies, its causes, and how far it shrinks."""
-    return [
-        Section("Where the gap lies", list(_where(answer))),
-        Section("Causes", list(_causes(answer))),
-        Section("How far the gap shrinks", list(_shrinkage(answer))),
-        Section("Process forces", list(_process_forces(answer))),
-    ]
+    parts = (_where(answer), _causes(answer), _shrinkage(answer), _process_forces(answer))
+    found = [Section(title, list(blocks)) for title, blocks in zip(TITLES, parts, strict=True)]
+    return [section for section in found if section.blocks]
 
 
 def _process_forces(answer: Answer) -> Iterator[Block]:
@@ -47,9 +93,11 @@ def _process_forces(answer: Answer) -> Iterator[Block]:
         yield paragraph(public_text(sentence))
         time, values = np.array(force.course.time_s), np.array(force.course.force_N)
         within = 1.96 * force.standard_deviation_N
-        traces = band("95 %", time, values - within, values + within, BEFORE)
-        panel = Panel(y_title="force (N)", traces=[*traces, line("force on the axis", time, values, BEFORE)])
-        yield stack(public_text(force.record), [panel], "time (s)")
+        shaded = Band(name="95 %", x=time, lower=values - within, upper=values + within, style=BEFORE)
+        force_N = Curve(name="force on the axis", x=time, y=values, style=BEFORE, listed=False)
+        panel = Panel(y_title=f"force ({unit_text('N')})", items=[shaded, force_N])
+        title = public_text(force.record)
+        yield Figure(title=title, panels=[panel], x_title="time (s)", caption="Shaded: 95 % intervals.")
 
 
 def noise_floors(answer: Answer) -> Html:
@@ -76,7 +124,7 @@ def _where(answer: Answer) -> Iterator[Block]:
         cells = words.cells_of(answer, key)
         if any(share > 0.0 for _, share in cells):
             names, shares = [name for name, _ in cells], [share for _, share in cells]
-            figures.append(bars(title, names, shares, "share", bounds=_bounds(answer.where, key)))
+            figures.append(bars(title, names, shares, bounds=_bounds(answer.where, key), whole=1.0))
     yield Grid(figures) if figures else paragraph("Nothing is beyond the noise.")
 
 
@@ -93,23 +141,34 @@ def _causes(answer: Answer) -> Iterator[Block]:
     names = [*(cause.effect for cause in causes), "something unknown", "no gap"]
     chances = [cause.probability for cause in causes]
     chances += [answer.unknown_probability, answer.no_gap_probability]
-    yield bars("Probability", names, chances, "probability", "Several effects may be present at once.")
+    yield from cause_tables(answer)
+    if not causes:
+        yield paragraph("No effect is named.")
     size = answer.sizes()[1]
     noise = min(1.0, 1.0 / size) if size > 0.0 else 1.0
     added = [cause for cause in causes if not cause.parametric]
-    yield bars(
-        "What the mean squared gap consists of",
-        [*(cause.effect for cause in added), "not explained", "noise"],
-        [*(cause.share for cause in added), answer.unexplained(), noise],
-        "share of the mean squared gap after re-calibration",
-        f"Judged on {answer.shrinkage.judged_on_words}. What effects share is split by the mean over all orders.",
+    yield Grid(
+        [
+            bars(
+                "Probability",
+                names,
+                [min(chance, 1.0) for chance in chances],
+                text=probability_text,
+                longest=1.0,
+                caption="Several effects may be present at once.",
+            ),
+            bars(
+                "What the mean squared gap after re-calibration consists of",
+                [*(cause.effect for cause in added), "not explained", "noise"],
+                [*(cause.share for cause in added), answer.unexplained(), noise],
+                whole=1.0,
+                caption=f"Judged on {answer.shrinkage.judged_on_words}. What effects share is split by the mean over "
+                "all orders.",
+            ),
+        ]
     )
     if answer.next_experiment is not None:
         yield from _experiment(answer.next_experiment)
-    if not causes:
-        yield paragraph("No effect is named.")
-        return
-    yield from cause_tables(answer)
 
 
 def cause_tables(answer: Answer) -> Iterator[Html]:
@@ -123,13 +182,13 @@ def cause_tables(answer: Answer) -> Iterator[Html]:
             text, _ = quantity(name)
             known = "typical, not fitted" if name in cause.typical else _interval(value)
             shown = si_text(value.value, value.unit)
-            rows.append([cause.effect if number == 0 else "", text, shown, known])
+            rows.append([breakable(cause.effect) if number == 0 else "", text, shown, known])
     yield table(["effect", "parameter", "value", "95 % interval"], rows, "llrl")
     yield table(
         ["effect", "probability", "share", "share of its own", "cannot be distinguished from"],
         [
             [
-                cause.effect,
+                breakable(cause.effect),
                 probability_text(cause.probability),
                 percent(cause.share),
                 percent(words.unique(cause)),
@@ -178,19 +237,20 @@ def _shrinkage(answer: Answer) -> Iterator[Block]:
     nominal, size = answer.sizes()
     steps = answer.shrinkage.steps
     names = ["nominal", "re-calibrated", *(f"+ {step.added}" for step in steps), "noise alone"]
-    values = np.array([nominal, size, *(step.after for step in steps), 1.0])
+    values = [nominal, size, *(step.after for step in steps), 1.0]
     none = (math.nan, math.nan)
     intervals = [(step.before * (1.0 - step.ci95[1]), step.before * (1.0 - step.ci95[0])) for step in steps]
-    bounds = np.array([none, none, *intervals, none])
-    styles = {name: AFTER if name.startswith("+") else BEFORE for name in names} | {"noise alone": Style(colour=SOFT)}
-    title = "Mean squared gap in units of the noise floor"
-    judged = answer.shrinkage.judged_on_words
-    caption = f"Judged on {judged}. Bars: 95 % of resampled stretches of time, for the step alone."
-    figure = dots(title, names, values, bounds, styles, "mean squared gap / noise floor")
-    yield Figure(title=title, traces=figure.traces, layout=figure.layout, height_px=figure.height_px, caption=caption)
+    yield dots(
+        "Mean squared gap in units of the noise floor",
+        names,
+        values,
+        [none, none, *intervals, none],
+        log=True,
+        caption=f"Judged on {answer.shrinkage.judged_on_words}. Fine lines: 95 % of resampled stretches of time, for "
+        "the step alone.",
+    )
     yield part("bullets", list(words.shrinkage(answer)))
-    yield paragraph("Gap of each channel, root mean square:")
-    yield channel_table(answer)
+    yield folded("Gap of each channel, root mean square", channel_table(answer))
 
 
 def channel_table(answer: Answer) -> Html:

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from fdbench.regression import FloatArray
 
-# Points of a series, fewer on a page of many estimates so that it stays below 10 MB.
+# Points of a series, fewer on a page of many estimates so that it stays below 2 MB.
 MOST_POINTS = 3000
-FEWEST_POINTS = 800
-POINTS_OF_ALL_ESTIMATES = 200_000
+FEWEST_POINTS = 150
+POINTS_OF_ALL_ESTIMATES = 50_000
 
 # Points of a series for one of each bound of a band, which are smooth.
 POINTS_FOR_A_BOUND = 3
@@ -25,17 +25,17 @@ def points_of_a_series(n_estimates: int) -> int:
     """Return how many points a series has on a page of so many estimates.
 
     >>> points_of_a_series(10), points_of_a_series(100), points_of_a_series(1000)
-    (3000, 2000, 800)
+    (3000, 500, 150)
     """
     return min(MOST_POINTS, max(FEWEST_POINTS, POINTS_OF_ALL_ESTIMATES // max(n_estimates, 1)))
 
 
-def opening_range(series: Sequence[FloatArray]) -> list[float] | None:
+def opening_range(series: Sequence[FloatArray]) -> tuple[float, float] | None:
     """Return the range of nearly all values, or None, for all, where those outside do not squeeze the rest.
 
     >>> opening_range([np.linspace(-1.0, 1.0, 1001)])
     >>> opening_range([np.linspace(-1.0, 1.0, 1001), np.array([900.0])])
-    [-1.5, 1.5]
+    (-1.5, 1.5)
     """
     values = np.concatenate([np.empty(0), *series])
     if len(values) == 0:
@@ -43,7 +43,7 @@ def opening_range(series: Sequence[FloatArray]) -> list[float] | None:
     low, high = np.percentile(values, [0.5 * OUTSIDE_PERCENT, 100.0 - 0.5 * OUTSIDE_PERCENT])
     margin = 0.25 * (high - low)
     squeezed = np.ptp(values) > SQUEEZE * (high - low) > 0.0
-    return [float(low - margin), float(high + margin)] if squeezed else None
+    return (float(low - margin), float(high + margin)) if squeezed else None
 
 
 def peak(series: Sequence[FloatArray]) -> float:

@@ -1,7 +1,6 @@
 """The spectrum of the prediction error against the noise floor, as the metrics of the output track have it."""
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -10,9 +9,9 @@ from fdbench.metrics import Outcome
 from fdbench.metrics._series import no_white_floor
 from fdbench.metrics._spectrum import FEWEST_ROWS, ORDERS, folded, n_rows_in_window, residual_density, segment_length
 from fdbench.regression import FloatArray
-from fdbench.report._figures import FIRST_RANK, INK, LEGEND_ONLY, SOFT, Style, axis, layout, line
-from fdbench.report._page import Block, Figure, Trace, note
-from fdbench.report._series import gaps
+from fdbench.report._figures import INK, Curve, Figure, Panel, Style, styles_of
+from fdbench.report._page import Block, note
+from fdbench.report._series import gaps, thinned
 from fdbench.scenario import Scenario
 from fdbench.wording import unit_text
 
@@ -21,7 +20,7 @@ ROOM_FOR_A_LABEL = 0.02
 
 
 def spectrum(
-    scenario: Scenario, outcomes: Mapping[str, Outcome], unit: str, styles: Mapping[str, Style]
+    scenario: Scenario, outcomes: Mapping[str, Outcome], unit: str, hidden: Sequence[str], n_points: int
 ) -> Iterator[Block]:
     """Yield the density of the prediction error within the scenario's window, or why there is none.
 
@@ -31,6 +30,10 @@ def spectrum(
         By estimator; those that claim an output.
     unit : str
         Of the output.
+    hidden : sequence of str
+        Estimators that are drawn only when their name is clicked.
+    n_points : int
+        Of a curve.
     """
     if not outcomes:
         return
@@ -40,28 +43,30 @@ def spectrum(
     elif len(gaps(first.regression.time_s)):
         yield note("The rows are not one series without gaps: no spectrum.")
     else:
-        yield _figure(scenario, outcomes, unit, styles)
+        yield _figure(scenario, outcomes, unit, hidden, n_points)
 
 
-def _figure(scenario: Scenario, outcomes: Mapping[str, Outcome], unit: str, styles: Mapping[str, Style]) -> Figure:
+def _figure(
+    scenario: Scenario, outcomes: Mapping[str, Outcome], unit: str, hidden: Sequence[str], n_points: int
+) -> Figure:
     first = next(iter(outcomes.values()))
     rate_Hz, length = 1.0 / first.regression.sampling_time_s, segment_length(n_rows_in_window(first))
     frequency_Hz = rate_Hz / length * np.arange(length // 2 + 1, dtype=np.float64)
-    traces: list[Trace] = []
-    for name in sorted(outcomes, key=lambda name: (name != ORACLE, name)):
-        # Each segment is without its mean, so the bin at 0 Hz holds nothing.
-        own = line(name, frequency_Hz[1:], _decibels(residual_density(outcomes[name])[1:]), styles[name])
-        shown = {"visible": "legendonly"} if name in LEGEND_ONLY else {}
-        traces.append(own | {"legendrank": FIRST_RANK + list(styles).index(name)} | shown)
+    # Each segment is without its mean, so the bin at 0 Hz holds nothing.
+    items, styles = [], styles_of(list(outcomes))
+    for name, outcome in sorted(outcomes.items(), key=lambda item: item[0] != ORACLE):
+        x, y = thinned(frequency_Hz[1:], _decibels(residual_density(outcome)[1:]), n_points)
+        items.append(Curve(name=name, x=x, y=y, style=styles[name], hidden=name in hidden))
     captions = [f"Welch's method: Hann's window, segments of {length} rows, {_span(scenario)}."]
     reason = no_white_floor(first)
     if reason is None:
         floor = _decibels(np.full(2, 2.0 * first.scenario.reality.noise.equation_velocity_m_per_s**2 / rate_Hz))
-        traces.append(line("noise floor", frequency_Hz[[1, -1]], floor, Style(colour=INK, dash="dash")))
+        dashed = Style(colour=INK, dash="dash")
+        items.append(Curve(name="noise floor", x=frequency_Hz[[1, -1]], y=floor, style=dashed))
         captions.append("Dashed: density of the noise alone; what is below has fitted the noise as well.")
     else:
         captions.append(f"No noise floor: {reason}.")
-    marks: dict[str, Any] = {}
+    marks: list[tuple[float, str]] = []
     period_s = scenario.estimation.disturbance_period_s
     if period_s is not None:
         marks = _marks(1.0 / period_s, rate_Hz)
@@ -70,12 +75,13 @@ def _figure(scenario: Scenario, outcomes: Mapping[str, Outcome], unit: str, styl
             f"{0.5 * rate_Hz:.5g} Hz."
         )
     power = unit_text(f"({unit})^2" if "/" in unit or " " in unit else f"{unit}^2")
+    panel = Panel(y_title=f"power density (dB re 1 {power}/Hz)", items=items, height_px=320)
     return Figure(
         title="Spectrum of the prediction error",
-        traces=traces,
-        layout=layout(axis("frequency (Hz)"), axis(f"power density (dB re 1 {power}/Hz)")) | marks,
-        height_px=400,
+        panels=[panel],
+        x_title="frequency (Hz)",
         caption=" ".join(captions),
+        marks=marks,
     )
 
 
@@ -89,19 +95,11 @@ def _span(scenario: Scenario) -> str:
     return "all rows" if window_s is None else f"rows from {window_s[0]:g} s to {window_s[1]:g} s"
 
 
-def _marks(frequency_Hz: float, rate_Hz: float) -> dict[str, Any]:
-    """Return vertical lines at a frequency and its harmonics, as part of a layout; no label stands on another."""
-    places_Hz = {order: folded(order * frequency_Hz, rate_Hz) for order in (1, *ORDERS)}
-    labelled: dict[int, float] = {}
-    for order, x in places_Hz.items():
-        if all(abs(x - other) > ROOM_FOR_A_LABEL * 0.5 * rate_Hz for other in labelled.values()):
-            labelled[order] = x
-    marker = {"color": SOFT, "width": 1, "dash": "dot"}
-    text = {"y": 1, "yref": "paper", "yanchor": "top", "xanchor": "left", "showarrow": False, "font": {"color": SOFT}}
-    return {
-        "shapes": [
-            {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper", "layer": "below", "line": marker}
-            for x in places_Hz.values()
-        ],
-        "annotations": [text | {"x": x, "text": "f" if order == 1 else f"{order}f"} for order, x in labelled.items()],
-    }
+def _marks(frequency_Hz: float, rate_Hz: float) -> list[tuple[float, str]]:
+    """Return a frequency and its harmonics, folded, with their names; no name stands on another."""
+    marks: list[tuple[float, str]] = []
+    for order in (1, *ORDERS):
+        x = folded(order * frequency_Hz, rate_Hz)
+        is_free = all(abs(x - other) > ROOM_FOR_A_LABEL * 0.5 * rate_Hz for other, text in marks if text)
+        marks.append((x, ("f" if order == 1 else f"{order}f") if is_free else ""))
+    return marks

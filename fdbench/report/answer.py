@@ -35,6 +35,13 @@ def write_answer(source: Path, output: Path) -> None:
 
 def _basis(answer: Answer) -> Iterator[Block]:
     yield noise_floors(answer)
-    moved = answer.parametric.moved_in_standard_deviations.items()
-    yield paragraph("What re-calibration alone moved, in standard deviations of the nominal parameters:")
-    yield table(["nominal parameter", "moved by"], [[name.replace("_", " "), f"{by:+.2f}"] for name, by in moved], "lr")
+    alone, beside = answer.parametric.moved_in_standard_deviations, answer.parametric.moved_beside_effects
+    yield paragraph(
+        "What re-calibration moved, in standard deviations of the nominal parameters; a page that `fdbench diagnose` "
+        "writes has their values, which the answer has not:"
+    )
+    rows = [
+        [name.replace("_", " "), f"{by:+.2f} σ", f"{beside[name]:+.2f} σ" if name in beside else "–"]
+        for name, by in alone.items()
+    ]
+    yield table(["nominal parameter", "alone", "beside the effects"], rows, "lrr")

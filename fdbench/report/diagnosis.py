@@ -1,16 +1,16 @@
-"""The page of a diagnosis: verdict, gap over time, position and frequency, where it lies, causes, shrinkage, rivals."""
+"""The page of a diagnosis: the answer, the worst gap, where it lies, causes, shrinkage; then all curves and rivals."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from fdbench.diagnosis.diagnose import Diagnosis
-from fdbench.diagnosis.model.hypothesis import nominal_parameters
 from fdbench.diagnosis.repaired import model_text
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import SEARCH
+from fdbench.report._bars import bars
 from fdbench.report._curves import Curves
-from fdbench.report._figures import bars
 from fdbench.report._page import Block, Section, folded, note, paragraph, table, write_page
+from fdbench.report._recalibrated import recalibrated
 from fdbench.report._sections import lead, noise_floors, sections
 from fdbench.report._templates import part
 from fdbench.rotary import spoken_of
@@ -33,16 +33,16 @@ def write_diagnosis(found: Diagnosis, path: str | Path) -> None:
         If the file cannot be written.
     """
     with spoken_of(found.answer.axis):
+        curves = Curves(found)
         parts = [
-            *Curves(found).sections(),
+            Section("The gap", [curves.worst()]),
             *sections(found.answer),
+            Section("All curves", curves.folded()),
             Section("Rivals", list(_rivals(found.stages))),
             Section("Records, noise floor and re-calibration", list(_basis(found))),
-            Section("Repaired model", [part("preformatted", model_text(found))]),
+            Section("Repaired model", [folded("As a file", part("preformatted", model_text(found)))]),
         ]
-        write_page(
-            Path(path), "fdbench: diagnosis of a gap", list(lead(found.answer)), [part for part in parts if part.blocks]
-        )
+        write_page(Path(path), "fdbench: diagnosis of a gap", list(lead(found.answer)), parts)
 
 
 def _rivals(stages: Sequence[Stage]) -> Iterator[Block]:
@@ -54,12 +54,11 @@ def _rivals(stages: Sequence[Stage]) -> Iterator[Block]:
     for number, stage in enumerate(stages, start=1):
         base = ", ".join(effect.name for effect in stage.base.effects) or "the re-calibrated model"
         gains = [(rival, stage.gain(rival)) for rival in stage.rivals]
-        shown = [(rival.kind.name, max(gain, 0.0)) for rival, gain in gains[:SEEN_RIVALS]]
+        names = [rival.kind.name for rival, _ in gains[:SEEN_RIVALS]]
         blocks: list[Block] = [note(f"On top of {base}.")]
-        if shown:
-            blocks.append(
-                bars("Share removed", [name for name, _ in shown], [gain for _, gain in shown], "share removed")
-            )
+        if names:
+            shares = [max(gain, 0.0) for _, gain in gains[:SEEN_RIVALS]]
+            blocks.append(bars("Share removed", names, shares, longest=1.0))
         rows = [
             [
                 rival.kind.name,
@@ -88,11 +87,5 @@ def _basis(found: Diagnosis) -> Iterator[Block]:
     ]
     yield table(["record", "mean of", "samples", "sampling time", "repeats itself after", "held out"], rows, "lrrrrr")
     yield noise_floors(found.answer)
-    names = [item.name for item in nominal_parameters(found.final.nominal)]
-    moved = zip(names, found.calibrated.shifts, found.final.shifts, strict=True)
-    yield paragraph("What re-calibration moved, in standard deviations of the nominal parameters:")
-    yield table(
-        ["nominal parameter", "alone", "with the effects"],
-        [[name.replace("_", " "), f"{alone:+.2f}", f"{beside:+.2f}"] for name, alone, beside in moved],
-        "lrr",
-    )
+    yield paragraph("What re-calibration moved:")
+    yield recalibrated(found)

@@ -2,15 +2,14 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from fdbench.diagnosis.evaluation.evaluate import Evaluated
 from fdbench.diagnosis.evaluation.result import WAYS
 from fdbench.record import FloatArray
-from fdbench.report._figures import TRUTH, Panel, Style, labelled, line, stack, styles_of
-from fdbench.report._page import Block, Figure, Section, note, paragraph, table, write_page
+from fdbench.report._figures import TRUTH, Curve, Figure, Panel, Style, labelled, styles_of
+from fdbench.report._page import Block, Section, note, paragraph, table, write_page
 from fdbench.report._series import MOST_POINTS, opening_range, peak, thinned
 from fdbench.report._templates import Html
 from fdbench.report.evaluation_text import HEADER, compared, counted, rows, way_title
@@ -59,11 +58,12 @@ def _figure(found: Evaluated, way: str, place: int, channel: str) -> Figure:
     first = next(iter(own.values()))
     measured = first.measured[channel]
     time_s = run.period_s * (first.first + np.arange(len(measured), dtype=np.float64))
-    n_points = min(MOST_POINTS, POINTS_OF_ALL_RUNS // min(len(found.runs), MOST_RUNS))
     styles = styles_of(models)
+    n_points = min(MOST_POINTS, POINTS_OF_ALL_RUNS // min(len(found.runs), MOST_RUNS))
 
-    def curve(name: str, values: FloatArray, style: Style, width: float = 1.2) -> dict[str, Any]:
-        return line(name, *thinned(time_s, values, n_points), style, width=width)
+    def curve(name: str, values: FloatArray, style: Style, width: float = 1.2) -> Curve:
+        x, y = thinned(time_s, values, n_points)
+        return Curve(name=name, x=x, y=y, style=style, width=width)
 
     errors = {name: item.measured[channel] - item.predicted[channel] for name, item in own.items()}
     factor, prefixed = scaled(unit, peak([measured]))
@@ -73,13 +73,18 @@ def _figure(found: Evaluated, way: str, place: int, channel: str) -> Figure:
     panels = [
         Panel(
             y_title=labelled(text, prefixed),
-            traces=[curve("measured", factor * measured, Style(colour=TRUTH), 3.0), *above],
+            items=[curve("measured", factor * measured, Style(colour=TRUTH), 3.0), *above],
             height_px=180,
         ),
         Panel(
             y_title=labelled("error", error_unit),
-            traces=[curve(name, values, styles[name]) for name, values in zip(models, below, strict=True)],
+            items=[curve(name, values, styles[name]) for name, values in zip(models, below, strict=True)],
             y_range=opening_range(below),
         ),
     ]
-    return stack(f"{Path(run.name).name}: {text}", panels, "time (s)", "Error: measured minus predicted.")
+    return Figure(
+        title=f"{Path(run.name).name}: {text}",
+        panels=panels,
+        x_title="time (s)",
+        caption="Error: measured minus predicted.",
+    )

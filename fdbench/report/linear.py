@@ -1,17 +1,17 @@
 """The page of a linear model: modes, margins, Bode and Nyquist diagrams, step, measured responses beside it."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.plants import LinearSystem
 from fdbench.record import FloatArray
-from fdbench.report._figures import Panel, Style, axis, encoded, labelled, layout, line, plain, stack
+from fdbench.report._figures import INK, Curve, Figure, Panel, Style, labelled, numbered
 from fdbench.report._measured_response import MeasuredResponse
-from fdbench.report._page import Block, Figure, Grid, Section, Trace, note, paragraph, table, write_page
+from fdbench.report._page import Block, Grid, Section, note, paragraph, table, write_page
 from fdbench.units import UNITS, split_unit
 from fdbench.wording import quantity
 
@@ -64,14 +64,6 @@ def write_linear(
     write_page(output, f"fdbench: linear model of {name}", lead, [part for part in sections if part.blocks])
 
 
-def _style(number: int, dash: str = "solid") -> Style:
-    return Style(colour=f"var(--series-{number})", dash=dash)
-
-
-def _curve(name: str, x: FloatArray, y: FloatArray, style: Style) -> Trace:
-    return line(name, x, y, style) | {"x": encoded(x)}
-
-
 def _bode(
     title: str,
     unit: str,
@@ -85,29 +77,22 @@ def _bode(
     def level(values: FloatArray) -> FloatArray:
         return 20.0 * np.log10(values) if not unit else values
 
-    gains = [
-        _curve(name, at_Hz, level(np.abs(values)), _style(number))
-        for number, (name, values) in enumerate(curves.items())
-    ]
-    phases = [
-        _curve(name, at_Hz, np.degrees(np.unwrap(np.angle(values))), _style(number))
-        for number, (name, values) in enumerate(curves.items())
-    ]
+    gains, phases = [], []
+    for number, (name, values) in enumerate(curves.items()):
+        gain = Curve(name=name, x=at_Hz, y=level(np.abs(values)), style=numbered(number))
+        gains.append(gain)
+        phases.append(replace(gain, y=np.degrees(np.unwrap(np.angle(values)))))
     for number, item in enumerate(measured, start=len(curves)):
-        points = {"mode": "markers", "marker": {"size": 4, "color": _style(number).colour}}
-        gains.append(_curve(item.name, item.frequency_Hz, level(item.magnitude), _style(number)) | points)
+        x, style = item.frequency_Hz, numbered(number)
+        gain = Curve(name=item.name, x=x, y=level(item.magnitude), style=style, points=True)
+        gains.append(gain)
         if item.phase_rad is not None:
-            phases.append(_curve(item.name, item.frequency_Hz, np.degrees(item.phase_rad), _style(number)) | points)
+            phases.append(replace(gain, y=np.degrees(item.phase_rad)))
     panels = [
-        Panel(y_title=labelled("magnitude", unit or "dB"), traces=gains),
-        Panel(y_title="phase (°)", traces=phases),
+        Panel(y_title=labelled("magnitude", unit or "dB"), items=gains, y_log=bool(unit)),
+        Panel(y_title="phase (°)", items=phases),
     ]
-    figure = stack(title, panels, "frequency (Hz)", caption)
-    scale: dict[str, Any] = {"type": "log"}
-    figure.layout["xaxis"].update(scale)
-    if unit:
-        figure.layout["yaxis"].update({**scale, "exponentformat": "e"})
-    return figure
+    return Figure(title=title, panels=panels, x_title="frequency (Hz)", x_log=True, caption=caption)
 
 
 def _tracking(system: LinearSystem, at_Hz: FloatArray, measured: Sequence[MeasuredResponse]) -> Iterator[Block]:
@@ -123,26 +108,17 @@ def _loops(system: LinearSystem, at_Hz: FloatArray) -> Iterator[Block]:
         return
     yield _bode("Bode diagram", "", curves, at_Hz, (), "")
     yield Grid([_nyquist(name, values, number) for number, (name, values) in enumerate(curves.items())])
-    yield note("A cross marks -1; the closer the curve comes, the smaller the margins.")
+    yield note("A point marks -1; the closer the curve comes, the smaller the margins.")
 
 
 def _nyquist(name: str, values: ComplexArray, number: int) -> Figure:
     drawn = np.where(np.abs(values) < 2.0 * FAR, values, np.nan)
-    critical = {
-        "type": "scatter",
-        "mode": "markers",
-        "x": [-1.0],
-        "y": [0.0],
-        "showlegend": False,
-        "hoverinfo": "skip",
-        "marker": {"symbol": "x", "size": 9, "color": "var(--ink)"},
-    }
-    horizontal = axis("real part") | {"range": [-FAR, 1.0]}
-    vertical = axis("imaginary part") | {"range": [-FAR, 1.0], "scaleanchor": "x"}
-    curve = _curve(plain(name), drawn.real, drawn.imag, _style(number)) | {"showlegend": False}
-    return Figure(
-        title=f"Nyquist diagram: {name}", traces=[curve, critical], layout=layout(horizontal, vertical), height_px=340
-    )
+    items = [
+        Curve(name=name, x=drawn.real, y=drawn.imag, style=numbered(number)),
+        Curve(name="-1", x=np.array([-1.0]), y=np.zeros(1), style=Style(colour=INK), points=True, width=2.0),
+    ]
+    panel = Panel(y_title="imaginary part", items=items, y_range=(-FAR, 1.0), height_px=300)
+    return Figure(title=f"Nyquist diagram: {name}", panels=[panel], x_title="real part", x_range=(-FAR, 1.0))
 
 
 def _steps(system: LinearSystem) -> Iterator[Block]:
@@ -151,9 +127,9 @@ def _steps(system: LinearSystem) -> Iterator[Block]:
         if system.margins(name).stable:
             time_s, answer = system.step(name)
             thin = slice(None, None, max(1, len(time_s) // DRAWN_STEP))
-            curve = _curve(name, time_s[thin], answer[thin], _style(number)) | {"showlegend": False}
-            height = layout(axis("time (s)"), axis("answer to a step of 1"))
-            figures.append(Figure(title=f"Closed loop: {name}", traces=[curve], layout=height, height_px=260))
+            curve = Curve(name=name, x=time_s[thin], y=answer[thin], style=numbered(number))
+            panel = Panel(y_title="answer to a step of 1", items=[curve])
+            figures.append(Figure(title=f"Closed loop: {name}", panels=[panel], x_title="time (s)"))
     if figures:
         yield Grid(figures)
 

@@ -3,18 +3,18 @@
 import json
 from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache, partial
-from importlib.metadata import version
 from pathlib import Path
 
 from fdbench.benchmark.leaderboard import leaderboard
 from fdbench.benchmark.provenance import PACKAGE, digest
 from fdbench.benchmark.seal import FILE
-from fdbench.benchmark.store import Store, replaced
+from fdbench.benchmark.store import Store
+from fdbench.files import replaced, write_text
 from fdbench.report.results import write_report
 from fdbench.trials.board import board, published
 
 MADE_OF = "made_of.json"
-SOURCES = (".py", ".json", ".toml", ".html", ".css", ".js")
+SOURCES = (".py", ".json", ".toml", ".html", ".css", ".js", ".svg")
 
 
 def write_results(folder: Path, page: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -26,7 +26,7 @@ def write_results(folder: Path, page: bool) -> tuple[tuple[str, ...], tuple[str,
 
 
 def _write_leaderboard(folder: Path, file: Path) -> None:
-    file.write_text(leaderboard(Store(folder)) + board(published()), encoding="utf-8")
+    write_text(file, leaderboard(Store(folder)) + board(published()))
 
 
 def write_changed(folder: Path, makers: Mapping[str, Callable[[Path], None]]) -> list[str]:
@@ -53,8 +53,7 @@ def write_changed(folder: Path, makers: Mapping[str, Callable[[Path], None]]) ->
     if _sources(folder) != sources:  # another run has written to this folder meanwhile
         known = {}
     if written:
-        with replaced(folder / MADE_OF) as unfinished:
-            unfinished.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
+        write_text(folder / MADE_OF, json.dumps(known, indent=1) + "\n")
     return written
 
 
@@ -66,9 +65,9 @@ def _sources(folder: Path) -> str:
 
 @lru_cache(maxsize=1)
 def _code() -> bytes:
-    """Return the digest of the package, data included, and of the library that draws."""
+    """Return the digest of the package, data included."""
     files = sorted(path for path in PACKAGE.rglob("*") if path.suffix in SOURCES)
-    return digest([version("plotly").encode(), *(path.read_bytes() for path in files)]).encode()
+    return digest([path.read_bytes() for path in files]).encode()
 
 
 def _kept(folder: Path) -> Iterator[bytes]:

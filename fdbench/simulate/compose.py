@@ -20,6 +20,7 @@ import numpy as np
 
 from fdbench.compilation import closure_digest, trusted_file
 from fdbench.effects import Effect, Port
+from fdbench.files import write_text
 from fdbench.simulate import integrator, layout
 
 _HEADER = '''"""Generated stepper for {names}, {lanes} lane(s) side by side."""
@@ -154,9 +155,7 @@ def load(text: str, effects: Sequence[type[Effect]]) -> ModuleType:
     name = f"stepper_{digest.hexdigest()[:24]}"
     path = trusted_file(f"{name}.py") or cache_folder() / f"{name}.py"
     if not path.exists():
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, suffix=".tmp", delete=False) as file:
-            file.write(text)
-        os.replace(file.name, path)
+        write_text(path, text)
     specification = importlib.util.spec_from_file_location(f"fdbench_generated.{name}", path)
     if specification is None or specification.loader is None:
         raise ImportError(f"{path}: the generated stepper cannot be loaded.")

@@ -13,6 +13,7 @@ from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.judge.probability_models import Feature, Features, ProbabilityModel
 from fdbench.diagnosis.judge.verdict import OR
 from fdbench.errors import SpecError
+from fdbench.files import write_text
 from fdbench.record import FloatArray
 from fdbench.trials import seal
 from fdbench.trials.answer import read_case
@@ -120,7 +121,7 @@ def write_models(found: Sequence[Claim], output: Path, source: str) -> None:
             f"{name} = {{ centre = {own.centre:.4f}, scatter = {own.scatter:.4f}, weight = {own.weight:.4f} }}"
             for name, own in model.features.items()
         ]
-    output.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(output, "\n".join(lines) + "\n")
 
 
 def learn(
@@ -158,7 +159,7 @@ def learn(
                     progress(f"{folder}: case {number} of {len(manifest['cases'])}")
                 nominal, records, holdouts = read_case(folder / name, sorted(case["files"]))
                 done[place] = diagnose(nominal, records, holdouts).features
-                kept.write_text(json.dumps(done), encoding="utf-8")
+                write_text(kept, json.dumps(done))
             found += claims(done[place], opened["cases"][name]["truth"])
         sources.append(f"tier {manifest['tier']}, {len(manifest['cases'])} cases, nonce {opened['nonce']}")
     for kind in KINDS:

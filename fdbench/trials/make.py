@@ -7,6 +7,7 @@ from typing import Any
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.repaired import toml_lines
 from fdbench.errors import SimulationDiverged, SpecError, UnstableLoop
+from fdbench.files import write_text
 from fdbench.nonce import check_nonce, new_nonce
 from fdbench.specification import load_toml, read
 from fdbench.trials import seal
@@ -74,7 +75,7 @@ def make(
         drawn = _case(tier, effects, nonce, name)
         place = folder / name
         place.mkdir(parents=True)
-        (place / MODEL).write_text("\n".join(toml_lines(drawn.model)).lstrip() + "\n", encoding="utf-8")
+        write_text(place / MODEL, "\n".join(toml_lines(drawn.model)).lstrip() + "\n")
         for part, records in (("records", drawn.records), ("holdouts", drawn.holdouts)):
             (place / part).mkdir()
             for title, record in records.items():

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fdbench.errors import SpecError
+from fdbench.files import write_text
 from fdbench.nonce import derived
 
 
@@ -54,7 +54,7 @@ def file_digest(path: Path) -> str:
 def write_digest(path: Path) -> str:
     """Write the SHA-256 of a file beside it as ``<stem>.sha256``, in the form of sha256sum, and return it."""
     digest = file_digest(path)
-    path.with_suffix(".sha256").write_text(f"{digest}  {path.name}\n", encoding="utf-8")
+    write_text(path.with_suffix(".sha256"), f"{digest}  {path.name}\n", SpecError)
     return digest
 
 
@@ -75,13 +75,7 @@ def write_json(path: Path, content: Any) -> None:
     SpecError
         If it cannot be written.
     """
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise SpecError(f"{path}: cannot be written: {error.strerror}.") from error
+    write_text(path, json.dumps(content, indent=1, ensure_ascii=False) + "\n", SpecError, folders=True)
 
 
 def read_json(path: Path, what: str) -> Any:

@@ -1,0 +1,50 @@
+"""Files that are whole or not there: written beside their place, and moved to it when all has gone well."""
+
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from fdbench.errors import FdbenchError
+
+# Folders of devices and of what is open already, such as standard output.
+DEVICES = {Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd")}
+
+
+@contextmanager
+def replaced(path: str | Path, error: type[FdbenchError] = FdbenchError, *, folders: bool = False) -> Iterator[Path]:
+    """Yield a file beside ``path`` that takes its place when all has gone well; else what was there stays.
+
+    Parameters
+    ----------
+    path : path
+        What is no file, such as ``/dev/stdout``, is written to as it is.
+    error : type
+        What is raised if the file cannot be written, as on a full disk; the message names it.
+    folders : bool
+        Make the folders above it.
+    """
+    path = Path(path)
+    is_special = path.parent in DEVICES or (path.exists() and not path.is_file() and not path.is_dir())
+    place = path.resolve() if path.is_symlink() and not is_special else path
+    beside = place.with_name(f".{place.name}.{os.getpid()}.{threading.get_native_id()}.partial")
+    partial = path if is_special else beside
+    try:
+        if folders:
+            place.parent.mkdir(parents=True, exist_ok=True)
+        yield partial
+        if not is_special:
+            partial.replace(place)
+    except OSError as cause:
+        raise error(f"{path}: cannot be written: {cause.strerror or cause}.") from cause
+    finally:
+        if not is_special:
+            with suppress(OSError):  # what went wrong before says more
+                partial.unlink()
+
+
+def write_text(path: str | Path, text: str, error: type[FdbenchError] = FdbenchError, *, folders: bool = False) -> None:
+    """Write a text file in UTF-8, whole or not at all; see `replaced`."""
+    with replaced(path, error, folders=folders) as partial:
+        partial.write_text(text, "utf-8", newline="\n")
