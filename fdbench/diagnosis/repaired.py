@@ -14,6 +14,7 @@ from fdbench.diagnosis.model.hypothesis import nominal_parameters
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.rotary_axis import plant_of_rotary
 from fdbench.errors import FdbenchError
+from fdbench.files import write_text
 from fdbench.rotary import ROTARY, rotary_name, spoken_of
 from fdbench.specification import snake_case
 from fdbench.wording import less, probability_text, share_interval_text, si_text
@@ -37,10 +38,7 @@ def write_repaired(found: Diagnosis, path: str | Path) -> None:
             f"the re-calibrated one ({with_effects:.3g} against {recalibrated:.3g} times the noise, in the mean over "
             "the channels). Leave --write-model out to read the answer; it needs more records, or other motions."
         )
-    try:
-        Path(path).write_text(model_text(found), encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise FdbenchError(f"{path}: cannot be written: {error.strerror or error}.") from error
+    write_text(path, model_text(found))
 
 
 def prediction_errors(found: Diagnosis) -> tuple[float, float]:
