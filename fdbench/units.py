@@ -8,6 +8,8 @@
 1.6666666666666667e-05
 """
 
+import re
+
 from fdbench.errors import SpecError, did_you_mean
 
 # Largest first: a time is written in the first one that it is not smaller than.
@@ -120,6 +122,21 @@ _ROTARY = {
     ("N m", "N"): " Name the column motor_torque_Nm where the model has a rotary_motor." + _OF_A_ROTARY_AXIS,
 }
 
+# How a unit is written elsewhere, and how it is here.
+_SPELLINGS = (
+    (r"[µμ]", "u"),
+    ("°|degrees?|Grad", "deg"),
+    (r"\bsec(onds?)?\b", "s"),
+    ("²|\\*\\*2", "^2"),
+    (r"[uU]/min|rev/min|turns?/min", "1/min"),
+    (r"\bturns?\b|\bU\b", "rev"),
+    (r"\s*[·*⋅]\s*", " "),
+    (r"\bNewtons?\b", "N"),
+    (r"\bAmp(ere)?s?\b", "A"),
+)
+_CASES = {"nm": "Nm", "n m": "N m", "nmm": "Nmm", "n mm": "Nmm", "rpm": "rpm", "min-1": "1/min", "inch": "in"}
+_CASES |= {unit.lower(): unit for unit in ("mm", "mm/s", "mm/min", "m/min", "mm/s^2", "deg", "deg/s", "ms", "us", "rev/s")}
+
 # A name such as velocity_mm_per_s must not pass for a quantity per second.
 _UNIT_WORDS = {word for unit in [*UNITS, *FOREIGN] for word in unit.replace("/", "_").split("_")} - {"per", "1"}
 
@@ -178,6 +195,21 @@ def si_unit(unit: str, where: str) -> tuple[str, float]:
         celsius = unit.lstrip("°").lower() in {"c", "degc", "celsius"}
         raise SpecError(f"{where}: unknown unit '{unit}'.{hint if celsius else _nearest_unit(unit)}")
     return FOREIGN[unit]
+
+
+def spelt_unit(text: str) -> str:
+    """Return our name of a unit as people and controllers write it, or an empty text where it is none of ours.
+
+    >>> spelt_unit("[mm/sec]"), spelt_unit("°"), spelt_unit("N·m"), spelt_unit("U/min"), spelt_unit("furlong")
+    ('mm/s', 'deg', 'N m', '1/min', '')
+    """
+    plain = text.strip().strip("[](){}<>").strip()
+    if plain in UNITS.values() or plain in FOREIGN:
+        return plain
+    for written, ours in _SPELLINGS:
+        plain = re.sub(written, ours, plain)
+    plain = _CASES.get(plain.lower(), plain)
+    return plain if plain in UNITS.values() or plain in FOREIGN else ""
 
 
 def factor_to_si(unit: str, name: str, where: str) -> float:

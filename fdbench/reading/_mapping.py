@@ -1,5 +1,7 @@
 """Records from files: columns as they are, or renamed and scaled by a mapping; and where measured data lie."""
 
+import dataclasses
+import difflib
 import math
 import os
 import tomllib
@@ -11,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.errors import MissingData, RecordError, SpecError, did_you_mean
-from fdbench.reading._files import FORMATS, Layout, Raw, format_of, must_exist, origin, read_file
+from fdbench.reading.formats import Format, Raw, formats, on_clock, origin
 from fdbench.record import FloatArray, Record, check_clock, check_finite, name_fault
 from fdbench.units import factor_to_si, si_unit
 
 T = TypeVar("T")
+
+HEAD_BYTES = 65536  # by which a format is recognised
 
 
 class _ColumnRule(NamedTuple):
@@ -56,8 +60,39 @@ def read_record(path: str | Path, data_folder: str | Path | None = None) -> Reco
         return read_mapped(_read_toml(file), file.parent if data_folder is None else data_folder, str(file))
     if data_folder is not None:
         raise RecordError(f"{file}: data_folder is for mapping files (.toml) only.")
-    raw = read_file(file, format_of(file), None, Layout())
-    return _checked(raw.columns, raw, raw.provenance or origin(file), str(file))
+    kind = format_of(file)
+    if not kind.has_our_names:
+        raise RecordError(
+            f"{file}: the columns of a file of format {kind.name} need a mapping file; `fdbench import {file.name}` "
+            "writes one."
+        )
+    raw = _read(file, kind(), None)
+    return _checked(raw.columns, raw, {**raw.provenance} or origin(file), str(file))
+
+
+def format_of(file: Path) -> type[Format]:
+    """Return the format of a file: the one that recognises how it begins, else the one of its extension.
+
+    Raises
+    ------
+    RecordError
+        If the file does not exist, is empty, or is of no known format.
+    """
+    _must_exist(file)
+    if file.stat().st_size == 0:
+        raise RecordError(f"{file}: the file is empty.")
+    with file.open("rb") as stream:
+        head = stream.read(HEAD_BYTES)
+    kinds = [formats.get(name) for name in formats.names()]
+    suffix = file.suffix.lower()
+    found = [kind for kind in kinds if kind.recognises(head)] or [kind for kind in kinds if suffix in kind.suffixes]
+    if not found:
+        suffixes = ", ".join(sorted(known for kind in kinds for known in kind.suffixes))
+        raise RecordError(
+            f"{file}: records are not read from '{suffix}' files, and this one does not begin like one of "
+            f"{', '.join(formats.names())}. Allowed: {suffixes}."
+        )
+    return found[0]
 
 
 def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> Record:
@@ -70,9 +105,10 @@ def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> R
     Parameters
     ----------
     mapping : mapping
-        Tables ``record`` (``file``; where needed ``format``, ``delimiter``, ``decimal``, ``skip_lines``,
-        ``sampling_time_s``, ``condition``: what the axis was doing) and ``columns`` (name -> ``from``; where needed
-        ``unit``, ``gain``, ``offset``).
+        Tables ``record`` (``file``; where needed ``format`` and its own keys, such as ``delimiter``, ``decimal``,
+        ``skip_lines`` and ``encoding`` of CSV; ``sampling_time_s``, ``samples``: the first one taken and the first one
+        behind, ``condition``: what the axis was doing) and ``columns`` (name -> ``from``; where needed ``unit``,
+        ``gain``, ``offset``).
     folder : path
         Where a relative ``file`` lies.
     where : str
@@ -88,26 +124,26 @@ def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> R
     _only_keys(mapping, ("record", "columns"), where)
     settings, targets = _entry(mapping, "record", dict, where), _entry(mapping, "columns", dict, where)
     here = f"{where}: [record]"
-    _only_keys(settings, ("file", "format", "delimiter", "decimal", "skip_lines", "sampling_time_s", "condition"), here)
     file = Path(folder) / _entry(settings, "file", str, here)
-    kind = _entry(settings, "format", str, here) if "format" in settings else format_of(file)
-    if kind not in FORMATS.values():
-        raise SpecError(f"{here}: unknown format '{kind}'.{did_you_mean(kind, FORMATS.values())}")
-    layout = _layout(settings, kind, here)
+    reader = _reader(settings, file, here)
     rules = {name: _rule(name, targets, f"{where}: [columns]") for name in targets}
     if ("sampling_time_s" in settings) == ("time_s" in rules) or not rules:
         raise SpecError(
             f"{where}: the clock is either a column time_s or [record] sampling_time_s; one of them, please."
         )
 
-    raw = read_file(file, kind, {rule.source for rule in rules.values()}, layout)
+    raw = _read(file, reader, {rule.source for rule in rules.values()})
+    raw = on_clock(raw, rules["time_s"].source if "time_s" in rules else None, str(file))
+    raw = _part(raw, settings, here, file)
     columns: dict[str, NDArray[Any]] = {name: rule.apply(raw.columns[rule.source]) for name, rule in rules.items()}
     if "sampling_time_s" in settings:
         sampling_time = _number(settings, "sampling_time_s", 0.0, here)
         if sampling_time <= 0.0:
             raise SpecError(f"{here}: sampling_time_s is {sampling_time}; allowed: > 0.")
         columns = {"time_s": sampling_time * np.arange(len(next(iter(columns.values())))), **columns}
-    provenance = {**raw.provenance, **origin(file), "mapping": targets, "left_out": raw.left_out}
+    provenance = {**raw.provenance, **origin(file), "mapping": targets, "left_out": [*raw.left_out]}
+    if "samples" in settings:
+        provenance["samples"] = settings["samples"]
     if "condition" in settings:
         provenance["condition"] = _entry(settings, "condition", str, here)
     return _checked(columns, raw, provenance, str(file))
@@ -143,7 +179,7 @@ def _checked(columns: Mapping[str, NDArray[Any]], raw: Raw, provenance: dict[str
 
 
 def _read_toml(file: Path) -> dict[str, Any]:
-    must_exist(file)
+    _must_exist(file)
     try:
         return tomllib.loads(file.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -173,23 +209,73 @@ def _number(table: Mapping[str, Any], key: str, default: float, where: str) -> f
     return float(value)
 
 
-def _layout(settings: Mapping[str, Any], kind: str, where: str) -> Layout:
-    given: dict[str, Any] = {
-        key: _entry(settings, key, str, where) for key in ("delimiter", "decimal") if key in settings
-    }
-    if "skip_lines" in settings:
-        given["skip_lines"] = settings["skip_lines"]
-        if not isinstance(given["skip_lines"], int) or isinstance(given["skip_lines"], bool) or given["skip_lines"] < 0:
-            raise SpecError(f"{where}: skip_lines is {given['skip_lines']!r}; allowed: a whole number from 0.")
-    if given and kind != "csv":
-        raise SpecError(f"{where}: {' and '.join(given)} belong to CSV files, this one is {kind}.")
-    layout = Layout(**given)
-    if len(layout.delimiter) != 1 or layout.decimal not in (".", ",") or layout.delimiter == layout.decimal:
-        raise SpecError(
-            f"{where}: delimiter is '{layout.delimiter}' and decimal '{layout.decimal}'; allowed: one character, and "
-            "another one of '.' or ','."
+def _reader(settings: Mapping[str, Any], file: Path, where: str) -> Format:
+    """Return the format that a mapping names, or else that of the file, with the keys that are its own."""
+    if "format" in settings:
+        name = _entry(settings, "format", str, where)
+        if name not in formats.names():
+            raise SpecError(f"{where}: unknown format '{name}'.{did_you_mean(name, formats.names())}")
+        kind = formats.get(name)
+    else:
+        kind = format_of(file)
+    owners = {key: name for name in formats.names() for key in _keys_of(formats.get(name))}
+    own = _keys_of(kind)
+    foreign = [key for key in settings if key in owners and key not in own]
+    if foreign:
+        owner = owners[foreign[0]].upper()
+        raise SpecError(f"{where}: {' and '.join(foreign)} belong to {owner} files, this one is {kind.name}.")
+    _only_keys(settings, ("file", "format", "sampling_time_s", "samples", "condition", *own), where)
+    try:
+        return kind(**{key: settings[key] for key in own if key in settings})
+    except SpecError as error:
+        raise SpecError(f"{where}: {error}") from error
+
+
+def _keys_of(kind: type[Format]) -> list[str]:
+    return [item.name for item in dataclasses.fields(kind)] if dataclasses.is_dataclass(kind) else []
+
+
+def _read(file: Path, reader: Format, wanted: Collection[str] | None) -> Raw:
+    _must_exist(file)
+    if file.stat().st_size == 0:
+        raise RecordError(f"{file}: the file is empty.")
+    try:
+        return reader.read(file, wanted)
+    except OSError as error:
+        raise RecordError(f"{file}: cannot be read: {error}.") from error
+
+
+def _part(raw: Raw, settings: Mapping[str, Any], where: str, file: Path) -> Raw:
+    """Return the samples that a mapping takes; none may be lost among them."""
+    length = len(next(iter(raw.columns.values())))
+    start, stop = 0, length
+    if "samples" in settings:
+        given = settings["samples"]
+        is_range = isinstance(given, list) and [type(item) for item in given] == [int, int]
+        if not is_range or not 0 <= given[0] < given[1] <= length:
+            raise SpecError(
+                f"{where}: samples is {given!r}; allowed: [first, first behind] with 0 <= first < first behind <= {length}."
+            )
+        start, stop = given
+    lost = [gap for gap in raw.gaps if start < gap < stop]
+    if lost:
+        raise RecordError(
+            f"{file}: samples were lost before {raw.place(lost[0])} ({len(lost)} gaps). A record has no holes: take a "
+            f"part without, such as samples = [{start}, {lost[0]}] in [record]."
         )
-    return layout
+    columns = {name: column[start:stop] for name, column in raw.columns.items()}
+    return dataclasses.replace(raw, columns=columns, place=lambda sample: raw.place(start + sample), gaps=())
+
+
+def _must_exist(file: Path) -> None:
+    if file.is_file():
+        return
+    if file.is_dir():
+        raise RecordError(f"{file}: a folder, not a file.")
+    if not file.parent.is_dir():
+        raise RecordError(f"{file}: no such file; the folder {file.parent} does not exist either.")
+    nearest = difflib.get_close_matches(file.name, [other.name for other in file.parent.iterdir()], n=1, cutoff=0.0)
+    raise RecordError(f"{file}: no such file. Nearest in that folder: {nearest[0] if nearest else 'nothing'}.")
 
 
 def _rule(name: str, targets: Mapping[str, Any], where: str) -> _ColumnRule:

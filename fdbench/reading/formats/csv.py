@@ -1,0 +1,317 @@
+"""Text of cells between commas, semicolons, tabs or bars, below a line of names."""
+
+import csv
+import itertools
+import json
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, Self, final
+
+from fdbench.errors import RecordError, SpecError
+from fdbench.reading.formats._format import EVERYTHING, Format, Raw, choose, stored_provenance, unique
+from fdbench.units import spelt_unit
+
+NUMBERS = {
+    decimal: re.compile(rf"[+-]?((\d+({point}\d*)?|{point}\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
+    for decimal, point in ((".", r"\."), (",", ","))
+}
+DELIMITERS = ";\t|,"
+ENCODINGS = ("utf-8", "cp1252")
+
+# All but the tab, which may stand between cells.
+_CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f]")
+LONGEST_NAME, LONGEST_CELL = 200, 60
+LONGEST_PREAMBLE = 100  # lines
+
+
+class _Header(NamedTuple):
+    """The names of the columns, the number of the last line above the numbers, units, and the provenance."""
+
+    names: list[str]
+    line: int
+    units: dict[str, str]
+    stored: dict[str, Any]
+
+
+@final
+@dataclass(frozen=True)
+class Csv(Format):
+    """Comma-separated values, read by pyarrow, with messages that name line and cell.
+
+    Lines above the names are found by themselves where they have another number of cells than the numbers, else
+    ``skip_lines`` says how many there are. A line of units below the names is left out where a mapping names the units.
+
+    Parameters
+    ----------
+    delimiter : str
+        What stands between two cells.
+    decimal : str
+        Decimal sign, ``.`` or ``,``.
+    skip_lines : int or None
+        Lines above the names.
+    encoding : str
+        ``utf-8``, or ``cp1252`` (Windows in western Europe).
+    """
+
+    suffixes = (".csv", ".txt", ".tsv", ".dat", ".log")
+    has_our_names = True
+
+    delimiter: str = ","
+    decimal: str = "."
+    skip_lines: int | None = None
+    encoding: str = "utf-8"
+
+    def __post_init__(self) -> None:
+        skipped = self.skip_lines
+        if skipped is not None and (not isinstance(skipped, int) or isinstance(skipped, bool) or skipped < 0):
+            raise SpecError(f"skip_lines is {skipped!r}; allowed: a whole number from 0.")
+        is_text = isinstance(self.delimiter, str) and len(self.delimiter) == 1
+        if not is_text or self.decimal not in (".", ",") or self.delimiter == self.decimal:
+            raise SpecError(
+                f"delimiter is '{self.delimiter}' and decimal '{self.decimal}'; allowed: one character, and "
+                "another one of '.' or ','."
+            )
+        if self.encoding not in ENCODINGS:
+            raise SpecError(f"encoding is {self.encoding!r}; allowed: {' or '.join(ENCODINGS)}.")
+
+    def read(self, file: Path, wanted: Collection[str] | None) -> Raw:
+        """Return columns; see `Format.read`."""
+        try:
+            return self._read(file, wanted)
+        except csv.Error as error:
+            raise RecordError(f"{file}: no CSV file: {error}.") from error
+
+    @classmethod
+    def survey(cls, file: Path) -> tuple[Self, Raw]:
+        """Return how a file is written, by the layout in which most cells are numbers, and all columns of numbers."""
+        try:
+            encoding, rows = "utf-8", file.read_bytes().decode("utf-8-sig").splitlines()
+        except UnicodeDecodeError:
+            encoding, rows = "cp1252", file.read_bytes().decode("cp1252", errors="replace").splitlines()
+        head = rows[: 2 * LONGEST_PREAMBLE]
+        layouts = [(mark, decimal) for mark in DELIMITERS for decimal in ".," if mark != decimal]
+        found = max(layouts, key=lambda layout: sum(_numbers_in(row, *layout) for row in head))
+        plain = cls(*found, encoding=encoding)
+        first = next((place for place, row in enumerate(head) if plain._is_data(row)), None)
+        if first is None:
+            raise RecordError(
+                f"{file}: no line of at least two numbers among the first {len(head)}, between commas, semicolons, "
+                "tabs or bars: no table of samples."
+            )
+        width = len(plain._cells(head[first]))
+        above = [place for place in range(first) if len(plain._cells(head[place])) == width and head[place].strip()]
+        if not above:
+            raise RecordError(
+                f"{file}: line {first + 1} holds {width} numbers, but no line above it as many names. Add a line of names."
+            )
+        # Of two such lines the lower one has the units.
+        header = above[-2] if len(above) > 1 and above[-2:] == [first - 2, first - 1] else above[-1]
+        is_first = not any(row.strip() for row in head[:header]) and not head[header].startswith("#")
+        reader = cls(*found, skip_lines=None if is_first else header, encoding=encoding)
+        return reader, reader.read(file, EVERYTHING)
+
+    def _read(self, file: Path, wanted: Collection[str] | None) -> Raw:
+        import pyarrow
+
+        header = self._header(file, wanted is None)
+        chosen = choose(header.names, wanted, file)
+        if wanted is EVERYTHING:
+            chosen = self._numeric(file, header)
+        try:
+            table = self._table(file, header, chosen)
+        except pyarrow.ArrowInvalid as error:
+            raise self._fault(file, header, chosen, str(error)) from error
+        if wanted is EVERYTHING:
+            chosen = [name for name in chosen if not table.column(name).null_count]
+        elif any(column.null_count for column in table.columns):
+            raise self._fault(file, header, chosen, "empty cells")
+        return Raw(
+            columns={name: table.column(name).to_numpy() for name in chosen},
+            provenance=header.stored,
+            left_out=[name for name in header.names if name not in chosen],
+            place=lambda sample: f"sample {sample} (line {_line_of(file, header.line, sample)})",
+            units=header.units,
+        )
+
+    def _table(self, file: Path, header: _Header, chosen: list[str]) -> Any:
+        import pyarrow
+        from pyarrow import csv as arrow_csv
+
+        return arrow_csv.read_csv(
+            file,
+            arrow_csv.ReadOptions(column_names=header.names, skip_rows=header.line, encoding=self.encoding),
+            arrow_csv.ParseOptions(delimiter=self.delimiter),
+            arrow_csv.ConvertOptions(
+                column_types=dict.fromkeys(chosen, pyarrow.float64()),
+                include_columns=chosen,
+                null_values=[""],
+                decimal_point=self.decimal,
+            ),
+        )
+
+    def _numeric(self, file: Path, header: _Header) -> list[str]:
+        """Return the columns that hold a number, or nothing, in each of the first rows."""
+        rows = [self._cells(text) for _, text in itertools.islice(self._lines(file, header.line), LONGEST_PREAMBLE)]
+        rows = [row for row in rows if len(row) == len(header.names)]
+        return [
+            name
+            for place, name in enumerate(header.names)
+            if name
+            and any(row[place] for row in rows)
+            and all(not row[place] or is_number(row[place], self.decimal) for row in rows)
+        ]
+
+    def _header(self, file: Path, has_our_names: bool) -> _Header:
+        stored: dict[str, Any] = {}
+        skipped = self.skip_lines or 0
+        for number, text in self._lines(file, skipped):
+            if text.startswith("# fdbench "):
+                stored = stored_provenance(text.removeprefix("# fdbench "), file)
+            if text.strip() and (self.skip_lines is not None or not text.startswith("#")):
+                break
+        else:
+            above = f" below line {skipped}, up to which skip_lines leaves it out" if skipped else ""
+            raise RecordError(f"{file}: the file is empty{above}.")
+        if self.skip_lines is None:
+            number, text = self._below_preamble(file, number, text)
+        names = self._cells(text.lstrip("# "))
+        if longest := [len(name) for name in names if len(name) > LONGEST_NAME]:
+            raise RecordError(
+                f"{file}: line {number} holds {longest[0]} characters where the name of a column should be."
+            )
+        if all(is_number(name, self.decimal) for name in names):
+            raise RecordError(
+                f"{file}: line {number} holds numbers where the names of the columns should be. Add them."
+            )
+        for delimiter in ";\t|":
+            if len(names) == 1 and delimiter in names[0]:
+                raise RecordError(
+                    f"{file}: line {number} has no {self.delimiter!r} but {delimiter!r} between its names. Use a "
+                    f"mapping file with delimiter = {json.dumps(delimiter)} in [record], and decimal = \",\" for "
+                    f"decimal commas; `fdbench import {file.name}` writes one."
+                )
+        if has_our_names:
+            return _Header(names, number, {}, stored)
+        names = unique(names)
+        below = next(((place, self._cells(row)) for place, row in self._lines(file, number) if row.strip()), None)
+        if below is None or len(below[1]) != len(names) or any(is_number(cell, self.decimal) for cell in below[1]):
+            return _Header(names, number, {}, stored)
+        if not any(spelt_unit(cell) for cell in below[1]):
+            return _Header(names, number, {}, stored)
+        return _Header(names, below[0], dict(zip(names, below[1], strict=True)), stored)
+
+    def _lines(self, file: Path, above: int) -> Iterator[tuple[int, str]]:
+        """Yield number and text of the lines below line ``above``."""
+        with file.open("rb") as lines:
+            for number, line in enumerate(lines, 1):
+                if number > above:
+                    yield number, self._text(line, number, file)
+
+    def _text(self, line: bytes, number: int, file: Path) -> str:
+        try:
+            text = line.decode("utf-8-sig" if self.encoding == "utf-8" else self.encoding).rstrip("\r\n")
+        except UnicodeDecodeError:
+            raise RecordError(
+                f"{file}: line {number} is not UTF-8 text. Save the file as CSV in UTF-8, or use a mapping file with "
+                'encoding = "cp1252" in [record].'
+            ) from None
+        if _CONTROL.search(text):
+            raise RecordError(
+                f"{file}: line {number} holds control characters: a binary file, or one with "
+                "unusual ends of lines. Save it as CSV in UTF-8."
+            )
+        return text
+
+    def _cells(self, text: str) -> list[str]:
+        return cells_of(text, self.delimiter)
+
+    def _is_data(self, row: str) -> bool:
+        return _numbers_in(row, self.delimiter, self.decimal) > 0
+
+    def _below_preamble(self, file: Path, number: int, text: str) -> tuple[int, str]:
+        """Return the header: the first line, or below lines of another width the first as wide as the numbers."""
+        seen, width = [(number, text)], len(self._cells(text))
+        with file.open("rb") as lines:
+            for place, line in enumerate(itertools.islice(lines, number, number + LONGEST_PREAMBLE), number + 1):
+                row = line.decode(self.encoding, errors="replace").rstrip("\r\n")
+                cells = self._cells(row)
+                if cells and all(is_number(cell, self.decimal) for cell in cells):
+                    alike = [item for item in seen if len(self._cells(item[1])) == len(cells)]
+                    is_header = bool(alike) and len(cells) != width and all(self._cells(alike[0][1]))
+                    return alike[0] if is_header else (number, text)
+                seen.append((place, row))
+        return number, text
+
+    def _fault(self, file: Path, header: _Header, chosen: list[str], message: str) -> RecordError:
+        """Return what is wrong with a file that the fast reader refused, found by a slow second look."""
+        names, empty = header.names, True
+        with file.open(encoding="utf-8-sig", errors="replace", newline="") as lines:
+            reader = csv.reader(lines, delimiter=self.delimiter)
+            for row in reader:
+                if reader.line_num <= header.line or not row:
+                    continue
+                empty = False
+                where = f"{file}: line {reader.line_num}"
+                cells = [cell.strip() for cell in row]
+                if cells == names:
+                    return RecordError(
+                        f"{where} repeats the names of the columns. Split the file: one record has one clock."
+                    )
+                if len(cells) != len(names):
+                    return RecordError(f"{where} has {len(cells)} cells, the header has {len(names)}.{self._hint(names)}")
+                for name in chosen:
+                    cell = cells[names.index(name)]
+                    if not cell:
+                        return RecordError(
+                            f"{where}, column {name}: the cell is empty. A record has no holes: cut the part out."
+                        )
+                    if not is_number(cell, self.decimal):
+                        shown = cell if len(cell) <= LONGEST_CELL else f"{cell[:LONGEST_CELL]}..."
+                        hint = self._text_hint(cells, cell)
+                        return RecordError(f"{where}, column {name}: {shown!r} is not a number.{hint}")
+        return RecordError(f"{file}: 0 samples; a record needs at least 3." if empty else f"{file}: {message}")
+
+    def _hint(self, names: list[str]) -> str:
+        hint = " If its numbers have decimal commas: write it with semicolons."
+        hint = hint if "," in (self.delimiter, self.decimal) else ""
+        if len(names) == 1:
+            hint += " Lines above the header are left out by skip_lines in [record] of a mapping file."
+        return hint
+
+    def _text_hint(self, cells: list[str], cell: str) -> str:
+        other = "," if self.decimal == "." else "."
+        if is_number(cell, other):
+            return f' If that is its decimal sign, set decimal = "{other}" in [record] of a mapping file.'
+        if not any(is_number(other) for other in cells):
+            return " A line of units does not belong in the file: remove it, and name the units in a mapping file."
+        return " Correct or remove it."
+
+
+def is_number(text: str, decimal: str = ".") -> bool:
+    """Return whether a cell holds a number.
+
+    >>> is_number("1,5"), is_number("1,5", ",")
+    (False, True)
+    """
+    return NUMBERS[decimal].fullmatch(text) is not None
+
+
+def cells_of(text: str, delimiter: str) -> list[str]:
+    """Return the cells of a line."""
+    return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter), [])]
+
+
+def _numbers_in(row: str, delimiter: str, decimal: str) -> int:
+    """Return how many numbers a line holds, 0 where it holds fewer than two or more words than numbers."""
+    cells = [cell for cell in cells_of(row, delimiter) if cell]
+    numbers = sum(is_number(cell, decimal) for cell in cells)
+    return numbers if numbers >= 2 and 2 * numbers >= len(cells) else 0
+
+
+def _line_of(file: Path, header_line: int, sample: int) -> int:
+    """Return the line of a sample; blank lines do not count as samples."""
+    with file.open("rb") as lines:
+        filled = (number for number, line in enumerate(lines, 1) if number > header_line and line.strip(b"\r\n"))
+        return next(itertools.islice(filled, sample, None))

@@ -1,0 +1,47 @@
+"""ASAM MDF measurement files (extra ``logs``): groups of channels, each group on its clock."""
+
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.errors import RecordError
+from fdbench.reading.formats._format import Log, Raw, library
+
+
+@final
+class Mdf(Log):
+    """Versions 3 and 4, values converted to physical ones; channels of text, arrays and structures are left out.
+
+    Layout: ASAM MDF, read by the package asammdf. The samples in the tests are written by asammdf, not by a logger.
+    """
+
+    suffixes = (".mf4", ".mdf")
+
+    @classmethod
+    def recognises(cls, head: bytes) -> bool:
+        """Return whether the file begins with the identification block."""
+        return head.startswith((b"MDF     ", b"UnFinMF "))
+
+    def read_all(self, file: Path) -> Raw:
+        """Return all channels that hold numbers."""
+        asammdf = library("asammdf", file)
+        try:
+            with asammdf.MDF(file) as content:
+                signals = list(content.iter_channels(skip_master=True, copy_master=True))
+        except Exception as error:  # asammdf has no common base for what damaged files raise
+            raise RecordError(f"{file}: not an MDF file, or a damaged one: {error}") from error
+        columns: dict[str, NDArray[Any]] = {}
+        clocks: dict[str, str] = {}
+        units: dict[str, str] = {}
+        for signal in signals:
+            if signal.samples.dtype.kind not in "biuf" or signal.samples.ndim != 1 or not len(signal.samples):
+                continue
+            clock = f"time of group {signal.group_index}"
+            columns.setdefault(clock, np.asarray(signal.timestamps, dtype=np.float64))
+            name = signal.name if signal.name not in columns else f"{signal.name} (group {signal.group_index})"
+            columns[name], clocks[name], units[name] = np.asarray(signal.samples), clock, signal.unit or ""
+        if not columns:
+            raise RecordError(f"{file}: no channel of numbers.")
+        return Raw(columns=columns, units=units | dict.fromkeys({*clocks.values()}, "s"), clocks=clocks)
