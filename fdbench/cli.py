@@ -13,6 +13,7 @@ from fdbench.commands.check import check
 from fdbench.commands.compare import compare
 from fdbench.commands.diagnose import diagnose
 from fdbench.commands.evaluate import evaluate
+from fdbench.commands.import_ import import_
 from fdbench.commands.leaderboard import leaderboard
 from fdbench.commands.list import list_
 from fdbench.commands.plot import plot
@@ -92,6 +93,7 @@ def common(
 
 
 app.command("list")(list_)
+app.command("import")(import_)
 for command in (run, leaderboard, verify, compare, report, record, plot, show, check, reproduce, diagnose, evaluate):
     app.command()(command)
 app.add_typer(trial, name="trial")

@@ -132,10 +132,9 @@ _SPELLINGS = (
     (r"\bturns?\b|\bU\b", "rev"),
     (r"\s*[·*⋅]\s*", " "),
     (r"\bNewtons?\b", "N"),
-    (r"\bAmp(ere)?s?\b", "A"),
 )
-_CASES = {"nm": "Nm", "n m": "N m", "nmm": "Nmm", "n mm": "Nmm", "rpm": "rpm", "min-1": "1/min", "inch": "in"}
-_CASES |= {unit.lower(): unit for unit in ("mm", "mm/s", "mm/min", "m/min", "mm/s^2", "deg", "deg/s", "ms", "us", "rev/s")}
+_CASES = {"nm": "N m", "n m": "N m", "nmm": "Nmm", "n mm": "Nmm", "rpm": "rpm", "min-1": "1/min", "inch": "in"}
+_CASES |= dict.fromkeys(("amp", "ampere"), "A")
 
 # A name such as velocity_mm_per_s must not pass for a quantity per second.
 _UNIT_WORDS = {word for unit in [*UNITS, *FOREIGN] for word in unit.replace("/", "_").split("_")} - {"per", "1"}
@@ -209,6 +208,7 @@ def spelt_unit(text: str) -> str:
     for written, ours in _SPELLINGS:
         plain = re.sub(written, ours, plain)
     plain = _CASES.get(plain.lower(), plain)
+    plain = plain if plain in UNITS.values() or plain in FOREIGN else plain.lower()
     return plain if plain in UNITS.values() or plain in FOREIGN else ""
 
 

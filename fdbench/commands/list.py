@@ -19,6 +19,7 @@ class Listed(StrEnum):
     PLANTS = "plants"
     MOTIONS = "motions"
     DIAGNOSERS = "diagnosers"
+    FORMATS = "formats"
 
 
 WORDS = {
@@ -29,6 +30,7 @@ WORDS = {
     Listed.PLANTS: "Kinds of machine that a scenario may have.",
     Listed.MOTIONS: "Commands that a scenario may give.",
     Listed.DIAGNOSERS: "What answers a blind trial of the diagnosis.",
+    Listed.FORMATS: "Files that records and logs are read from.",
 }
 
 

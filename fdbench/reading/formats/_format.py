@@ -17,7 +17,6 @@ from fdbench.errors import RecordError
 from fdbench.record import check_column_name, nth_sample
 from fdbench.registry import Registry
 
-
 CLOCK_SLACK = 1e-3  # of a sampling time, by which the times of two clocks may differ
 
 
@@ -84,6 +83,7 @@ class Format(ABC):
     suffixes: ClassVar[tuple[str, ...]]  # files that are of this format, whatever they begin with
     has_our_names: ClassVar[bool] = False  # files may be read without a mapping
     usual_sampling_time_s: ClassVar[float | None] = None  # of its producer, where files do not say
+    usual_position_unit: ClassVar[str] = ""  # likewise
 
     @classmethod
     def recognises(cls, head: bytes) -> bool:

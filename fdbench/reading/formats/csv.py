@@ -189,7 +189,7 @@ class Csv(Format):
             if len(names) == 1 and delimiter in names[0]:
                 raise RecordError(
                     f"{file}: line {number} has no {self.delimiter!r} but {delimiter!r} between its names. Use a "
-                    f"mapping file with delimiter = {json.dumps(delimiter)} in [record], and decimal = \",\" for "
+                    f'mapping file with delimiter = {json.dumps(delimiter)} in [record], and decimal = "," for '
                     f"decimal commas; `fdbench import {file.name}` writes one."
                 )
         if has_our_names:
@@ -260,7 +260,9 @@ class Csv(Format):
                         f"{where} repeats the names of the columns. Split the file: one record has one clock."
                     )
                 if len(cells) != len(names):
-                    return RecordError(f"{where} has {len(cells)} cells, the header has {len(names)}.{self._hint(names)}")
+                    return RecordError(
+                        f"{where} has {len(cells)} cells, the header has {len(names)}.{self._hint(names)}"
+                    )
                 for name in chosen:
                     cell = cells[names.index(name)]
                     if not cell:

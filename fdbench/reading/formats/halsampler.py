@@ -27,6 +27,7 @@ class Halsampler(Log):
 
     suffixes = ()
     usual_sampling_time_s = 1e-3
+    usual_position_unit = "mm"
 
     @classmethod
     def recognises(cls, head: bytes) -> bool:

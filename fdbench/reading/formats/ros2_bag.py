@@ -26,7 +26,9 @@ class Ros2Bag(Log):
         """Return all numbers of all topics."""
         highlevel, typesys = library("rosbags.highlevel", file), library("rosbags.typesys", file)
         if not (file.parent / "metadata.yaml").is_file():
-            raise RecordError(f"{file}: no metadata.yaml beside it. Keep the bag's folder together; `ros2 bag reindex`.")
+            raise RecordError(
+                f"{file}: no metadata.yaml beside it. Keep the bag's folder together; `ros2 bag reindex`."
+            )
         topics = Topics()
         store = typesys.get_typestore(typesys.Stores.LATEST)
         try:

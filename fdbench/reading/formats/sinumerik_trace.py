@@ -45,6 +45,7 @@ class SinumerikTrace(Log):
     """
 
     suffixes = ()
+    usual_position_unit = "mm"
 
     @classmethod
     def recognises(cls, head: bytes) -> bool:
@@ -70,7 +71,7 @@ class SinumerikTrace(Log):
         return Raw(
             columns=columns,
             units={name: one.unit for name, one in zip(names, signals, strict=True) if one.unit}
-            | {clock: "s" for clock in clocks.values()},
+            | dict.fromkeys(clocks.values(), "s"),
             labels={name: one.label for name, one in zip(names, signals, strict=True)},
             clocks=clocks,
             notes=["values are stored where they change, and held until the next one"],

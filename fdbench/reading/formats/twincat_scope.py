@@ -39,6 +39,7 @@ class TwincatScope(Log):
     """
 
     suffixes = ()
+    usual_position_unit = "mm"
 
     @classmethod
     def recognises(cls, head: bytes) -> bool:
@@ -72,7 +73,9 @@ class TwincatScope(Log):
                 )
             columns[known], clocks[known], units[known] = values, clock, unit
         end_s = max((float(columns[clock][-1]) for clock in clocks.values() if len(columns[clock])), default=0.0)
-        step_s = max((float(columns[c][-1] - columns[c][-2]) for c in clocks.values() if len(columns[c]) > 1), default=0.0)
+        step_s = max(
+            (float(columns[c][-1] - columns[c][-2]) for c in clocks.values() if len(columns[c]) > 1), default=0.0
+        )
         if head.span_s - end_s > 1.5 * step_s:
             raise RecordError(
                 f"{file}: the values end after {end_s:.6g} s, the head says {head.span_s:.6g} s. The file was cut."
@@ -101,7 +104,9 @@ def _head(lines: list[str], file: Path) -> _Head:
         row = about.get(key, [])
         return [row[place].strip() if place < len(row) else "" for place in places]
 
-    start, end = (next((row[1] for key, row in above.items() if key.startswith(word)), "0") for word in ("start", "end"))
+    start, end = (
+        next((row[1] for key, row in above.items() if key.startswith(word)), "0") for word in ("start", "end")
+    )
     span_s = FILETIME_S * (int(end) - int(start)) if start.isdecimal() and end.isdecimal() else 0.0
     scales = [*of_channels("scalefactor"), *of_channels("unit scalefactor")]
     units = [unit.partition(" (")[0] if unit != "(None)" else "" for unit in of_channels("unit")]

@@ -1,0 +1,53 @@
+"""``fdbench import``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fdbench.errors import SpecError
+
+INCOMPLETE = 1
+
+
+def import_(
+    files: Annotated[list[Path], typer.Argument(help="Logs of one axis as its controller wrote them.")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Folder for the files; without it, beside each log.")
+    ] = None,
+    sampling_time: Annotated[
+        float | None, typer.Option(min=1e-7, metavar="SECONDS", help="Sampling time, for logs without times.")
+    ] = None,
+) -> None:
+    """Propose a mapping for each log and a first model of the axis, and say what was guessed and why."""
+    from fdbench.proposal import propose
+    from fdbench.reading import format_of
+
+    if output is not None and not output.is_dir():
+        raise SpecError(f"--output {output}: no such folder.")
+    written = [(output or file.parent) / f"{file.stem}.toml" for file in files]
+    model = written[0].with_name("model.toml")
+    for path in [*written, model]:
+        if path.exists():
+            raise SpecError(f"{path}: exists already. Remove it, or name another folder by --output.")
+        if [*written, model].count(path) > 1:
+            raise SpecError(f"{path}: two files would have this name. Rename a log, or import them one by one.")
+    kinds = [format_of(file) for file in files]
+    proposals = [
+        propose(file, kind, path.parent, sampling_time) for file, kind, path in zip(files, kinds, written, strict=True)
+    ]
+    for file, kind, path, proposal in zip(files, kinds, written, proposals, strict=True):
+        path.write_text(proposal.mapping, encoding="utf-8")
+        typer.echo(f"{file}: {kind.name}" + (f", {proposal.record.n_samples} samples" if proposal.record else ""))
+        for line in (*proposal.found, *(f"left out {line}" for line in proposal.left_out)):
+            typer.echo(f"  {line}")
+        typer.echo(f"  -> {path}")
+    best = next((proposal for proposal in proposals if proposal.record is not None), None)
+    if best is not None:
+        model.write_text(best.model([file.name for file in files]), encoding="utf-8")
+        typer.echo(f"A first model, {best.axis}, without controller: {model}")
+    to_do = dict.fromkeys(line for proposal in proposals for line in proposal.to_do)
+    typer.echo("\n".join(["To do:", *(f"  - {line}" for line in to_do)]) if to_do else "Nothing to fill in.")
+    if any(proposal.record is None for proposal in proposals):
+        raise typer.Exit(INCOMPLETE)
+    typer.echo(f"Then: fdbench diagnose --model {model} {' '.join(map(str, written))}")

@@ -1,0 +1,147 @@
+"""The clock of a log: its column of times, or the sampling time, and the part of the log that is whole."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from fdbench.errors import RecordError
+from fdbench.proposal._data import longest_whole
+from fdbench.proposal._names import Column, column
+from fdbench.proposal._units import time_unit
+from fdbench.reading.formats import Format, Raw, on_clock
+from fdbench.record import FloatArray, check_clock
+from fdbench.units import si_unit, time_text
+
+SLOWEST_S = 0.05  # of a clock whose columns are looked at
+FEWEST_FINITE = 0.5  # share of the values of a column
+
+
+class Clock:
+    """The times of a log, and its columns at the slowest clock of those that are of use.
+
+    Parameters
+    ----------
+    raw : Raw
+        The log.
+    kind : type of Format
+        Its format.
+    sampling_time_s : float or None
+        What the user says.
+    file : path
+        The log's file, for messages.
+    """
+
+    def __init__(self, raw: Raw, kind: type[Format], sampling_time_s: float | None, file: Path) -> None:
+        self.found: list[str] = []
+        self.to_do: list[str] = []
+        self._raw, self._file = raw, file
+        self._time, self._unit = "", ""
+        self._clocks = {name: self._median_step(name) for name in {*raw.clocks.values()}}
+        useful = {name for name, step in self._clocks.items() if 0.0 < step <= SLOWEST_S}
+        if raw.clocks and not useful:
+            raise RecordError(
+                f"{file}: no clock is faster than {time_text(SLOWEST_S)}; a feed drive needs milliseconds."
+            )
+        if raw.clocks:
+            self._time, self._unit = max(useful, key=lambda name: self._clocks[name]), "s"
+            kept = {name: raw.columns[name] for name in raw.columns if raw.clocks.get(name, name) in useful}
+            self._at_slowest = on_clock(replace(raw, columns=kept), self._time, str(file)).columns
+        else:
+            self._at_slowest = raw.columns
+            self._find_time(raw)
+        columns = {name: np.asarray(values, dtype=np.float64) for name, values in self._at_slowest.items()}
+        share = {name: float(np.isfinite(values).mean()) for name, values in columns.items()}
+        self.left_out = [*raw.left_out, *(name for name in raw.columns if share.get(name, 0.0) < FEWEST_FINITE)]
+        self.columns = {name: values for name, values in columns.items() if name not in self.left_out}
+        self.times = {*self._clocks} | ({self._time} - {""})
+        seconds = self._seconds(self.columns[self._time]) if self._time else None
+        self.whole = longest_whole([*self.columns.values()], seconds, [*raw.gaps])
+        self.columns = {name: values for name, values in self.columns.items() if name not in self.times}
+        if len(self.whole) < 3 or not self.columns:
+            raise RecordError(f"{file}: no three samples in a row in which all columns are numbers.")
+        if seconds is not None:
+            self.step_s = float(np.median(np.diff(seconds[self.whole.start : self.whole.stop])))
+        else:
+            self._assume(kind, sampling_time_s)
+
+    def final(self, used: set[str]) -> tuple[list[FloatArray], FloatArray | None]:
+        """Return the used columns and their times, as the mapping will read them."""
+        raw = self._raw
+        kept = {name: values for name, values in raw.columns.items() if name in used}
+        columns = on_clock(replace(raw, columns=kept), self._time or None, str(self._file)).columns
+        self.final_length = len(next(iter(columns.values())))
+        values = [np.asarray(column, dtype=np.float64) for column in columns.values()]
+        return values, self._seconds(columns[self._time]) if self._time in columns else None
+
+    def mapped(self, used: list[Column], found: list[str], to_do: list[str]) -> tuple[list[str], dict[str, object]]:
+        """Return the line of time in [columns], or the key in [record], and say why."""
+        if not self._time:
+            return [], {"sampling_time_s": self.step_s}
+        own = sorted({item.clock for item in used} - {""}, key=lambda name: self._clocks[name])
+        if own:
+            self._time = own[-1]
+        if len(own) > 1:
+            found.append(
+                f"time_s: columns on {len(own)} clocks ({', '.join(own)}) are read at the slowest, so that no value is "
+                "invented; faster ones lose samples"
+            )
+            to_do.append(
+                f"Log all columns at one clock where you can, the controller's: {self._time} is too slow for it."
+            )
+        seconds = self._seconds(np.asarray(self._raw.columns[self._time], dtype=np.float64))
+        stretch = longest_whole([seconds], seconds, [])
+        part = seconds[stretch.start : stretch.stop]
+        step_s = float(np.median(np.diff(part)))
+        try:
+            check_clock(part, str(self._file))
+        except RecordError:
+            spread = float(np.ptp(np.diff(part)))
+            to_do.append(
+                f"CHECK the clock: times in '{self._time}' are uneven by up to {time_text(spread)}; they are taken as those "
+                f"of a log that was late, of an even clock of {time_text(step_s)}."
+            )
+            mean_s = float((part[-1] - part[0]) / (len(part) - 1))
+            return [], {"sampling_time_s": float(f"{mean_s:.9g}")}
+        found.append(f"time_s is '{self._time}' in {self._unit}, a step of {time_text(step_s)}")
+        return [f'time_s = {{ from = {json.dumps(self._time, ensure_ascii=False)}, unit = "{self._unit}" }}'], {}
+
+    def _find_time(self, raw: Raw) -> None:
+        for name, values in raw.columns.items():
+            item = column(
+                name, np.asarray(values, dtype=np.float64), raw.units.get(name, ""), raw.labels.get(name, ""), ""
+            )
+            steps = np.diff(item.values)
+            if item.quantity == "time" and len(steps) and np.median(steps) > 0.0:
+                guess = time_unit(float(np.median(steps)))
+                self._time, self._unit = name, item.unit or guess.name
+                if not item.unit:
+                    self.found.append(f"times are in {guess.name}: GUESS {guess.why}")
+                return
+
+    def _assume(self, kind: type[Format], given_s: float | None) -> None:
+        usual = kind.usual_sampling_time_s
+        if given_s is None and usual is None:
+            raise RecordError(
+                f"{self._file}: no column of times. Give the sampling time: --sampling-time 0.001 for samples of 1 ms."
+            )
+        self.step_s = given_s if given_s is not None else usual or 0.0
+        if given_s is None:
+            self.found.append(f"sampling time {time_text(self.step_s)}: GUESS: usual in such logs, which have no times")
+            self.to_do.append(f"CHECK sampling_time_s: {time_text(self.step_s)} is a guess (or give --sampling-time).")
+        else:
+            self.found.append(f"sampling time {time_text(self.step_s)}: as given; the log has no times")
+
+    def _seconds(self, times: FloatArray) -> FloatArray:
+        return np.asarray(times, dtype=np.float64) * si_unit(self._unit, self._time)[1]
+
+    def _median_step(self, name: str) -> float:
+        times = self._raw.columns[name]
+        return float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+
+
+def samples_of(read: tuple[list[FloatArray], FloatArray | None], raw: Raw) -> range:
+    """Return the longest whole part of columns as they are read."""
+    columns, seconds = read
+    return longest_whole(columns, seconds, [*raw.gaps])

@@ -1,0 +1,96 @@
+"""What the name of a column, the words beside it and its unit say of it."""
+
+import re
+from dataclasses import dataclass
+
+from fdbench.record import FloatArray
+from fdbench.units import si_unit, spelt_unit
+
+# SI unit -> what is measured, and whether it turns.
+_MEASURED = {
+    "s": ("time", False),
+    "m": ("position", False),
+    "rad": ("position", True),
+    "m/s": ("velocity", False),
+    "rad/s": ("velocity", True),
+    "m/s^2": ("acceleration", False),
+    "rad/s^2": ("acceleration", True),
+    "N": ("output", False),
+    "N m": ("output", False),
+    "A": ("output", False),
+    "V": ("output", False),
+}
+# What is measured, by words; the first that fits counts.
+_QUANTITIES = {
+    "error": r"\b(f ?err(or)?|flw|lag|deviation|following|contour\w*)\b|error|fehler|abweichung",
+    "time": r"\b(t|time\w*|zeit\w*|stamp|clock)\b",
+    "acceleration": r"\bacc(el)?\b|accel|beschleunigung",
+    "velocity": r"\b(v|vel|velo)\b|velocity|speed|geschwindigkeit|drehzahl",
+    "output": r"\b(f|u|i|iq|trq|tau|curr|mom)\b|force|kraft|torque|moment|effort|current|strom|voltage|spannung|output",
+    "position": r"\b(q|x|y|z|pos|posn)\b|position|lage|winkel|angle|\bweg\b|displacement|encoder|scale",
+}
+_SIDES = {
+    "motor": r"\b(mot|motor\w*|rotor)\b|measuring system 1|\bmeas pos 1\b|\benc(oder)? ?1\b",
+    "table": r"\b(table|tisch|load|scale|direct)\b|measuring system 2|\bmeas pos 2\b|\benc(oder)? ?2\b|maßstab",
+}
+_REFERENCE = r"\b(set\w*|cmd\w*|command\w*|ref\w*|desired|target|demand|goal|input|nominal|soll\w*)\b|soll|setpoint"
+_BRACKETS = re.compile(r"^(.*?)\s*(?:[\[({<]([^\])}>]*)[\])}>]|\s(?:in|/)\s(\S+))\s*$")
+
+# ODrive's own names of values, which are in turns, turns per second and amperes (its API reference, 0.5 and later).
+_ODRIVE = {
+    r"(pos_(estimate|setpoint)|input_pos)$": "rev",
+    r"(vel_(estimate|setpoint)|input_vel)$": "rev/s",
+    r"\bIq_": "A",
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a log and what its name says; ``unit`` is one of ours or empty, ``why`` says where it is from."""
+
+    name: str
+    values: FloatArray
+    quantity: str
+    side: str
+    is_reference: bool
+    unit: str
+    why: str
+    clock: str
+
+
+def column(name: str, values: FloatArray, unit: str, label: str, clock: str) -> Column:
+    """Return a column with what its name, its label and the unit that the file gives say."""
+    stem, known, why = name, spelt_unit(unit), "the file says so"
+    if not known and (found := _BRACKETS.match(name)):
+        stem, known, why = found[1], spelt_unit(found[2] or found[3] or ""), "its name says so"
+    if not known and (found := re.match(r"^(.+?)_([A-Za-z]+(?:_per_[a-z]+2?)?)$", name)) and len(found[2]) > 1:
+        known, why = spelt_unit(found[2].replace("_per_", "/")), "its name says so"
+        stem = found[1] if known else name
+    for pattern, odrive in _ODRIVE.items():
+        if not known and re.search(pattern, name):
+            known, why = odrive, "ODrive counts so"
+    said = f"{_words(stem)} {label.lower()}"
+    quantity = next((key for key, pattern in _QUANTITIES.items() if re.search(pattern, said)), "")
+    if known and quantity != "error":
+        quantity = _MEASURED.get(si_unit(known, name)[0], ("", False))[0]
+    side = next((key for key, pattern in _SIDES.items() if re.search(pattern, said)), "")
+    is_reference = re.search(_REFERENCE, said) is not None
+    return Column(name, values, quantity, side, is_reference, known, why if known else "", clock)
+
+
+def turns(unit: str) -> bool:
+    """Return whether a unit is one of angles.
+
+    >>> turns("deg"), turns("mm/min")
+    (True, False)
+    """
+    return bool(unit) and _MEASURED.get(si_unit(unit, unit)[0], ("", False))[1]
+
+
+def _words(text: str) -> str:
+    """Return the words of a name, in lower case with blanks between.
+
+    >>> _words("nckServoDataActCurr32"), _words("IST_Position")
+    ('nck servo data act curr 32', 'ist position')
+    """
+    return " ".join(re.findall(r"[A-ZÄÖÜ]?[a-zäöüß]+|[A-ZÄÖÜ]+(?![a-z])|\d+", text)).lower()

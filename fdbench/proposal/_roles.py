@@ -1,0 +1,118 @@
+"""Which column of a log is the position, the command and the controller's output: by names, else by the data."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from fdbench.proposal._data import balance, derivative, is_signal, roughness, slope
+from fdbench.proposal._names import Column
+from fdbench.record import FloatArray
+
+# From here on the data say that a column is the derivative of another, or the same quantity.
+IS_DERIVATIVE, IS_SAME, IS_ERROR = 0.9, 0.999, 0.99
+
+
+class Role(NamedTuple):
+    """A column of the log for a column of the record, without its unit, and why."""
+
+    column: Column
+    why: str
+
+
+def roles(columns: Sequence[Column], step_s: float) -> dict[str, Role]:
+    """Return the columns for ``position``, ``reference_position``, ``motor_position``, ``table_position``, ``output``.
+
+    Also ``velocity`` and ``reference_velocity``. What cannot be told is left out.
+    """
+    signals = [item for item in columns if is_signal(item.values)]
+    if any(item.quantity == "position" for item in signals):
+        return _by_names(signals, step_s)
+    return _by_data(signals, step_s)
+
+
+def _by_names(signals: Sequence[Column], step_s: float) -> dict[str, Role]:
+    places = [item for item in signals if item.quantity == "position"]
+    measured = [item for item in places if not item.is_reference] or places
+    found: dict[str, Role] = {}
+    for side in ("motor", "table"):
+        candidates = [item for item in measured if item.side == side]
+        if candidates:
+            found[f"{side}_position"] = Role(_farthest(candidates), f"its name says position, and {side}")
+    plain = [item for item in measured if not item.side]
+    others = f", and it moves farthest of {len(plain)}" if len(plain) > 1 else ""
+    if plain:
+        found["position"] = Role(_farthest(plain), f"its name says position{others}")
+    else:
+        side = "table" if "table_position" in found else "motor"
+        found["position"] = Role(found[f"{side}_position"].column, f"the only position is the {side}'s")
+        if len(found) > 2:
+            found["position"] = Role(found["table_position"].column, "GUESS: the scale of the table closes the loop")
+    position = found["position"].column
+    commands = [item for item in places if item.is_reference and item is not position]
+    if commands:
+        near = min(commands, key=lambda item: float(np.std(item.values - position.values)))
+        found["reference_position"] = Role(near, "its name says commanded position")
+    speeds = [item for item in signals if item.quantity == "velocity" and not item.side]
+    for key, is_reference in (("velocity", False), ("reference_velocity", True)):
+        moving = derivative(position.values, step_s)
+        fits = [(slope(item.values, moving)[1], item) for item in speeds if item.is_reference == is_reference]
+        best = max(fits, key=lambda pair: pair[0], default=None)
+        if best is not None and best[0] > IS_DERIVATIVE:
+            found[key] = Role(best[1], f"its name says velocity, and it is the position's derivative ({best[0]:.0%})")
+    outputs = [item for item in signals if item.quantity == "output"]
+    commanded = [item for item in outputs if item.is_reference] or outputs
+    return {**found, **_output(commanded, position, step_s, "its name or unit says so")}
+
+
+def _by_data(signals: Sequence[Column], step_s: float) -> dict[str, Role]:
+    """Return roles of columns whose names say nothing: two positions that are nearly equal, what is derived from them."""
+    moving = [derivative(item.values, step_s) for item in signals]
+    parents = [
+        {a for a in range(len(signals)) if a != b and slope(item.values, moving[a])[1] > IS_DERIVATIVE}
+        for b, item in enumerate(signals)
+    ]
+    equal = [
+        (float(np.ptp(one.values)), a, b)
+        for a, one in enumerate(signals)
+        for b, other in enumerate(signals[:a])
+        if _is_same(one.values, other.values) and not parents[a] and not parents[b]
+    ]
+    if equal:
+        _, a, b = max(equal)
+        command, actual = sorted((signals[a], signals[b]), key=lambda item: roughness(item.values))
+        found = {
+            "position": Role(actual, f"by the data: nearly equal to '{command.name}', and rougher"),
+            "reference_position": Role(command, f"by the data: nearly equal to '{actual.name}', and smoother"),
+        }
+    else:
+        origins = [a for a in range(len(signals)) if any(a in others for others in parents) and not parents[a]]
+        if not origins:
+            return {}
+        actual = max((signals[a] for a in origins), key=lambda item: float(np.ptp(item.values)))
+        found = {"position": Role(actual, "by the data: another column is its derivative")}
+    used = {role.column.name for role in found.values()}
+    command = found["reference_position"].column if "reference_position" in found else actual
+    error = command.values - actual.values
+    derived = {signals[b].name for b, others in enumerate(parents) if any(signals[a].name in used for a in others)}
+    left = [item for item in signals if item.name not in used | derived]
+    left = [item for item in left if slope(item.values, error)[1] < IS_ERROR and not item.name == "sample"]
+    return {**found, **_output(left, actual, step_s, "by the data")}
+
+
+def _output(candidates: Sequence[Column], position: Column, step_s: float, why: str) -> dict[str, Role]:
+    if not candidates:
+        return {}
+    fits = [(balance(item.values, position.values, step_s).explained, item) for item in candidates]
+    mirrored = [(balance(-item.values, position.values, step_s).explained, item) for item in candidates]
+    share, best = max(fits + mirrored, key=lambda pair: pair[0])
+    return {"output": Role(best, f"{why}; mass and friction along the motion explain {max(share, 0.0):.0%} of it")}
+
+
+def _farthest(candidates: Sequence[Column]) -> Column:
+    return max(candidates, key=lambda item: float(np.ptp(item.values)))
+
+
+def _is_same(one: FloatArray, other: FloatArray) -> bool:
+    factor, share = slope(one, other)
+    return share > IS_SAME and abs(factor - 1.0) < 0.05
