@@ -87,9 +87,8 @@ class Clock:
                 f"time_s: columns on {len(own)} clocks ({', '.join(own)}) are read at the slowest, so that no value is "
                 "invented; faster ones lose samples"
             )
-            to_do.append(
-                f"Log all columns at one clock where you can, the controller's: {self._time} is too slow for it."
-            )
+        if len(own) > 1 and self._clocks[own[-1]] > 1.5 * self._clocks[own[0]]:
+            to_do.append(f"Log all columns at the clock of the controller where you can: {self._time} is slower.")
         seconds = self._seconds(np.asarray(self._raw.columns[self._time], dtype=np.float64))
         stretch = longest_whole([seconds], seconds, [])
         part = seconds[stretch.start : stretch.stop]
@@ -99,8 +98,8 @@ class Clock:
         except RecordError:
             spread = float(np.ptp(np.diff(part)))
             to_do.append(
-                f"CHECK the clock: times in '{self._time}' are uneven by up to {time_text(spread)}; they are taken as those "
-                f"of a log that was late, of an even clock of {time_text(step_s)}."
+                f"CHECK the clock: times in '{self._time}' are uneven by up to {time_text(spread)}; taken as an "
+                f"even clock of {time_text(step_s)} that was logged late."
             )
             mean_s = float((part[-1] - part[0]) / (len(part) - 1))
             return [], {"sampling_time_s": float(f"{mean_s:.9g}")}

@@ -1,6 +1,7 @@
 """What the data say: which column is the derivative of another, what force a motion needs, where a record is whole."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -70,8 +71,9 @@ def roughness(values: FloatArray) -> float:
 
 
 def is_signal(values: FloatArray) -> bool:
-    """Return whether a column is more than a constant or a switch."""
-    return bool(np.isfinite(values).all()) and len(np.unique(values)) > FEWEST_LEVELS
+    """Return whether a column is more than a constant, a switch or a counter."""
+    is_counter = bool((np.diff(values) == 1.0).all())
+    return bool(np.isfinite(values).all()) and len(np.unique(values)) > FEWEST_LEVELS and not is_counter
 
 
 def longest_whole(columns: Sequence[NDArray[np.float64]], times: FloatArray | None, gaps: Sequence[int]) -> range:
@@ -88,5 +90,5 @@ def longest_whole(columns: Sequence[NDArray[np.float64]], times: FloatArray | No
         starts[1:] |= (steps <= 0.0) | (steps > 1.5 * np.median(steps))
     edges = np.flatnonzero(~good | starts)
     bounds = [0, *(int(edge) for edge in edges), len(good)]
-    stretches = [range(a if good[a] else a + 1, b) for a, b in zip(bounds, bounds[1:], strict=False) if a < len(good)]
+    stretches = [range(a if good[a] else a + 1, b) for a, b in pairwise(bounds) if a < len(good)]
     return max(stretches, key=len, default=range(0))

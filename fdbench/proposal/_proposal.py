@@ -107,13 +107,14 @@ def propose(file: Path, kind: type[Format], folder: Path, sampling_time_s: float
         for name, values in clock.columns.items()
     ]
     found = roles(columns, clock.step_s)
-    proposal = Proposal(found=[*clock.found], to_do=[*clock.to_do, *(f"Note: {note}." for note in raw.notes)])
-    lines = _columns(found, clock.step_s, kind, proposal)
+    proposal = Proposal(found=[*clock.found, *raw.notes], to_do=[*clock.to_do])
     settings: dict[str, object] = {"file": os.path.relpath(file, folder), "format": kind.name}
     if dataclasses.is_dataclass(reader):
         keys = dataclasses.fields(reader)
         settings |= {key.name: getattr(reader, key.name) for key in keys if getattr(reader, key.name) != key.default}
-    time_lines, time_settings = clock.mapped([role.column for role in found.values()], proposal.found, proposal.to_do)
+    chosen = [role.column for role in found.values()]
+    time_lines, time_settings = clock.mapped(chosen, proposal.found, proposal.to_do)
+    lines = _columns(found, clock.step_s, kind, proposal)
     used = {role.column.name for role in found.values()} | clock.times
     unused = [item for item in columns if item.name not in used]
     proposal.left_out += [_unused(item) for item in unused]
@@ -129,8 +130,8 @@ def propose(file: Path, kind: type[Format], folder: Path, sampling_time_s: float
         if len(stretch) < clock.final_length:
             time_settings["samples"] = [stretch.start, stretch.stop]
             proposal.found.append(
-                f"samples: {stretch.start} to {stretch.stop - 1} of {clock.final_length}, the longest part in which none "
-                "is lost or no number"
+                f"samples: {stretch.start} to {stretch.stop - 1} of {clock.final_length}, the longest part without "
+                "lost samples and values that are no numbers"
             )
     proposal.mapping = _mapping_text(proposal, settings | time_settings, time_lines + lines)
     if not missing:
@@ -175,10 +176,8 @@ def _columns(found: dict[str, Role], step_s: float, kind: type[Format], proposal
     if "output" in found:
         role = found["output"]
         name, keys, check = output(role, proposal.axis == ROTARY)
-        if (
-            balance(-role.column.values, position.values, step_s).explained
-            > balance(role.column.values, position.values, step_s).explained
-        ):
+        explained = [balance(sign * role.column.values, position.values, step_s).explained for sign in (1.0, -1.0)]
+        if explained[1] > explained[0]:
             keys = keys.replace("gain = 1.0", "gain = -1.0") if "gain" in keys else f"{keys}, gain = -1.0"
             proposal.to_do.append(f"CHECK the sign of {name}: only with gain = -1.0 does mass resist acceleration.")
         add(name, role, keys, f"in {role.column.unit}: {role.column.why}" if role.column.unit else "without a unit")

@@ -66,7 +66,7 @@ def _by_names(signals: Sequence[Column], step_s: float) -> dict[str, Role]:
 
 
 def _by_data(signals: Sequence[Column], step_s: float) -> dict[str, Role]:
-    """Return roles of columns whose names say nothing: two positions that are nearly equal, what is derived from them."""
+    """Return roles of columns whose names say nothing: two positions are nearly equal, speeds are their derivatives."""
     moving = [derivative(item.values, step_s) for item in signals]
     parents = [
         {a for a in range(len(signals)) if a != b and slope(item.values, moving[a])[1] > IS_DERIVATIVE}
@@ -96,7 +96,7 @@ def _by_data(signals: Sequence[Column], step_s: float) -> dict[str, Role]:
     error = command.values - actual.values
     derived = {signals[b].name for b, others in enumerate(parents) if any(signals[a].name in used for a in others)}
     left = [item for item in signals if item.name not in used | derived]
-    left = [item for item in left if slope(item.values, error)[1] < IS_ERROR and not item.name == "sample"]
+    left = [item for item in left if slope(item.values, error)[1] < IS_ERROR]
     return {**found, **_output(left, actual, step_s, "by the data")}
 
 

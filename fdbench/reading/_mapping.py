@@ -253,9 +253,7 @@ def _part(raw: Raw, settings: Mapping[str, Any], where: str, file: Path) -> Raw:
         given = settings["samples"]
         is_range = isinstance(given, list) and [type(item) for item in given] == [int, int]
         if not is_range or not 0 <= given[0] < given[1] <= length:
-            raise SpecError(
-                f"{where}: samples is {given!r}; allowed: [first, first behind] with 0 <= first < first behind <= {length}."
-            )
+            raise SpecError(f"{where}: samples is {given!r}; allowed: [first, first behind] within 0 and {length}.")
         start, stop = given
     lost = [gap for gap in raw.gaps if start < gap < stop]
     if lost:

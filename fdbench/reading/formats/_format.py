@@ -116,7 +116,7 @@ class Log(Format):
 
     def read(self, file: Path, wanted: Collection[str] | None) -> Raw:
         """Return the wanted columns, with the times of their clocks."""
-        raw = self.read_all(file)
+        raw = _with_equal_clocks_as_one(self.read_all(file))
         chosen = {*choose(list(raw.columns), wanted, file)}
         kept = chosen | {raw.clocks[name] for name in chosen if name in raw.clocks}
         columns = {name: column for name, column in raw.columns.items() if name in kept}
@@ -205,6 +205,16 @@ def unique(names: list[str]) -> list[str]:
     return found
 
 
+def _with_equal_clocks_as_one(raw: Raw) -> Raw:
+    clocks = list(dict.fromkeys(raw.clocks.values()))
+    first = {
+        name: next(other for other in clocks if np.array_equal(raw.columns[other], raw.columns[name]))
+        for name in clocks
+    }
+    columns = {name: column for name, column in raw.columns.items() if first.get(name, name) == name}
+    return replace(raw, columns=columns, clocks={name: first[clock] for name, clock in raw.clocks.items()})
+
+
 def on_clock(raw: Raw, clock: str | None, source: str) -> Raw:
     """Return columns of several clocks at the times of one of them; the others hold their last value.
 
@@ -220,10 +230,10 @@ def on_clock(raw: Raw, clock: str | None, source: str) -> Raw:
     used = {raw.clocks[name] for name in raw.columns if name in raw.clocks}
     if clock is None and len(used) == 1:
         return replace(raw, columns={name: column for name, column in raw.columns.items() if name in raw.clocks})
-    if clock not in raw.columns:
+    if clock is None or clock not in raw.columns:
         raise RecordError(
-            f"{source}: the columns have {len(used)} clocks ({', '.join(sorted(used))}): a column time_s in [columns] of "
-            "the mapping names the one at which they are read."
+            f"{source}: the columns have {len(used)} clocks ({', '.join(sorted(used))}): a column time_s in [columns] "
+            "of the mapping names the one at which they are read."
         )
     times = raw.columns[clock]
     step = _step(times)

@@ -10,13 +10,10 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self, final
 
 from fdbench.errors import RecordError, SpecError
+from fdbench.reading.formats._cells import cells_of, is_number, line_of, numbers_in
 from fdbench.reading.formats._format import EVERYTHING, Format, Raw, choose, stored_provenance, unique
 from fdbench.units import spelt_unit
 
-NUMBERS = {
-    decimal: re.compile(rf"[+-]?((\d+({point}\d*)?|{point}\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
-    for decimal, point in ((".", r"\."), (",", ","))
-}
 DELIMITERS = ";\t|,"
 ENCODINGS = ("utf-8", "cp1252")
 
@@ -92,7 +89,7 @@ class Csv(Format):
             encoding, rows = "cp1252", file.read_bytes().decode("cp1252", errors="replace").splitlines()
         head = rows[: 2 * LONGEST_PREAMBLE]
         layouts = [(mark, decimal) for mark in DELIMITERS for decimal in ".," if mark != decimal]
-        found = max(layouts, key=lambda layout: sum(_numbers_in(row, *layout) for row in head))
+        found = max(layouts, key=lambda layout: sum(numbers_in(row, *layout) for row in head))
         plain = cls(*found, encoding=encoding)
         first = next((place for place, row in enumerate(head) if plain._is_data(row)), None)
         if first is None:
@@ -104,7 +101,7 @@ class Csv(Format):
         above = [place for place in range(first) if len(plain._cells(head[place])) == width and head[place].strip()]
         if not above:
             raise RecordError(
-                f"{file}: line {first + 1} holds {width} numbers, but no line above it as many names. Add a line of names."
+                f"{file}: line {first + 1} holds {width} numbers, but no line above it as many names. Add one."
             )
         # Of two such lines the lower one has the units.
         header = above[-2] if len(above) > 1 and above[-2:] == [first - 2, first - 1] else above[-1]
@@ -131,7 +128,7 @@ class Csv(Format):
             columns={name: table.column(name).to_numpy() for name in chosen},
             provenance=header.stored,
             left_out=[name for name in header.names if name not in chosen],
-            place=lambda sample: f"sample {sample} (line {_line_of(file, header.line, sample)})",
+            place=lambda sample: f"sample {sample} (line {line_of(file, header.line, sample)})",
             units=header.units,
         )
 
@@ -166,7 +163,8 @@ class Csv(Format):
     def _header(self, file: Path, has_our_names: bool) -> _Header:
         stored: dict[str, Any] = {}
         skipped = self.skip_lines or 0
-        for number, text in self._lines(file, skipped):
+        for line in self._lines(file, skipped):
+            number, text = line
             if text.startswith("# fdbench "):
                 stored = stored_provenance(text.removeprefix("# fdbench "), file)
             if text.strip() and (self.skip_lines is not None or not text.startswith("#")):
@@ -228,7 +226,7 @@ class Csv(Format):
         return cells_of(text, self.delimiter)
 
     def _is_data(self, row: str) -> bool:
-        return _numbers_in(row, self.delimiter, self.decimal) > 0
+        return numbers_in(row, self.delimiter, self.decimal) > 0
 
     def _below_preamble(self, file: Path, number: int, text: str) -> tuple[int, str]:
         """Return the header: the first line, or below lines of another width the first as wide as the numbers."""
@@ -289,31 +287,3 @@ class Csv(Format):
         if not any(is_number(other) for other in cells):
             return " A line of units does not belong in the file: remove it, and name the units in a mapping file."
         return " Correct or remove it."
-
-
-def is_number(text: str, decimal: str = ".") -> bool:
-    """Return whether a cell holds a number.
-
-    >>> is_number("1,5"), is_number("1,5", ",")
-    (False, True)
-    """
-    return NUMBERS[decimal].fullmatch(text) is not None
-
-
-def cells_of(text: str, delimiter: str) -> list[str]:
-    """Return the cells of a line."""
-    return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter), [])]
-
-
-def _numbers_in(row: str, delimiter: str, decimal: str) -> int:
-    """Return how many numbers a line holds, 0 where it holds fewer than two or more words than numbers."""
-    cells = [cell for cell in cells_of(row, delimiter) if cell]
-    numbers = sum(is_number(cell, decimal) for cell in cells)
-    return numbers if numbers >= 2 and 2 * numbers >= len(cells) else 0
-
-
-def _line_of(file: Path, header_line: int, sample: int) -> int:
-    """Return the line of a sample; blank lines do not count as samples."""
-    with file.open("rb") as lines:
-        filled = (number for number, line in enumerate(lines, 1) if number > header_line and line.strip(b"\r\n"))
-        return next(itertools.islice(filled, sample, None))

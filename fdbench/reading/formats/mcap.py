@@ -32,7 +32,7 @@ class Mcap(Log):
             with file.open("rb") as stream:
                 for schema, channel, message in reader.make_reader(stream).iter_messages():
                     topics.add(channel.topic, message.log_time, decode(schema, channel, message))
-        except (library("mcap.exceptions", file).McapError, EOFError) as error:
+        except (library("mcap.exceptions", file).McapError, EOFError, OSError) as error:
             raise RecordError(f"{file}: not an MCAP file, or a damaged one: {error!r}.") from error
         except (ValueError, RecursionError) as error:
             raise RecordError(f"{file}: a message cannot be decoded: {error}.") from error
@@ -52,8 +52,8 @@ class _Decoder:
             return json.loads(message.data)
         if channel.message_encoding != "cdr" or schema is None or schema.encoding != "ros2msg":
             raise RecordError(
-                f"{self._file}: topic {channel.topic} is encoded as {channel.message_encoding}; read are json and, with "
-                "ros2msg, cdr. Convert the log, or leave the topic out."
+                f"{self._file}: topic {channel.topic} is encoded as {channel.message_encoding}; read are json and, "
+                "with ros2msg, cdr. Convert the log, or leave the topic out."
             )
         typesys = library("rosbags.typesys", self._file)
         if self._store is None:

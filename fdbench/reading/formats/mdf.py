@@ -1,5 +1,7 @@
 """ASAM MDF measurement files (extra ``logs``): groups of channels, each group on its clock."""
 
+import gc
+import sys
 from pathlib import Path
 from typing import Any, final
 
@@ -26,12 +28,9 @@ class Mdf(Log):
 
     def read_all(self, file: Path) -> Raw:
         """Return all channels that hold numbers."""
-        asammdf = library("asammdf", file)
-        try:
-            with asammdf.MDF(file) as content:
-                signals = list(content.iter_channels(skip_master=True, copy_master=True))
-        except Exception as error:  # asammdf has no common base for what damaged files raise
-            raise RecordError(f"{file}: not an MDF file, or a damaged one: {error}") from error
+        signals, fault = _signals(library("asammdf", file), file)
+        if fault:
+            raise RecordError(f"{file}: not an MDF file, or a damaged one: {fault}")
         columns: dict[str, NDArray[Any]] = {}
         clocks: dict[str, str] = {}
         units: dict[str, str] = {}
@@ -45,3 +44,20 @@ class Mdf(Log):
         if not columns:
             raise RecordError(f"{file}: no channel of numbers.")
         return Raw(columns=columns, units=units | dict.fromkeys({*clocks.values()}, "s"), clocks=clocks)
+
+
+def _signals(asammdf: Any, file: Path) -> tuple[list[Any], str]:
+    """Return the signals, or what is wrong with the file."""
+    # A reader of a damaged file, half made, fails once more when it is discarded; that goes to this hook.
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    fault = ""
+    try:
+        with asammdf.MDF(file) as content:
+            return list(content.iter_channels(skip_master=True, copy_master=True)), ""
+    except Exception as error:  # noqa: BLE001 asammdf has no common base for what damaged files raise
+        fault = " ".join(str(error).split()) or type(error).__name__
+    finally:
+        if fault:
+            gc.collect()
+        sys.unraisablehook = hook
+    return [], fault

@@ -13,7 +13,7 @@ from fdbench.record import nth_sample
 
 @final
 class Parquet(Format):
-    """One table, read by pyarrow; fdbench's provenance is in the metadata of its schema. Tests read what pandas writes."""
+    """One table, read by pyarrow; its metadata hold the provenance of fdbench. Tests read what pandas writes."""
 
     suffixes = (".parquet",)
     has_our_names = True

@@ -34,7 +34,7 @@ class _Signal:
 class SinumerikTrace(Log):
     """What SINUMERIK Operate saves of a trace (Diagnostics, Trace): ``traceSession`` with one ``dataFrame``.
 
-    A ``dataSignal`` has an ``interval``, the cycle it was taken in, and an ``id`` by which each ``rec`` gives its value.
+    A ``dataSignal`` has an ``interval``, the cycle it was taken in, and an ``id`` by which a ``rec`` gives its value.
     Signals of the servo cycle are stored where they change, and hold in between; those of the interpolation cycle run
     on a slower clock, which may be shifted. Each interval is a clock here, with a column such as ``time 2 ms``. Samples
     before each signal of a clock has had a value are left out.

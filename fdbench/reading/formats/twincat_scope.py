@@ -72,14 +72,14 @@ class TwincatScope(Log):
                     f"{file}: channel {name} has {len(values)} values at {len(columns[clock])} times. The file was cut."
                 )
             columns[known], clocks[known], units[known] = values, clock, unit
-        end_s = max((float(columns[clock][-1]) for clock in clocks.values() if len(columns[clock])), default=0.0)
-        step_s = max(
-            (float(columns[c][-1] - columns[c][-2]) for c in clocks.values() if len(columns[c]) > 1), default=0.0
-        )
-        if head.span_s - end_s > 1.5 * step_s:
-            raise RecordError(
-                f"{file}: the values end after {end_s:.6g} s, the head says {head.span_s:.6g} s. The file was cut."
-            )
+        for clock in dict.fromkeys(clocks.values()):
+            times = columns[clock]
+            step_s = float(times[-1] - times[-2]) if len(times) > 1 else 0.0
+            if not len(times) or head.span_s - times[-1] > 2.0 * step_s:
+                end_s = float(times[-1]) if len(times) else 0.0
+                raise RecordError(
+                    f"{file}: '{clock}' ends at {end_s:.6g} s, the head says {head.span_s:.6g} s. The file was cut."
+                )
         scaled = "a channel has a scale factor, and the file does not say whether its values are scaled"
         return Raw(columns=columns, units=units, clocks=clocks, notes=[scaled] if head.is_scaled else [])
 

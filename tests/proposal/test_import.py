@@ -1,0 +1,215 @@
+"""Unedited logs of many controllers: what is proposed reads back as the record that was written."""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from proposal import log_writers
+from typer.testing import CliRunner, Result
+
+from fdbench import cli
+from fdbench.diagnosis.model.nominal import load_nominal
+from fdbench.errors import FdbenchError, RecordError
+from fdbench.reading import read_record
+from fdbench.reading.formats import formats
+from fdbench.record import Record
+from fdbench.scenario import load_scenario
+
+RESOLUTION_M, RESOLUTION_NM = 6e-10, 6e-7  # half of the sixth digit behind the point, in mm and N m
+
+
+@pytest.fixture(scope="module")
+def record() -> Record:
+    return load_scenario("BallScrewAxis-v1").record(3).slice(0, 2400)
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(cli.app, ["import", *map(str, arguments)])
+
+
+def refused(words: str, *arguments: object) -> None:
+    """The command ends with 2 and one line that names the file and says what is wrong."""
+    result = run(*arguments)
+    assert result.exit_code == 2, result.output
+    assert re.search(words, result.output), result.output
+    assert result.output.count("\n") == 1
+    assert any(str(argument) in result.output for argument in arguments) or ".toml: " in result.output
+
+
+@pytest.mark.parametrize("name", log_writers.WRITERS)
+def test_what_is_proposed_reads_back_as_written(name: str, record: Record, tmp_path: Path) -> None:
+    file, write = log_writers.WRITERS[name]
+    log = tmp_path / file
+    write(record, log)
+    before = log.read_bytes()
+    result = run(log, "-o", tmp_path)
+    assert result.exit_code == 0, result.output
+    read = read_record(tmp_path / f"{log.stem}.toml")
+    assert log.read_bytes() == before
+    assert read.n_samples == record.n_samples
+    assert read.sampling_time_s == pytest.approx(record.sampling_time_s, rel=1e-6)
+    np.testing.assert_allclose(read["position_m"], record["position_m"], rtol=0.0, atol=RESOLUTION_M)
+    np.testing.assert_allclose(
+        read["reference_position_m"], record["reference_position_m"], rtol=0.0, atol=RESOLUTION_M
+    )
+    np.testing.assert_allclose(read["motor_force_N"], record["motor_torque_Nm"], rtol=0.0, atol=RESOLUTION_NM)
+    model = load_nominal(tmp_path / "model.toml")
+    assert model.axis == "linear"
+    assert model.drive.mass_kg > 0.0
+    assert "CHECK motor_force_N: " in result.output  # torques of a screw whose lead is not in the log
+    assert f"fdbench diagnose --model {tmp_path / 'model.toml'} {tmp_path / log.stem}.toml" in result.output
+
+
+def test_a_trace_on_two_clocks_is_read_at_the_slower_one(record: Record, tmp_path: Path) -> None:
+    log = tmp_path / "trace.xml"
+    log_writers.sinumerik(record, log)
+    result = run(log)
+    assert result.exit_code == 0, result.output
+    assert "2 clocks (time 1 ms, time 2 ms) are read at the slowest, so that no value is invented" in result.output
+    read = read_record(tmp_path / "trace.toml")
+    assert read.sampling_time_s == pytest.approx(2e-3, rel=1e-9)
+    for ours, written in (("table_position_m", "position_m"), ("reference_position_m", "reference_position_m")):
+        np.testing.assert_allclose(read[ours], record[written][1::2], rtol=0.0, atol=RESOLUTION_M)
+    np.testing.assert_allclose(read["motor_force_N"], record["motor_torque_Nm"][1::2], rtol=0.0, atol=RESOLUTION_NM)
+    text = (tmp_path / "trace.toml").read_text().replace('"time 2 ms"', '"time 1 ms"')
+    (tmp_path / "fast.toml").write_text(text)
+    fast = read_record(tmp_path / "fast.toml")
+    np.testing.assert_array_equal(fast["table_position_m"][::2], read["table_position_m"])
+    np.testing.assert_array_equal(fast["table_position_m"][1::2], read["table_position_m"][:-1])  # held
+
+
+@pytest.mark.parametrize("tag", [False, True])
+def test_an_overrun_is_a_gap(tag: bool, record: Record, tmp_path: Path) -> None:
+    log = tmp_path / "hal.txt"
+    log_writers.halsampler(record, log, tag=tag, lost=7)
+    result = run(log)
+    assert result.exit_code == 0, result.output
+    assert "samples: 480 to 2399 of 2400, the longest part without lost samples" in result.output
+    np.testing.assert_allclose(
+        read_record(tmp_path / "hal.toml")["position_m"], record["position_m"][480:], rtol=0.0, atol=RESOLUTION_M
+    )
+    text = (tmp_path / "hal.toml").read_text()
+    (tmp_path / "all.toml").write_text(text.replace("samples = [480, 2400]", ""))
+    with pytest.raises(RecordError, match=r"samples were lost before sample 480 \(line 482\).*samples = \[0, 480\]"):
+        read_record(tmp_path / "all.toml")
+    (tmp_path / "wrong.toml").write_text(text.replace("samples = [480, 2400]", "samples = [480, 2401]"))
+    with pytest.raises(FdbenchError, match=r"samples is \[480, 2401\]; allowed"):
+        read_record(tmp_path / "wrong.toml")
+
+
+def test_turns_make_a_rotary_axis(record: Record, tmp_path: Path) -> None:
+    log_writers.odrive_csv(record, tmp_path / "odrive.csv")
+    result = run(tmp_path / "odrive.csv")
+    assert result.exit_code == 0, result.output
+    assert "in rev: ODrive counts so" in result.output
+    read = read_record(tmp_path / "odrive.toml")
+    np.testing.assert_allclose(read["position_rad"], 200.0 * np.pi * record["position_m"], rtol=0.0, atol=4e-9)
+    np.testing.assert_allclose(read["motor_torque_Nm"], record["motor_torque_Nm"] / 0.5, rtol=0.0, atol=1e-8)
+    assert load_nominal(tmp_path / "model.toml").axis == "rotary"
+
+
+def test_the_sign_of_the_output_and_the_unit_of_speeds_are_seen(record: Record, tmp_path: Path) -> None:
+    mirrored = Record({**record, "motor_torque_Nm": -record["motor_torque_Nm"]})
+    log_writers.bracket_csv(mirrored, tmp_path / "a.csv")
+    result = run(tmp_path / "a.csv")
+    assert "only with gain = -1.0 does mass resist acceleration" in result.output
+    assert "velocity_m_per_s is 'Actual velocity': its name says velocity" in result.output
+    assert re.search(r"in mm/min: it is (60|59\.9\d|60\.0\d) times the derivative of the position", result.output)
+    read = read_record(tmp_path / "a.toml")
+    np.testing.assert_allclose(read["motor_force_N"], record["motor_torque_Nm"], rtol=0.0, atol=RESOLUTION_NM)
+
+
+def test_what_is_missing_is_said(record: Record, tmp_path: Path) -> None:
+    log_writers.klipper(record, tmp_path / "accel.csv")
+    result = run(tmp_path / "accel.csv")
+    assert result.exit_code == 1
+    assert "NOT FOUND: the position." in result.output
+    assert "NOT FOUND: the controller's output" in result.output
+    assert "diagnose" not in result.output
+    assert not (tmp_path / "model.toml").exists()
+    lines = ["q\tF", *(f"{a}\t{b}" for a, b in zip(record["position_m"], record["motor_torque_Nm"], strict=True))]
+    (tmp_path / "b.tsv").write_text("\n".join(lines))
+    refused("no column of times. Give the sampling time: --sampling-time", tmp_path / "b.tsv")
+    result = run(tmp_path / "b.tsv", "--sampling-time", "0.001")
+    assert result.exit_code == 0, result.output
+    assert "NOT FOUND: the commanded position." in result.output
+    assert "CHECK the unit of the positions: m is a guess." in result.output
+    assert read_record(tmp_path / "b.toml").sampling_time_s == pytest.approx(1e-3)
+
+
+def test_several_logs_share_a_model_and_nothing_is_overwritten(record: Record, tmp_path: Path) -> None:
+    files = [tmp_path / "one.csv", tmp_path / "two.csv"]
+    for file in files:
+        log_writers.bracket_csv(record, file)
+    assert run(*files).exit_code == 0
+    assert "one.csv, two.csv" in (tmp_path / "model.toml").read_text()
+    refused("one.toml: exists already", files[0])
+    refused("no such folder", files[0], "-o", tmp_path / "none")
+    log_writers.bracket_csv(record, tmp_path / "one.txt")
+    (tmp_path / "new").mkdir()
+    refused("two files would have this name", files[0], tmp_path / "one.txt", "-o", tmp_path / "new")
+
+
+# ---- bad files ----
+
+CUTS = {
+    "trace.xml": (log_writers.sinumerik, "not valid XML.*The file was cut there"),
+    "scope.csv": (log_writers.twincat, "The file was cut"),
+    "hal.txt": (log_writers.halsampler, "The file was cut there: remove the line|numbers, the first row"),
+    "a.mf4": (log_writers.mdf, "not an MDF file, or a damaged one"),
+    "a.mcap": (log_writers.mcap_json, "not an MCAP file, or a damaged one"),
+    "bag/bag.db3": (log_writers.ros2_bag, "not a ROS 2 bag, or a damaged one"),
+}
+
+
+@pytest.mark.parametrize("name", CUTS)
+def test_cut_files_are_said_to_be(name: str, record: Record, tmp_path: Path) -> None:
+    write, words = CUTS[name]
+    log = tmp_path / name
+    write(record.slice(0, 400), log)
+    content = log.read_bytes()
+    log.write_bytes(content[: len(content) * 3 // 5])
+    refused(words, log)
+    assert not [*log.parent.glob("*.toml")]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.xml", b"", "the file is empty"),
+        ("a.xml", b"<other/>", "records are not read from '.xml' files"),
+        ("a.xml", b"<traceSession>" + b"<a>" * 100_000, "not valid XML"),
+        ("a.xml", b"<!DOCTYPE x [<!ENTITY a 'b'>]><traceSession/>", "a document type"),
+        ("a.xml", b"<traceSession></traceSession>", "without values"),
+        ("a.xml", b"<traceSession><rec time='0' f1='2'/></traceSession>", "has no or an unknown f1"),
+        ("a.csv", b"Name\tx\nFile\ty\nName\tch\nSampleTime[ms]\t1\n\n0\tx\n", "line 6: 'x' is not a number"),
+        ("a.csv", b"Name,x\nFile,y\nName,ch\nSampleTime[ms],1\n", "cells between ','"),
+        ("a.txt", b"1.0 2.0 \n1.0 2.0 \n1.0 2.0 \n1.0 x \n", "no line of at least two numbers|halsampler writes"),
+        ("a.csv", b"some words\n", "no table of samples"),
+        ("a.csv", b"1,2\n3,4\n", "no line above it as many names"),
+        ("a.mcap", b"\x89MCAP0\r\nxx", "not an MCAP file"),
+        ("a.db3", b"SQLite format 3\x00", "no metadata.yaml beside it"),
+        ("a.mf4", b"MDF     4.10", "not an MDF file"),
+        ("a.bin", b"\x00\x01", "records are not read from '.bin' files"),
+    ],
+)
+def test_bad_files_get_one_message(name: str, content: bytes, words: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(content)
+    refused(words, tmp_path / name)
+
+
+def test_a_missing_package_is_named_with_its_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "asammdf", None)
+    (tmp_path / "a.mf4").write_bytes(b"MDF     4.10")
+    with pytest.raises(RecordError, match=r"package asammdf, which is not installed.* pip install 'fdbench\[logs\]'"):
+        formats.get("mdf")().read(tmp_path / "a.mf4", {"x"})
+
+
+def test_logs_need_a_mapping(record: Record, tmp_path: Path) -> None:
+    log_writers.halsampler(record, tmp_path / "hal.txt")
+    with pytest.raises(
+        RecordError, match=r"format halsampler need a mapping file; `fdbench import hal.txt` writes one"
+    ):
+        read_record(tmp_path / "hal.txt")
