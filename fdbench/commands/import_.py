@@ -11,7 +11,10 @@ INCOMPLETE = 1
 
 
 def import_(
-    files: Annotated[list[Path], typer.Argument(help="Logs of one axis as its controller wrote them.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(help="Logs of one axis as its controller wrote them, or mappings, for a model alone."),
+    ],
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Folder for the files; without it, beside each log.")
     ] = None,
@@ -20,28 +23,32 @@ def import_(
     ] = None,
 ) -> None:
     """Propose a mapping for each log and a first model of the axis, and say what was guessed and why."""
-    from fdbench.proposal import propose
+    from fdbench.proposal import of_mapping, propose
     from fdbench.reading import format_of
 
     if output is not None and not output.is_dir():
         raise SpecError(f"--output {output}: no such folder.")
+    are_mappings = all(file.suffix.lower() == ".toml" for file in files)
     written = [(output or file.parent) / f"{file.stem}.toml" for file in files]
     model = written[0].with_name("model.toml")
-    for path in [*written, model]:
+    for path in [model] if are_mappings else [*written, model]:
         if path.exists():
             raise SpecError(f"{path}: exists already. Remove it, or name another folder by --output.")
         if [*written, model].count(path) > 1:
             raise SpecError(f"{path}: two files would have this name. Rename a log, or import them one by one.")
-    kinds = [format_of(file) for file in files]
-    proposals = [
-        propose(file, kind, path.parent, sampling_time) for file, kind, path in zip(files, kinds, written, strict=True)
-    ]
-    for file, kind, path, proposal in zip(files, kinds, written, proposals, strict=True):
-        path.write_text(proposal.mapping, encoding="utf-8")
-        typer.echo(f"{file}: {kind.name}" + (f", {proposal.record.n_samples} samples" if proposal.record else ""))
+    if are_mappings:
+        written, proposals = files, [of_mapping(file) for file in files]
+    else:
+        kinds = [format_of(file) for file in files]
+        proposals = [propose(*each, sampling_time) for each in zip(files, kinds, written, strict=True)]
+    for file, path, proposal in zip(files, written, proposals, strict=True):
+        name = "" if are_mappings else f" {proposal.format}"
+        typer.echo(f"{file}:{name}" + (f", {proposal.record.n_samples} samples" if proposal.record else ""))
         for line in (*proposal.found, *(f"left out {line}" for line in proposal.left_out)):
             typer.echo(f"  {line}")
-        typer.echo(f"  -> {path}")
+        if not are_mappings:
+            path.write_text(proposal.mapping, encoding="utf-8")
+            typer.echo(f"  -> {path}")
     best = next((proposal for proposal in proposals if proposal.record is not None), None)
     if best is not None:
         model.write_text(best.model([file.name for file in files]), encoding="utf-8")

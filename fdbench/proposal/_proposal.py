@@ -16,7 +16,7 @@ from fdbench.proposal._data import balance
 from fdbench.proposal._names import Column, column, turns
 from fdbench.proposal._roles import Role, roles
 from fdbench.proposal._units import output, position_unit, speed_unit
-from fdbench.reading import read_mapped
+from fdbench.reading import read_mapped, read_record
 from fdbench.reading.formats import Format
 from fdbench.record import Record
 from fdbench.rotary import LINEAR, ROTARY, rotary_name, words_of_rotary
@@ -39,6 +39,8 @@ class Proposal:
         What the mapping reads; None where something needed was not found.
     axis : str
         ``linear`` or ``rotary``.
+    format : str
+        Format of the log; empty where a mapping was given.
     """
 
     mapping: str = ""
@@ -47,6 +49,7 @@ class Proposal:
     to_do: list[str] = field(default_factory=list)
     record: Record | None = None
     axis: str = LINEAR
+    format: str = ""
 
     def model(self, files: Sequence[str]) -> str:
         """Return a first model of the axis, without its controller, by the record."""
@@ -74,7 +77,24 @@ class Proposal:
         return text
 
 
-def propose(file: Path, kind: type[Format], folder: Path, sampling_time_s: float | None = None) -> Proposal:
+def of_mapping(file: Path) -> Proposal:
+    """Return a proposal of a model alone, from a mapping that stands.
+
+    Raises
+    ------
+    RecordError
+        If the mapping or its log is at fault, or gives no force in newtons, or torque of a rotary axis.
+    """
+    record = read_record(file)
+    axis = ROTARY if "position_rad" in record else LINEAR
+    needed = [name if axis == LINEAR else rotary_name(name) for name in ("position_m", "motor_force_N")]
+    missing = [name for name in needed if name not in record]
+    if missing:
+        raise RecordError(f"{file}: no column {missing[0]}, of which a first model is made. Map one, with its gain.")
+    return Proposal(record=record, axis=axis)
+
+
+def propose(file: Path, kind: type[Format], mapping: Path, sampling_time_s: float | None = None) -> Proposal:
     """Return a mapping for a log, from names, units and a look at the data, which stay as they are.
 
     Parameters
@@ -83,8 +103,8 @@ def propose(file: Path, kind: type[Format], folder: Path, sampling_time_s: float
         The log.
     kind : type of Format
         Its format.
-    folder : path
-        Where the mapping will lie.
+    mapping : path
+        Where the mapping will lie; its folder counts.
     sampling_time_s : float or None
         Sampling time, where the log has no times.
 
@@ -107,8 +127,8 @@ def propose(file: Path, kind: type[Format], folder: Path, sampling_time_s: float
         for name, values in clock.columns.items()
     ]
     found = roles(columns, clock.step_s)
-    proposal = Proposal(found=[*clock.found, *raw.notes], to_do=[*clock.to_do])
-    settings: dict[str, object] = {"file": os.path.relpath(file, folder), "format": kind.name}
+    proposal = Proposal(found=[*clock.found, *raw.notes], to_do=[*clock.to_do], format=kind.name)
+    settings: dict[str, object] = {"file": os.path.relpath(file, mapping.parent), "format": kind.name}
     if dataclasses.is_dataclass(reader):
         keys = dataclasses.fields(reader)
         settings |= {key.name: getattr(reader, key.name) for key in keys if getattr(reader, key.name) != key.default}
@@ -136,7 +156,7 @@ def propose(file: Path, kind: type[Format], folder: Path, sampling_time_s: float
     proposal.mapping = _mapping_text(proposal, settings | time_settings, time_lines + lines)
     if not missing:
         try:
-            proposal.record = read_mapped(tomllib.loads(proposal.mapping), folder, str(file))
+            proposal.record = read_mapped(tomllib.loads(proposal.mapping), mapping.parent, str(mapping))
         except FdbenchError as error:
             proposal.to_do.append(f"The mapping does not read yet: {error}")
     return proposal

@@ -89,8 +89,8 @@ def output(role: Role, is_rotary: bool) -> tuple[str, str, str]:
         "V": f"the drive's constant in {target}/V",
     }.get(si, f"what 1 is in {target}")
     check = (
-        f"{name}: {counted} as 1 {target} until you give {gain} as gain. Causes and shares do not depend on it; "
-        "sizes of masses and forces do."
+        f"{name}: {counted} as 1 {target} until you give {gain} as gain. Causes and shares do not depend on it, "
+        "sizes of masses and forces do. Import the corrected mapping for its model."
     )
     return name, keys, check
 

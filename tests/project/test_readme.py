@@ -24,7 +24,7 @@ PAGES += sorted((REPOSITORY / "examples").rglob("*.md"))
 BLOCK = re.compile(r"(?P<before>[^\n]*)\n+```(?P<language>\w*)\n(?P<text>.*?)^```$", re.M | re.S)
 SLOW = "<!-- slow -->"
 COMMANDS = (
-    *("list", "run", "verify", "reproduce", "leaderboard", "compare", "report", "record"),
+    *("list", "import", "run", "verify", "reproduce", "leaderboard", "compare", "report", "record"),
     *("diagnose", "evaluate", "show", "plot", "trial", "check"),
 )
 
@@ -102,6 +102,19 @@ def test_blocks_on_evaluation_do_what_they_say(tmp_path: Path) -> None:
     options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
     assert doctest.OutputChecker().check_output(expected.text, printed, options), printed
     assert (tmp_path / "evaluation.html").is_file()
+
+
+def test_blocks_on_logs_do_what_they_say(tmp_path: Path) -> None:
+    (tmp_path / "scenarios").symlink_to(REPOSITORY / "scenarios")
+    printed, compared = "", 0
+    for block in blocks(REPOSITORY / "docs" / "how-to" / "logs.md"):
+        if block.language in ("python", "sh"):
+            printed = run(block, tmp_path)
+        else:
+            options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+            assert doctest.OutputChecker().check_output(block.text, printed, options), printed
+            compared += 1
+    assert compared == 3
 
 
 def test_slow_blocks_are_targets_of_make() -> None:

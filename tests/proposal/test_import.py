@@ -152,6 +152,25 @@ def test_several_logs_share_a_model_and_nothing_is_overwritten(record: Record, t
     refused("two files would have this name", files[0], tmp_path / "one.txt", "-o", tmp_path / "new")
 
 
+def test_a_corrected_mapping_gives_a_model_anew(record: Record, tmp_path: Path) -> None:
+    log_writers.bracket_csv(record, tmp_path / "a.csv")
+    assert run(tmp_path / "a.csv").exit_code == 0
+    first = load_nominal(tmp_path / "model.toml").drive
+    mapping = tmp_path / "a.toml"
+    corrected = mapping.read_text().replace("gain = 1.0", "gain = 628.3185")
+    mapping.write_text(corrected)
+    refused("model.toml: exists already", mapping)
+    (tmp_path / "model.toml").unlink()
+    assert run(mapping).exit_code == 0
+    assert mapping.read_text() == corrected
+    second = load_nominal(tmp_path / "model.toml").drive
+    assert second.mass_kg == pytest.approx(628.3185 * first.mass_kg, rel=1e-3)
+    assert second.mass_kg == pytest.approx(load_scenario("BallScrewAxis-v1").plant.mass_kg, rel=0.15)  # the data sheet
+    (tmp_path / "model.toml").unlink()
+    mapping.write_text(corrected.replace("motor_force_N", "motor_torque_Nm").replace("gain = 628.3185", "gain = 1.0"))
+    refused("no column motor_force_N, of which a first model is made", mapping)
+
+
 # ---- bad files ----
 
 CUTS = {
