@@ -42,8 +42,9 @@ def import_(
         kinds = [format_of(file) for file in files]
         proposals = [propose(*each, sampling_time) for each in zip(files, kinds, written, strict=True)]
     for file, path, proposal in zip(files, written, proposals, strict=True):
-        name = "" if are_mappings else f" {proposal.format}"
-        typer.echo(f"{file}:{name}" + (f", {proposal.record.n_samples} samples" if proposal.record else ""))
+        said = [proposal.format] if proposal.format else []
+        said += [f"{proposal.record.n_samples} samples"] if proposal.record else []
+        typer.echo(f"{file}: {', '.join(said)}")
         for line in (*proposal.found, *(f"left out {line}" for line in proposal.left_out)):
             typer.echo(f"  {line}")
         if not are_mappings:

@@ -214,7 +214,11 @@ def _unused(item: Column) -> str:
 
 
 def _mapping_text(proposal: Proposal, settings: dict[str, object], lines: Sequence[str]) -> str:
-    said = [*proposal.found, *(line for line in proposal.to_do)]
-    head = ["# Proposed by `fdbench import`; correct what is wrong.", *(f"# {line}" for line in said), ""]
+    said = [*proposal.found, *proposal.to_do]
+    head = [
+        "# Proposed by `fdbench import`; correct what is wrong.",
+        *(f"# {' '.join(line.split())}" for line in said),
+        "",
+    ]
     record = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in settings.items()]
     return "\n".join([*head, "[record]", *record, "", "[columns]", *lines, ""])

@@ -171,6 +171,22 @@ def test_a_corrected_mapping_gives_a_model_anew(record: Record, tmp_path: Path) 
     refused("no column motor_force_N, of which a first model is made", mapping)
 
 
+@pytest.mark.parametrize(
+    ("above", "names", "end"),
+    [("", "# t q_cmd q F", ""), ("# made by hand\n# 3 runs\n", "# t q_cmd q F", ""), ("x,y\n", "t q_cmd q F", ",")],
+    ids=["names in a comment", "below other comments", "a mark at the end of each line"],
+)
+def test_headers_of_tables(above: str, names: str, end: str, record: Record, tmp_path: Path) -> None:
+    keys = ("time_s", "reference_position_m", "position_m", "motor_torque_Nm")
+    rows = [",".join(map(repr, map(float, row))) + end for row in zip(*(record[key] for key in keys), strict=True)]
+    (tmp_path / "a.csv").write_text(above + "\n".join([names.replace(" ", ",").replace("#,", "# ") + end, *rows]))
+    result = run(tmp_path / "a.csv")
+    assert result.exit_code == 0, result.output
+    read = read_record(tmp_path / "a.toml")
+    np.testing.assert_array_equal(read["position_m"], record["position_m"])
+    np.testing.assert_array_equal(read["reference_position_m"], record["reference_position_m"])
+
+
 # ---- bad files ----
 
 CUTS = {

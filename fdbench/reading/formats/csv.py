@@ -83,10 +83,11 @@ class Csv(Format):
     @classmethod
     def survey(cls, file: Path) -> tuple[Self, Raw]:
         """Return how a file is written, by the layout in which most cells are numbers, and all columns of numbers."""
+        content = file.read_bytes()
         try:
-            encoding, rows = "utf-8", file.read_bytes().decode("utf-8-sig").splitlines()
+            encoding, rows = "utf-8", content.decode("utf-8-sig").splitlines()
         except UnicodeDecodeError:
-            encoding, rows = "cp1252", file.read_bytes().decode("cp1252", errors="replace").splitlines()
+            encoding, rows = "cp1252", content.decode("cp1252", errors="replace").splitlines()
         head = rows[: 2 * LONGEST_PREAMBLE]
         layouts = [(mark, decimal) for mark in DELIMITERS for decimal in ".," if mark != decimal]
         found = max(layouts, key=lambda layout: sum(numbers_in(row, *layout) for row in head))
