@@ -1,13 +1,14 @@
 """The clock of a log: its column of times, or the sampling time, and the part of the log that is whole."""
 
 import json
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from fdbench.errors import RecordError
-from fdbench.proposal._data import longest_whole
+from fdbench.proposal._data import jumps, longest_whole
 from fdbench.proposal._names import Column, column
 from fdbench.proposal._units import time_unit
 from fdbench.reading.formats import Format, Raw, on_clock
@@ -57,7 +58,9 @@ class Clock:
         self.columns = {name: values for name, values in columns.items() if name not in self.left_out}
         self.times = {*self._clocks} | ({self._time} - {""})
         seconds = self._seconds(self.columns[self._time]) if self._time else None
-        self.whole = longest_whole([*self.columns.values()], seconds, [*raw.gaps])
+        found = [place for values in self.columns.values() if np.isfinite(values).all() for place in jumps(values)]
+        together = [place for place, count in Counter(found).items() if count > 1]
+        self.whole = longest_whole([*self.columns.values()], seconds, [*raw.gaps, *together])
         self.columns = {name: values for name, values in self.columns.items() if name not in self.times}
         if len(self.whole) < 3 or not self.columns:
             raise RecordError(f"{file}: no three samples in a row in which all columns are numbers.")
@@ -66,14 +69,20 @@ class Clock:
         else:
             self._assume(kind, sampling_time_s)
 
-    def final(self, used: set[str]) -> tuple[list[FloatArray], FloatArray | None]:
-        """Return the used columns and their times, as the mapping will read them."""
+    def samples(self, used: set[str], position: str) -> tuple[range, int]:
+        """Return the longest whole part of the used columns as the mapping will read them, and how many there are.
+
+        Where the position jumps, samples were lost.
+        """
         raw = self._raw
         kept = {name: values for name, values in raw.columns.items() if name in used}
         columns = on_clock(replace(raw, columns=kept), self._time or None, str(self._file)).columns
-        self.final_length = len(next(iter(columns.values())))
-        values = [np.asarray(column, dtype=np.float64) for column in columns.values()]
-        return values, self._seconds(columns[self._time]) if self._time in columns else None
+        values = {name: np.asarray(column, dtype=np.float64) for name, column in columns.items()}
+        lost = jumps(values[position]) if np.isfinite(values[position]).all() else []
+        if lost:
+            self.found.append(f"'{position}' jumps at sample {lost[0]} ({len(lost)} in all): samples were lost there")
+        seconds = self._seconds(values[self._time]) if self._time in values else None
+        return longest_whole([*values.values()], seconds, [*raw.gaps, *lost]), len(values[position])
 
     def mapped(self, used: list[Column], found: list[str], to_do: list[str]) -> tuple[list[str], dict[str, object]]:
         """Return the line of time in [columns], or the key in [record], and say why."""
@@ -138,9 +147,3 @@ class Clock:
     def _median_step(self, name: str) -> float:
         times = self._raw.columns[name]
         return float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-
-
-def samples_of(read: tuple[list[FloatArray], FloatArray | None], raw: Raw) -> range:
-    """Return the longest whole part of columns as they are read."""
-    columns, seconds = read
-    return longest_whole(columns, seconds, [*raw.gaps])

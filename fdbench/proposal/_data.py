@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from fdbench.record import FloatArray
 
 SMOOTHED_S = 0.03  # over which positions are smoothed before they are differentiated
+JUMP = 4.0  # times what is usual
+TOLD = 0.5  # share of a difference that speed or acceleration explain
 FEWEST_LEVELS = 10  # below, a column is a switch or a mode
 
 
@@ -68,6 +70,36 @@ def balance(force: FloatArray, position: FloatArray, step_s: float) -> Balance:
 def roughness(values: FloatArray) -> float:
     """Return how much a column jumps from sample to sample; a command is smoother than what follows it."""
     return float(np.sqrt(np.mean(np.diff(values, 3) ** 2)))
+
+
+def jumps(values: FloatArray) -> list[int]:
+    """Return the samples at which a column jumps alone: far more than usual, and than right before and after.
+
+    >>> jumps(np.array([0.0, 1.0, 2.0, 3.0, 30.0, 31.0, 32.0, 33.0]))
+    [4]
+    """
+    steps = np.abs(np.diff(values))
+    moving = steps[steps > 0.0]
+    if not len(moving):
+        return []
+    beside = np.concatenate(([0.0], steps, [0.0]))
+    around = np.maximum(beside[:-2], beside[2:])
+    usual = float(np.percentile(moving, 90.0, method="lower"))
+    return [int(place) + 1 for place in np.flatnonzero((steps > JUMP * usual) & (steps > JUMP * around))]
+
+
+def leads(one: FloatArray, other: FloatArray, step_s: float) -> tuple[bool, str]:
+    """Return whether one of two nearly equal columns is the command of the other, and by what it is told.
+
+    What follows lags behind while it moves, or else while it accelerates; else it is the rougher one, by noise.
+    """
+    ahead = one - other
+    for order, words in ((1, "it is ahead in speed"), (2, "it is ahead in acceleration")):
+        moving = derivative(0.5 * (one + other), step_s, order)
+        factor, share = slope(derivative(ahead, step_s, 0), moving)
+        if share > TOLD:
+            return factor > 0.0, words
+    return roughness(one) < roughness(other), "it is smoother"
 
 
 def is_signal(values: FloatArray) -> bool:

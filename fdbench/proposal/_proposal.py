@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from fdbench.errors import FdbenchError, RecordError
-from fdbench.proposal._clock import Clock, samples_of
+from fdbench.proposal._clock import Clock
 from fdbench.proposal._data import balance
 from fdbench.proposal._names import Column, column, turns
 from fdbench.proposal._roles import Role, roles
@@ -146,11 +146,13 @@ def propose(file: Path, kind: type[Format], mapping: Path, sampling_time_s: floa
             "NOT FOUND: the commanded position. A diagnosis works without, but sees less: log it where you can."
         )
     if not missing:
-        stretch = samples_of(clock.final(used), raw)
-        if len(stretch) < clock.final_length:
+        said = len(clock.found)
+        stretch, length = clock.samples(used, found["position"].column.name)
+        proposal.found += clock.found[said:]
+        if len(stretch) < length:
             time_settings["samples"] = [stretch.start, stretch.stop]
             proposal.found.append(
-                f"samples: {stretch.start} to {stretch.stop - 1} of {clock.final_length}, the longest part without "
+                f"samples: {stretch.start} to {stretch.stop - 1} of {length}, the longest part without "
                 "lost samples and values that are no numbers"
             )
     proposal.mapping = _mapping_text(proposal, settings | time_settings, time_lines + lines)

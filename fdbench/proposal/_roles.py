@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fdbench.proposal._data import balance, derivative, is_signal, roughness, slope
+from fdbench.proposal._data import balance, derivative, is_signal, leads, slope
 from fdbench.proposal._names import Column
 from fdbench.record import FloatArray
 
@@ -80,10 +80,11 @@ def _by_data(signals: Sequence[Column], step_s: float) -> dict[str, Role]:
     ]
     if equal:
         _, a, b = max(equal)
-        command, actual = sorted((signals[a], signals[b]), key=lambda item: roughness(item.values))
+        is_first, words = leads(signals[a].values, signals[b].values, step_s)
+        command, actual = (signals[a], signals[b]) if is_first else (signals[b], signals[a])
         found = {
-            "position": Role(actual, f"by the data: nearly equal to '{command.name}', and rougher"),
-            "reference_position": Role(command, f"by the data: nearly equal to '{actual.name}', and smoother"),
+            "position": Role(actual, f"by the data: nearly equal to '{command.name}', and follows it"),
+            "reference_position": Role(command, f"by the data: nearly equal to '{actual.name}', and {words}"),
         }
     else:
         origins = [a for a in range(len(signals)) if any(a in others for others in parents) and not parents[a]]

@@ -99,6 +99,21 @@ def test_an_overrun_is_a_gap(tag: bool, record: Record, tmp_path: Path) -> None:
         read_record(tmp_path / "wrong.toml")
 
 
+def test_a_log_of_linuxcnc_itself(tmp_path: Path) -> None:
+    """By halsampler 2.9.0~pre1: limit3, pid and two integ as an axis, its buffer of 200 rows full after 197.
+
+    Pins: command, position, output of pid, velocity. The integrators make force the acceleration: a mass of 1.
+    """
+    result = run(Path(__file__).with_name("linuxcnc.log"), "-o", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert "'pin.1' jumps at sample 197 (1 in all): samples were lost there" in result.output
+    rows = np.loadtxt(Path(__file__).with_name("linuxcnc.log"), comments="overrun")[197:]
+    read = read_record(tmp_path / "linuxcnc.toml")
+    for name, column, factor in (("reference_position_m", 0, 1e-3), ("position_m", 1, 1e-3), ("motor_force_N", 2, 1.0)):
+        np.testing.assert_allclose(read[name], factor * rows[:, column], rtol=1e-14)
+    assert load_nominal(tmp_path / "model.toml").drive.mass_kg == pytest.approx(1e3, rel=0.1)  # as 1 mm/s^2 needs 1
+
+
 def test_turns_make_a_rotary_axis(record: Record, tmp_path: Path) -> None:
     log_writers.odrive_csv(record, tmp_path / "odrive.csv")
     result = run(tmp_path / "odrive.csv")
