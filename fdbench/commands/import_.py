@@ -55,6 +55,11 @@ def import_(
         model.write_text(best.model([file.name for file in files]), encoding="utf-8")
         typer.echo(f"A first model, {best.axis}, without controller: {model}")
     to_do = dict.fromkeys(line for proposal in proposals for line in proposal.to_do)
+    differing = [
+        str(path) for path, proposal in zip(written, proposals, strict=True) if proposal.lines != proposals[0].lines
+    ]
+    if differing:
+        to_do[f"CHECK the columns of {', '.join(differing)}: they are not those of {written[0]}."] = None
     typer.echo("\n".join(["To do:", *(f"  - {line}" for line in to_do)]) if to_do else "Nothing to fill in.")
     if any(proposal.record is None for proposal in proposals):
         raise typer.Exit(INCOMPLETE)

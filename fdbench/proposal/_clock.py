@@ -9,7 +9,7 @@ import numpy as np
 
 from fdbench.errors import RecordError
 from fdbench.proposal._data import jumps, longest_whole
-from fdbench.proposal._names import Column, column
+from fdbench.proposal._names import LogColumn, column
 from fdbench.proposal._units import time_unit
 from fdbench.reading.formats import Format, Raw, on_clock
 from fdbench.record import FloatArray, check_clock
@@ -84,7 +84,7 @@ class Clock:
         seconds = self._seconds(values[self._time]) if self._time in values else None
         return longest_whole([*values.values()], seconds, [*raw.gaps, *lost]), len(values[position])
 
-    def mapped(self, used: list[Column], found: list[str], to_do: list[str]) -> tuple[list[str], dict[str, object]]:
+    def mapped(self, used: list[LogColumn], found: list[str], to_do: list[str]) -> tuple[list[str], dict[str, object]]:
         """Return the line of time in [columns], or the key in [record], and say why."""
         if not self._time:
             return [], {"sampling_time_s": self.step_s}

@@ -45,7 +45,7 @@ _ODRIVE = {
 
 
 @dataclass(frozen=True)
-class Column:
+class LogColumn:
     """A column of a log and what its name says; ``unit`` is one of ours or empty, ``why`` says where it is from."""
 
     name: str
@@ -58,7 +58,7 @@ class Column:
     clock: str
 
 
-def column(name: str, values: FloatArray, unit: str, label: str, clock: str) -> Column:
+def column(name: str, values: FloatArray, unit: str, label: str, clock: str) -> LogColumn:
     """Return a column with what its name, its label and the unit that the file gives say."""
     stem, known, why = name, spelt_unit(unit), "the file says so"
     if not known and (found := _BRACKETS.match(name)):
@@ -75,7 +75,7 @@ def column(name: str, values: FloatArray, unit: str, label: str, clock: str) -> 
         quantity = _MEASURED.get(si_unit(known, name)[0], ("", False))[0]
     side = next((key for key, pattern in _SIDES.items() if re.search(pattern, said)), "")
     is_reference = re.search(_REFERENCE, said) is not None
-    return Column(name, values, quantity, side, is_reference, known, why if known else "", clock)
+    return LogColumn(name, values, quantity, side, is_reference, known, why if known else "", clock)
 
 
 def turns(unit: str) -> bool:

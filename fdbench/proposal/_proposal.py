@@ -13,7 +13,7 @@ import numpy as np
 from fdbench.errors import FdbenchError, RecordError
 from fdbench.proposal._clock import Clock
 from fdbench.proposal._data import balance
-from fdbench.proposal._names import Column, column, turns
+from fdbench.proposal._names import LogColumn, column, turns
 from fdbench.proposal._roles import Role, roles
 from fdbench.proposal._units import output, position_unit, speed_unit
 from fdbench.reading import read_mapped, read_record
@@ -41,6 +41,8 @@ class Proposal:
         ``linear`` or ``rotary``.
     format : str
         Format of the log; empty where a mapping was given.
+    lines : list of str
+        The lines of [columns] in the mapping.
     """
 
     mapping: str = ""
@@ -50,6 +52,7 @@ class Proposal:
     record: Record | None = None
     axis: str = LINEAR
     format: str = ""
+    lines: list[str] = field(default_factory=list)
 
     def model(self, files: Sequence[str]) -> str:
         """Return a first model of the axis, without its controller, by the record."""
@@ -134,7 +137,7 @@ def propose(file: Path, kind: type[Format], mapping: Path, sampling_time_s: floa
         settings |= {key.name: getattr(reader, key.name) for key in keys if getattr(reader, key.name) != key.default}
     chosen = [role.column for role in found.values()]
     time_lines, time_settings = clock.mapped(chosen, proposal.found, proposal.to_do)
-    lines = _columns(found, clock.step_s, kind, proposal)
+    proposal.lines = time_lines + _columns(found, clock.step_s, kind, proposal)
     used = {role.column.name for role in found.values()} | clock.times
     unused = [item for item in columns if item.name not in used]
     proposal.left_out += [_unused(item) for item in unused]
@@ -155,7 +158,7 @@ def propose(file: Path, kind: type[Format], mapping: Path, sampling_time_s: floa
                 f"samples: {stretch.start} to {stretch.stop - 1} of {length}, the longest part without "
                 "lost samples and values that are no numbers"
             )
-    proposal.mapping = _mapping_text(proposal, settings | time_settings, time_lines + lines)
+    proposal.mapping = _mapping_text(proposal, settings | time_settings)
     if not missing:
         try:
             proposal.record = read_mapped(tomllib.loads(proposal.mapping), mapping.parent, str(mapping))
@@ -207,7 +210,7 @@ def _columns(found: dict[str, Role], step_s: float, kind: type[Format], proposal
     return lines
 
 
-def _unused(item: Column) -> str:
+def _unused(item: LogColumn) -> str:
     words = {
         "error": "a following error, which position and command contain",
         "": "its name says nothing that is needed",
@@ -215,7 +218,7 @@ def _unused(item: Column) -> str:
     return f"'{item.name}': {words.get(item.quantity, f'another {item.quantity}, not needed')}"
 
 
-def _mapping_text(proposal: Proposal, settings: dict[str, object], lines: Sequence[str]) -> str:
+def _mapping_text(proposal: Proposal, settings: dict[str, object]) -> str:
     said = [*proposal.found, *proposal.to_do]
     head = [
         "# Proposed by `fdbench import`; correct what is wrong.",
@@ -223,4 +226,4 @@ def _mapping_text(proposal: Proposal, settings: dict[str, object], lines: Sequen
         "",
     ]
     record = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in settings.items()]
-    return "\n".join([*head, "[record]", *record, "", "[columns]", *lines, ""])
+    return "\n".join([*head, "[record]", *record, "", "[columns]", *proposal.lines, ""])

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fdbench.proposal._data import balance, derivative, is_signal, leads, slope
-from fdbench.proposal._names import Column
+from fdbench.proposal._names import LogColumn
 from fdbench.record import FloatArray
 
 # From here on the data say that a column is the derivative of another, or the same quantity.
@@ -16,11 +16,11 @@ IS_DERIVATIVE, IS_SAME, IS_ERROR = 0.9, 0.999, 0.99
 class Role(NamedTuple):
     """A column of the log for a column of the record, without its unit, and why."""
 
-    column: Column
+    column: LogColumn
     why: str
 
 
-def roles(columns: Sequence[Column], step_s: float) -> dict[str, Role]:
+def roles(columns: Sequence[LogColumn], step_s: float) -> dict[str, Role]:
     """Return the columns for ``position``, ``reference_position``, ``motor_position``, ``table_position``, ``output``.
 
     Also ``velocity`` and ``reference_velocity``. What cannot be told is left out.
@@ -31,7 +31,7 @@ def roles(columns: Sequence[Column], step_s: float) -> dict[str, Role]:
     return _by_data(signals, step_s)
 
 
-def _by_names(signals: Sequence[Column], step_s: float) -> dict[str, Role]:
+def _by_names(signals: Sequence[LogColumn], step_s: float) -> dict[str, Role]:
     places = [item for item in signals if item.quantity == "position"]
     measured = [item for item in places if not item.is_reference] or places
     found: dict[str, Role] = {}
@@ -65,7 +65,7 @@ def _by_names(signals: Sequence[Column], step_s: float) -> dict[str, Role]:
     return {**found, **_output(commanded, position, step_s, "its name or unit says so")}
 
 
-def _by_data(signals: Sequence[Column], step_s: float) -> dict[str, Role]:
+def _by_data(signals: Sequence[LogColumn], step_s: float) -> dict[str, Role]:
     """Return roles of columns whose names say nothing: two positions are nearly equal, speeds are their derivatives."""
     moving = [derivative(item.values, step_s) for item in signals]
     parents = [
@@ -101,7 +101,7 @@ def _by_data(signals: Sequence[Column], step_s: float) -> dict[str, Role]:
     return {**found, **_output(left, actual, step_s, "by the data")}
 
 
-def _output(candidates: Sequence[Column], position: Column, step_s: float, why: str) -> dict[str, Role]:
+def _output(candidates: Sequence[LogColumn], position: LogColumn, step_s: float, why: str) -> dict[str, Role]:
     if not candidates:
         return {}
     fits = [(balance(item.values, position.values, step_s).explained, item) for item in candidates]
@@ -110,7 +110,7 @@ def _output(candidates: Sequence[Column], position: Column, step_s: float, why: 
     return {"output": Role(best, f"{why}; mass and friction along the motion explain {max(share, 0.0):.0%} of it")}
 
 
-def _farthest(candidates: Sequence[Column]) -> Column:
+def _farthest(candidates: Sequence[LogColumn]) -> LogColumn:
     return max(candidates, key=lambda item: float(np.ptp(item.values)))
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fdbench.proposal._data import derivative, slope
-from fdbench.proposal._names import Column, turns
+from fdbench.proposal._names import LogColumn, turns
 from fdbench.proposal._roles import Role
 from fdbench.units import si_unit
 
@@ -23,14 +23,14 @@ class Unit(NamedTuple):
     is_guess: bool = False
 
 
-def position_unit(column: Column, speeds: list[Column], step_s: float, usual: str) -> Unit:
+def position_unit(column: LogColumn, speeds: list[LogColumn], step_s: float, usual: str) -> Unit:
     """Return the unit of the position.
 
     Parameters
     ----------
-    column : Column
+    column : LogColumn
         The position.
-    speeds : list of Column
+    speeds : list of LogColumn
         Its derivatives in the log.
     step_s : float
         Sampling time.
@@ -52,7 +52,7 @@ def position_unit(column: Column, speeds: list[Column], step_s: float, usual: st
     return Unit(name, f"GUESS: by its range of {size:.4g}", True)
 
 
-def speed_unit(column: Column, position: Column, unit: str, step_s: float) -> Unit | None:
+def speed_unit(column: LogColumn, position: LogColumn, unit: str, step_s: float) -> Unit | None:
     """Return the unit of a speed by that of the position, or None where they contradict or none fits."""
     factor = slope(column.values, derivative(position.values, step_s))[0]
     if factor <= 0.0:

@@ -161,6 +161,13 @@ def test_several_logs_share_a_model_and_nothing_is_overwritten(record: Record, t
     assert run(*files).exit_code == 0
     assert "one.csv, two.csv" in (tmp_path / "model.toml").read_text()
     refused("one.toml: exists already", files[0])
+    turned = tmp_path / "turned"
+    turned.mkdir()
+    log_writers.bracket_csv(Record({**record, "motor_torque_Nm": -record["motor_torque_Nm"]}), tmp_path / "three.csv")
+    result = run(files[0], tmp_path / "three.csv", "-o", turned)
+    assert (
+        f"CHECK the columns of {turned / 'three.toml'}: they are not those of {turned / 'one.toml'}." in result.output
+    )
     refused("no such folder", files[0], "-o", tmp_path / "none")
     log_writers.bracket_csv(record, tmp_path / "one.txt")
     (tmp_path / "new").mkdir()

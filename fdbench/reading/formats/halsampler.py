@@ -23,7 +23,7 @@ class Halsampler(Log):
 
     Layout from the manual page halsampler(1) and LinuxCNC's ``src/hal/components/sampler_usr.c`` (version 2.9), which
     prints ``%f`` and a blank for each float. One sample in the tests is by LinuxCNC 2.9.0~pre1, the others are written
-    after these. That version writes ``overrun`` where rows from before its start were lost, but where its buffer ran full
+    after these. That version writes ``overrun`` where rows before its start were lost, but where its buffer ran full
     later, rows are missing without a mark and without a gap in their numbers: only the values jump.
     """
 
