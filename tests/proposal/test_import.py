@@ -209,6 +209,41 @@ def test_headers_of_tables(above: str, names: str, end: str, record: Record, tmp
     np.testing.assert_array_equal(read["reference_position_m"], record["reference_position_m"])
 
 
+def table(file: Path, **columns: object) -> None:
+    """Write columns as CSV; names have their blanks and brackets as underscores."""
+    rows = zip(*columns.values(), strict=True)  # type: ignore[arg-type]
+    file.write_text("\n".join([",".join(columns), *(",".join(map(repr, map(float, row))) for row in rows)]))
+
+
+def test_two_encoders_and_stamps_that_are_late(record: Record, tmp_path: Path) -> None:
+    late = record["time_s"] + 2e-4 * np.random.default_rng(1).random(record.n_samples)
+    names = ("motor_position_m", "table_position_m", "reference_position_m")
+    table(
+        tmp_path / "a.csv",
+        timestamp=late,
+        **{"encoder 1 position [m]": record[names[0]], "encoder 2 position [m]": record[names[1]]},
+        **{"setpoint [m]": record[names[2]], "torque [Nm]": record["motor_torque_Nm"], "speed [furlong]": late},
+    )
+    result = run(tmp_path / "a.csv")
+    assert result.exit_code == 0, result.output
+    read = read_record(tmp_path / "a.toml")
+    for name in names:
+        np.testing.assert_array_equal(read[name], record[name])
+    np.testing.assert_array_equal(read["position_m"], record["table_position_m"])
+    assert "CHECK position_m: the scale of the table closes the loop is a guess." in result.output
+    assert "CHECK the clock: times in 'timestamp' are uneven by up to" in result.output
+    assert "left out 'speed [furlong]': another velocity, not needed" in result.output
+    assert read.sampling_time_s == pytest.approx(1e-3, rel=1e-3)
+
+
+def test_values_that_are_no_numbers_are_gaps(record: Record, tmp_path: Path) -> None:
+    position = np.array(record["position_m"])
+    position[[900, 905]] = np.nan
+    table(tmp_path / "a.csv", t=record["time_s"], q=position, F=record["motor_torque_Nm"])
+    assert run(tmp_path / "a.csv").exit_code == 0
+    np.testing.assert_array_equal(read_record(tmp_path / "a.toml")["position_m"], record["position_m"][906:])
+
+
 # ---- bad files ----
 
 CUTS = {
