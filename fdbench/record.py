@@ -234,7 +234,8 @@ def check_column_name(name: str, source: str) -> None:
     """Raise RecordError if ``name`` is neither a known column nor one with an SI unit as suffix."""
     fault = name_fault(name)
     if fault:
-        hint = f' A mapping file can rename and convert it: [columns] name = {{ from = "{name}", unit = ... }}.'
+        entry = f'name = {{ from = "{name}", unit = ... }}'
+        hint = f" A mapping file can rename and convert it: [columns] {entry}; `fdbench import` writes one."
         raise RecordError(f"{source}: {fault}{hint if name else ''}")
 
 
