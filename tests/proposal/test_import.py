@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import shared_file
 from proposal import log_writers
 from typer.testing import CliRunner, Result
 
 from fdbench import cli
+from fdbench.api import diagnose
 from fdbench.diagnosis.model.nominal import load_nominal
 from fdbench.errors import FdbenchError, RecordError
 from fdbench.reading import read_record
@@ -242,6 +244,24 @@ def test_values_that_are_no_numbers_are_gaps(record: Record, tmp_path: Path) -> 
     table(tmp_path / "a.csv", t=record["time_s"], q=position, F=record["motor_torque_Nm"])
     assert run(tmp_path / "a.csv").exit_code == 0
     np.testing.assert_array_equal(read_record(tmp_path / "a.toml")["position_m"], record["position_m"][906:])
+
+
+def test_a_measured_axis_in_two_commands(tmp_path: Path) -> None:
+    """EMPS (Janot, Gautier, Brunot 2019): names that say nothing, volts; mass 95.1 kg, asymmetry -36.9 N s/m known."""
+    result = run(shared_file("data", "emps", "DATA_EMPS.mat"), "-o", tmp_path)
+    assert result.exit_code == 0, result.output
+    read = (tmp_path / "DATA_EMPS.toml").read_text()
+    assert all(line in read for line in ('position_m = { from = "qm"', 'reference_position_m = { from = "qg"'))
+    assert 'motor_force_N = { from = "vir", gain = 1.0 }' in read
+    newtons_per_volt = 35.15065
+    assert load_nominal(tmp_path / "model.toml").drive.mass_kg * newtons_per_volt == pytest.approx(95.1, rel=0.03)
+    (tmp_path / "half.toml").write_text(read.replace("[record]", "[record]\nsamples = [0, 12400]"))  # quicker
+    answer = diagnose(tmp_path / "model.toml", [tmp_path / "half.toml"]).answer
+    first = max(answer.causes, key=lambda cause: cause.share)
+    assert first.effect == "direction_dependent_friction"
+    assert first.probability > 0.5
+    asymmetry = first.parameters["viscous_asymmetry_N_s_per_m"].value * newtons_per_volt
+    assert asymmetry == pytest.approx(-36.9, rel=0.25)
 
 
 # ---- bad files ----
