@@ -23,6 +23,7 @@ def import_(
     ] = None,
 ) -> None:
     """Propose a mapping for each log and a first model of the axis, and say what was guessed and why."""
+    from fdbench.files import write_text
     from fdbench.proposal import of_mapping, propose
     from fdbench.reading import format_of
 
@@ -48,11 +49,11 @@ def import_(
         for line in (*proposal.found, *(f"left out {line}" for line in proposal.left_out)):
             typer.echo(f"  {line}")
         if not are_mappings:
-            path.write_text(proposal.mapping, encoding="utf-8")
+            write_text(path, proposal.mapping)
             typer.echo(f"  -> {path}")
     best = next((proposal for proposal in proposals if proposal.record is not None), None)
     if best is not None:
-        model.write_text(best.model([file.name for file in files]), encoding="utf-8")
+        write_text(model, best.model([file.name for file in files]))
         typer.echo(f"A first model, {best.axis}, without controller: {model}")
     to_do = dict.fromkeys(line for proposal in proposals for line in proposal.to_do)
     differing = [
