@@ -29,6 +29,7 @@ UNEXPLAINED = 0.2  # share of the gap that is worth a sentence
 DISSENT = 0.1  # by which the force balances must prefer another effect
 NOISE_ALONE = 1.1  # mean squared gap in units of the floor that passes for noise
 MOVED = 3.0  # standard deviations by which a nominal parameter may move without a remark
+ROUNDING = 1e-9  # of a cell, within which an edge is at zero
 MOST_CELLS, SMALLEST_SHARE, EVEN = 4, 0.05, 1.5
 PARTITIONS = ("motion", "frequency", "position", "velocity", "time", "channel")
 
@@ -322,7 +323,8 @@ def cells_of(answer: Answer, partition: str) -> list[tuple[str, float]]:
         return [(quantity(name)[0].replace("_", " "), share) for name, share in content.items()]
     found = []
     for cell in content:
-        low, high = cell.bounds
+        width = cell.bounds[1] - cell.bounds[0]
+        low, high = (0.0 if abs(edge) < ROUNDING * width else edge for edge in cell.bounds)
         scale, prefixed = scaled(quantity(cell.edges)[1], max(abs(low), abs(high)))
         found.append((f"{scale * low:.3g} to {scale * high:.3g} {prefixed}", cell.share))
     return found
