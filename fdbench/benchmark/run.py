@@ -1,4 +1,4 @@
-"""KeptRun estimators on scenarios, in as many processes as asked for, and store what comes out."""
+"""Run estimators on scenarios, in as many processes as asked for, and store what comes out."""
 
 import inspect
 from collections import Counter
@@ -95,7 +95,7 @@ def run(
     memory_limit_MB: float = MEMORY_LIMIT_MB,
     progress: Callable[[Progress], None] | None = None,
 ) -> Summary:
-    """KeptRun every estimator on every scenario for a number of seeds; see `fdbench.benchmark.store`.
+    """Run every estimator on every scenario for a number of seeds; see `fdbench.benchmark.store`.
 
     Runs that ``out`` holds for the same scenario, estimator, code and seed are reused, unless they failed or the data
     that they lacked have come since. A measured scenario has one record and is run for seed 0 only. Record and

@@ -114,7 +114,7 @@ class KeptRun:
     seconds : float or None
         Time of ``fit``.
     peak_memory_MB : float or None
-        Largest resident memory of the worker during ``fit``, as it says itself; None of the oracle.
+        Largest resident memory of the worker during ``fit``, as the system says; None of the oracle.
     provenance : mapping of str to str
         The columns ``PROVENANCE``.
     scores, parameters : tuples

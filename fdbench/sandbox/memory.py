@@ -1,32 +1,37 @@
-"""How much memory a worker may have, and how much it had."""
+"""How much memory a worker may have, and how much it had, told by the system and not by the worker."""
 
 import os
 import resource
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 MEGABYTE = 10**6
 
-# Written to clear_refs of proc(5): the largest resident memory counts from now on.
+# Written to clear_refs of proc(5), the largest resident memory counts from now on.
 FORGET_PEAK = b"5"
 
 
 class PeakMemory:
-    """The largest resident memory of this process, since it was forgotten last where the system can (Linux)."""
+    """The largest resident memory of another process since it was forgotten last, as the system tells it (Linux)."""
 
-    def __init__(self) -> None:
-        clear = "/proc/self/clear_refs"
-        self._clear = os.open(clear, os.O_WRONLY | os.O_CLOEXEC) if os.access(clear, os.W_OK) else None
+    def __init__(self, pid: int) -> None:
+        self._clear, self._status = Path(f"/proc/{pid}/clear_refs"), Path(f"/proc/{pid}/status")
+        self._is_forgotten = False
 
     def forget(self) -> None:
         """Let the peak begin with what is in use now."""
-        if self._clear is not None:
-            os.pwrite(self._clear, FORGET_PEAK, 0)
+        with suppress(OSError):
+            self._clear.write_bytes(FORGET_PEAK)
+            self._is_forgotten = True
 
-    def size_MB(self) -> float:
-        """Return the peak."""
-        size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        return size * (1 if sys.platform == "darwin" else 1024) / MEGABYTE
+    def size_MB(self) -> float | None:
+        """Return the peak; None where the system does not tell it."""
+        with suppress(OSError):
+            for line in self._status.read_bytes().splitlines() if self._is_forgotten else ():
+                if line.startswith(b"VmHWM:"):
+                    return 1024 * int(line.split()[1]) / MEGABYTE
+        return None
 
 
 def limit_memory(memory_MB: float) -> None:

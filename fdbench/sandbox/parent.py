@@ -1,6 +1,5 @@
 """The side that holds the truth: it starts the fork server, asks workers, measures their time and ends them."""
 
-import math
 import os
 import pickle
 import re
@@ -21,6 +20,7 @@ from fdbench.record import FloatArray, Record
 from fdbench.sandbox import landlock, seccomp
 from fdbench.sandbox.fault import LONGEST_TEXT, LONGEST_TRACEBACK, is_own
 from fdbench.sandbox.launch import ForkServer
+from fdbench.sandbox.memory import PeakMemory
 from fdbench.sandbox.message import Reply, Unreadable, receive_answer, send_request
 from fdbench.sandbox.terms import Declaration, FitResult, Misbehaved, Source, WorkerLimits
 from fdbench.simulate.compose import cache_folder
@@ -110,6 +110,7 @@ class Worker:
         self._forget = weakref.finalize(self, _close_both, self._channel, self._last_words)
         with theirs:
             self._pid = server.fork(theirs, self._last_words)
+        self._peak = PeakMemory(self._pid)
         self.is_alive = True
         cache = _cache(source)
         files = {"own": list(self._own), "cache": str(cache), "plugins": plugins}
@@ -152,22 +153,21 @@ class Worker:
     def fit(self, record: Record, *, is_streamed: bool = False) -> FitResult:
         """Hand over a record, without where it comes from, and have it fitted; the record's way is not timed."""
         self._ask({"do": "record", "columns": dict(record.columns)})
+        self._peak.forget()
         start = time.perf_counter()
         answer = self._ask({"do": "stream" if is_streamed else "fit"})
-        seconds = time.perf_counter() - start
-        parameters, peak = answer.header.get("parameters"), answer.header.get("peak_memory_MB")
+        seconds, peak_memory_MB = time.perf_counter() - start, self._peak.size_MB()
+        parameters = answer.header.get("parameters")
         if not isinstance(parameters, dict) or not all(type(value) is float for value in parameters.values()):
             raise self._unreadable("its parameters are no numbers")
         if any(_clean(name) != name for name in parameters):
             raise self._unreadable("the names of its parameters are too long or cannot be printed")
-        if not (isinstance(peak, float) and math.isfinite(peak)):
-            raise self._unreadable("its memory is no number")
         claims = {"covariance": None, **answer.arrays}
         try:
             estimate = Estimate(parameters=parameters, **claims)
         except TypeError:
             raise self._unreadable("it has an array of another name") from None
-        return FitResult(estimate=estimate, seconds=seconds, peak_memory_MB=peak)
+        return FitResult(estimate=estimate, seconds=seconds, peak_memory_MB=peak_memory_MB)
 
     def predict(self, command: Record) -> FloatArray | None:
         """Return the response to a command that the last fit predicts."""

@@ -121,7 +121,7 @@ class FitResult:
     seconds : float
         Measured here.
     peak_memory_MB : float or None
-        As the process says that fitted; None where it is this one.
+        As the system says; None where it does not tell (other than Linux), and where this process fitted.
     """
 
     estimate: Estimate

@@ -42,7 +42,6 @@ from fdbench.registry import Registry, add_file
 from fdbench.sandbox.claims import ARRAYS, check_kinds, check_real, declared
 from fdbench.sandbox.confine import Reach, Refused, confine
 from fdbench.sandbox.fault import LONGEST_TEXT, described
-from fdbench.sandbox.memory import PeakMemory
 from fdbench.sandbox.message import Reply, Unreadable, receive_request, send_answer
 
 # Registries of which plug-in files are part of a context, and those that `load` may look for.
@@ -81,7 +80,6 @@ class PluginServer:
         self._record: Record | None = None
         self._estimate: Estimate | None = None
         self._ballast: bytearray | None = None
-        self._peak = PeakMemory()
 
     def serve(self) -> NoReturn:
         """Answer one request after another."""
@@ -184,7 +182,6 @@ class PluginServer:
     def fit(self) -> Reply:
         """Fit the record."""
         estimator, context, record = self._begun()
-        self._peak.forget()
         return self._claimed(estimator.fit(context, record))
 
     def _begun(self) -> tuple[Estimator, Context, Record]:
@@ -193,7 +190,6 @@ class PluginServer:
         return self._estimator, self._context, self._record
 
     def _claimed(self, estimate: Any) -> Reply:
-        peak_memory_MB = self._peak.size_MB()
         check_kinds(estimate)
         # Each part is read once, for a class derived from Estimate may return another one each time.
         plain = Estimate(parameters=dict(estimate.parameters), **{name: getattr(estimate, name) for name in ARRAYS})
@@ -204,7 +200,7 @@ class PluginServer:
         given = {name: getattr(plain, name) for name in ARRAYS}
         parameters = {str(name): float(value) for name, value in plain.parameters.items()}
         return Reply(
-            header={"parameters": parameters, "peak_memory_MB": peak_memory_MB},
+            header={"parameters": parameters},
             arrays={
                 name: np.ascontiguousarray(values, dtype=np.float64)
                 for name, values in given.items()
