@@ -1,6 +1,5 @@
 """How much memory a worker may have, and how much it had, told by the system and not by the worker."""
 
-import os
 import resource
 import sys
 from contextlib import suppress

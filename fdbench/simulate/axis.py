@@ -91,7 +91,7 @@ class Axis(System):
         self._n_blocks = -(-n_lanes // self._side_by_side)
         self._action_row = ROW[action_row]
         self._pick = np.array([*columns.values(), *range(layout.OUT_DISTURBANCE, layout.OUT_COLUMNS)])
-        self._active = np.ones(max(len(self.effects), 1), dtype=np.bool_)
+        self._active = np.ones(len(self.effects), dtype=np.bool_)
         self._rigid = mechanics.rigid
         self._initial = Blocks(self._kinds, n_lanes, width)
         self._initial.set_mechanics(mechanics, setup.timing.substep_s)
@@ -111,9 +111,11 @@ class Axis(System):
         width, lane = self._side_by_side, np.arange(self.n_lanes)
         blocks = self._now.values
         self._flat_blocks = self._now.flat
+        stepper = compose(self._kinds, width)
         clock = self.timing.substeps, self.timing.sampling_time_s
-        self._settings = (*clock, self._active, self.reference, self._numbers.normal, self._numbers.uniform)
-        self._step = compiled(compose(self._kinds, width), (self._flat_blocks, 0, 1, *self._settings, self._out))
+        random = self._numbers.normal, self._numbers.uniform
+        self._settings = (*clock, *stepper.calls(self._active), self.reference, *random)
+        self._step = compiled(stepper.advance, (self._flat_blocks, 0, 1, *self._settings, self._out))
         first = lane // width * blocks[0].size + lane % width
         self._actions = blocks.reshape(-1), first + self._action_row * width
         self._flags = blocks.reshape(-1), first + ROW["DIVERGED"] * width
@@ -172,6 +174,7 @@ class Axis(System):
         flags = np.asarray(on) & self._applies(slot.effect)
         self._write(np.array([slot.flag]), np.atleast_2d(flags), lanes)
         self._active[effect] = (self._initial.values[:, slot.flag].reshape(-1)[: self.n_lanes] > 0.5).any()
+        self._bind()
 
     def set_parameters(self, effect: int, values: FloatArray, lanes: NDArray[np.intp] | None = None) -> None:
         """Set all parameters of an effect in ``lanes`` (default: all), now and for every later `start`.

@@ -1,7 +1,11 @@
-"""Compose a stepper: the integrator's source with the kernels of one list of effects, as a generated module.
+"""Compose a stepper: the integrator's source with the kernels of some effects, as a generated module.
 
 The module lies in the user's cache folder under a name that is the digest of its own text and of everything that its
 kernels reach. Editing any of that gives a new file, so stale machine code cannot answer for it.
+
+Which effects act is told to the machine code in a table of calls. A lane alone is simulated by one stepper of all
+effects of this package, whatever it has of them and however often: rows of parameters are in that table too. Lanes side
+by side run as vectors where the rows are known to the compiler, so their stepper has a case for each effect of theirs.
 """
 
 import hashlib
@@ -10,6 +14,7 @@ import inspect
 import os
 import sys
 import tempfile
+import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,9 +22,11 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdbench.compilation import closure_digest, trusted_file
 from fdbench.effects import Effect, Port
+from fdbench.effects import effects as registry
 from fdbench.files import write_text
 from fdbench.simulate import integrator, layout
 
@@ -91,56 +98,68 @@ def block_rows(effects: Sequence[type[Effect]]) -> int:
     return layout.FIRST_FREE_ROW + sum(1 + len(e.parameters()) + len(e.states) for e in effects)
 
 
-def _call(number: int, slot: Slot) -> str:
-    effect = slot.effect
+@lru_cache(maxsize=1)
+def core_effects() -> tuple[type[Effect], ...]:
+    """Return the effects of this package, in order of name."""
+    modules = registry.modules()
+    return tuple(registry.get(name) for name, module in modules.items() if module == f"fdbench.effects.{name}")
 
-    def row(index: int) -> str:
-        return f"w[{index} * LANES + i]"
 
-    states = [row(slot.first_state + j) for j in range(len(effect.states))]
+def _call(number: int, effect: type[Effect], flag: str, state: str, draw: str) -> str:
+    """Return the case of an effect, whose rows begin at ``flag`` and ``state``, and which has this random number."""
+
+    def row(first: str, index: int) -> str:
+        return f"w[{first} + {index} * LANES + i]"
+
+    states = [row(state, j) for j in range(len(effect.states))]
     velocity = "w[COMMANDED_V + i]" if effect.follows_command else "w[v + i]"
     entering = "w[u + i] - w[total + i]" if effect.port is Port.TRANSMISSION else "w[u + i]"
     arguments = ["w[T + i]", "h", "w[x + i]", velocity, entering]
-    arguments += [f"uniform[{slot.uniform}, i]"] if effect.random else []
-    arguments += [row(slot.parameter(j)) for j in range(len(effect.parameters()))] + states
+    arguments += [f"uniform[{draw}, i]"] if effect.random else []
+    arguments += [row(flag, 1 + j) for j in range(len(effect.parameters()))] + states
     targets = ["value", *(["steep"] if effect.port.is_force else []), *(f"z_{j}" for j in range(len(states)))]
-    result = ", ".join(targets) if len(targets) > 1 or effect.port is Port.TRANSMISSION else "value"
-    if len(targets) == 1:
-        result = "(value,)"
+    result = ", ".join(targets) if len(targets) > 1 else "(value,)"
     lines = [
-        f"    if active[{number}]:",
-        "        for i in range(LANES):",
-        f"            on = {row(slot.flag)} > 0.5",
-        f"            {result} = kernel_{number}({', '.join(arguments)})",
+        f"if case == {number}:",
+        "    for i in range(LANES):",
+        f"        on = {row(flag, 0)} > 0.5",
+        f"        {result} = kernel_{number}({', '.join(arguments)})",
     ]
     if effect.port.is_force:
         lines += [
-            "            w[force + i] += value if on else 0.0",
-            "            w[slope + i] += steep if on else 0.0",
+            "        w[force + i] += value if on else 0.0",
+            "        w[slope + i] += steep if on else 0.0",
         ]
-        lines += ["            w[PROCESS + i] += value if on else 0.0"] if effect.disturbance else []
+        lines += ["        w[PROCESS + i] += value if on else 0.0"] if effect.disturbance else []
     elif effect.port is Port.TRANSMISSION:
-        lines += ["            w[total + i] += value if on else 0.0"]
+        lines += ["        w[total + i] += value if on else 0.0"]
     else:
-        lines += ["            w[u + i] = value if on else w[u + i]"]
-    lines += [f"            {state} = z_{j} if on else {state}" for j, state in enumerate(states)]
+        lines += ["        w[u + i] = value if on else w[u + i]"]
+    lines += [f"        {state} = z_{j} if on else {state}" for j, state in enumerate(states)]
     return "\n".join(lines)
 
 
 def source(effects: Sequence[type[Effect]], lanes: int) -> str:
-    """Return the text of the generated module."""
+    """Return the text of the generated module, with a case for each of these effects."""
     constants = [f"{name} = {row * lanes}" for row, name in enumerate(layout.ROWS)]
     constants += [f"{name} = {value}" for name, value in vars(layout).items() if name.startswith("OUT_")]
-    calls: dict[Port, list[str]] = {port: [] for port in Port}
-    for number, slot in sorted(enumerate(slots(tuple(effects))), key=lambda item: item[1].effect.rank):
-        slot.effect.check_signature()
-        constants.append(f"kernel_{number} = KERNELS[{number}]  # {slot.effect.__module__}.{slot.effect.__name__}")
-        calls[slot.effect.port].append(_call(number, slot))
+    cases: dict[Port, list[str]] = {port: [] for port in Port}
+    for number, slot in enumerate(slots(tuple(effects))):
+        effect = slot.effect
+        effect.check_signature()
+        constants.append(f"kernel_{number} = KERNELS[{number}]  # {effect.__module__}.{effect.__name__}")
+        fixed = (f"{slot.flag} * LANES", f"{slot.first_state} * LANES", f"{slot.uniform}")
+        rows = ("calls[n, 1]", "calls[n, 2]", "calls[n, 3]") if lanes == 1 else fixed
+        cases[effect.port].append(_call(number, effect, *rows))
     names = ", ".join(effect.name for effect in effects) or "no effects"
     text = [_HEADER.format(names=names, lanes=lanes, constants="\n".join(constants))]
-    for port, arguments in _PORT_ARGUMENTS.items():
-        body = "\n".join(calls[port]) or "    pass"
-        text.append(f"@inlined\ndef {port.value}(w, active, h, x, v, {arguments}, uniform):\n{body}\n")
+    for place, (port, arguments) in enumerate(_PORT_ARGUMENTS.items()):
+        chosen = textwrap.indent("\nel".join(cases[port]) or "pass", 8 * " ")
+        text.append(
+            f"@inlined\ndef {port.value}(w, calls, first_calls, h, x, v, {arguments}, uniform):\n"
+            f"    for n in range(first_calls[{place}], first_calls[{place + 1}]):\n"
+            f"        case = calls[n, 0]\n{chosen}\n"
+        )
     for function in (integrator.propagate, integrator.measure_and_control, integrator.integrate_substep):
         text.append("@inlined\n" + inspect.getsource(function))
     text.append("@compiled\n" + inspect.getsource(integrator.advance))
@@ -166,8 +185,52 @@ def load(text: str, effects: Sequence[type[Effect]]) -> ModuleType:
     return module
 
 
+@dataclass(frozen=True, kw_only=True)
+class Stepper:
+    """The compiled ``advance`` of the integrator, and how effects are called in it.
+
+    Attributes
+    ----------
+    advance : callable
+    slots : tuple of Slot
+        Of the effects of a block.
+    cases : tuple of int
+        Which case of the code each effect is.
+    """
+
+    advance: Callable[..., None]
+    slots: tuple[Slot, ...]
+    cases: tuple[int, ...]
+    lanes: int
+
+    def calls(self, active: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the calls of the active effects by port and rank, and where those of each port begin.
+
+        A call is (case, first row of parameters, first row of internal states, random number), rows times lanes.
+        """
+        rows: list[tuple[int, ...]] = []
+        first = [0]
+        for port in _PORT_ARGUMENTS:
+            of_port = [number for number, slot in enumerate(self.slots) if slot.effect.port is port and active[number]]
+            for number in sorted(of_port, key=lambda number: self.slots[number].effect.rank):
+                slot = self.slots[number]
+                rows.append((self.cases[number], slot.flag * self.lanes, slot.first_state * self.lanes, slot.uniform))
+            first.append(len(rows))
+        return np.array(rows, dtype=np.int64).reshape(-1, 4), np.array(first, dtype=np.int64)
+
+
 @lru_cache(maxsize=64)
-def compose(effects: tuple[type[Effect], ...], lanes: int) -> Callable[..., None]:
-    """Return the compiled ``advance`` of the integrator for these effects and this many lanes side by side."""
-    advance: Callable[..., None] = load(source(effects, lanes), effects).advance
+def compose(effects: tuple[type[Effect], ...], lanes: int) -> Stepper:
+    """Return the stepper for blocks with these effects and this many lanes side by side."""
+    kinds: tuple[type[Effect], ...] = effects
+    if lanes == 1:
+        own = tuple(dict.fromkeys(effect.declared for effect in effects))
+        kinds = core_effects() if set(own) <= set(core_effects()) else own
+    cases = [kinds.index(effect.declared) for effect in effects] if lanes == 1 else range(len(effects))
+    return Stepper(advance=_advance(kinds, lanes), slots=slots(effects), cases=tuple(cases), lanes=lanes)
+
+
+@lru_cache(maxsize=64)
+def _advance(kinds: tuple[type[Effect], ...], lanes: int) -> Callable[..., None]:
+    advance: Callable[..., None] = load(source(kinds, lanes), kinds).advance
     return advance

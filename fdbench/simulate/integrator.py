@@ -20,16 +20,16 @@ def propagate(w, row, i, x_m, v_m, x_t, v_t, force_m, force_t):
     )
 
 
-def measure_and_control(w, active, k, period, reference, normal, uniform, out):
+def measure_and_control(w, calls, first_calls, k, period, reference, normal, uniform, out):
     """Read the encoders, log one row, and set the force that is asked of the motor for the coming period."""
     for i in range(LANES):
         w[T + i] = w[INDEX + i] * period
         w[READ_MOTOR + i] = w[X_M + i]
         w[READ_TABLE + i] = w[X_T + i] - w[RIGID + i] * w[OFFSET + i]
         w[READ_HELD + i] = w[HELD + i]
-    motor_encoder(w, active, period, X_M, V_M, READ_MOTOR, uniform)
-    table_scale(w, active, period, X_T, V_T, READ_TABLE, uniform)
-    logging(w, active, period, X_M, V_M, READ_HELD, uniform)
+    motor_encoder(w, calls, first_calls, period, X_M, V_M, READ_MOTOR, uniform)
+    table_scale(w, calls, first_calls, period, X_T, V_T, READ_TABLE, uniform)
+    logging(w, calls, first_calls, period, X_M, V_M, READ_HELD, uniform)
     for i in range(LANES):
         motor = w[READ_MOTOR + i] + w[NOISE_MOTOR + i] * normal[0, i]
         table = w[READ_TABLE + i] + w[NOISE_TABLE + i] * normal[1, i]
@@ -68,7 +68,7 @@ def measure_and_control(w, active, k, period, reference, normal, uniform, out):
         out[k, OUT_HELD, i] = w[HELD + i]
 
 
-def integrate_substep(w, active, time_in_period, period, h, uniform):
+def integrate_substep(w, calls, first_calls, time_in_period, period, h, uniform):
     r"""Advance the drive by one substep.
 
     With the state s = (x_m, v_m, x_t, v_t), exact propagators over a full and a half substep and forces f held over
@@ -87,7 +87,7 @@ def integrate_substep(w, active, time_in_period, period, h, uniform):
     for i in range(LANES):
         w[T + i] = w[INDEX + i] * period + time_in_period
         w[DELIVERED + i] = w[REQUEST + i]
-    command(w, active, h, X_M, V_M, DELIVERED, uniform)
+    command(w, calls, first_calls, h, X_M, V_M, DELIVERED, uniform)
     for i in range(LANES):
         a = w[DELIVERED + i] - w[AHEAD_MOTOR + i]
         b = -w[AHEAD_TABLE + i]
@@ -103,7 +103,7 @@ def integrate_substep(w, active, time_in_period, period, h, uniform):
         trend = free - w[ACCELERATION + i]
         w[ACCELERATION_AHEAD + i] = (w[MID_V_T + i] - v_t) * (2.0 / h) + 0.25 * trend
         w[ACCELERATION + i] = free
-    transmission(w, active, h, MID_X_M, MID_V_M, STRETCH, STRETCH_FREE, uniform)
+    transmission(w, calls, first_calls, h, MID_X_M, MID_V_M, STRETCH, STRETCH_FREE, uniform)
     for i in range(LANES):
         free = w[STRETCH_FREE + i]
         # The force pair by which the free part of the stretch lowers the screw force.
@@ -119,9 +119,9 @@ def integrate_substep(w, active, time_in_period, period, h, uniform):
         w[S_T + i] = 0.0
         w[ADDED_MASS + i] = 0.0
         w[PROCESS + i] = 0.0
-    motor_force(w, active, h, MID_X_M, MID_V_M, DELIVERED, F_M, S_M, uniform)
-    table_force(w, active, h, MID_X_T, MID_V_T, TRANSMITTED, F_T, S_T, uniform)
-    table_inertia(w, active, h, MID_X_T, MID_V_T, ACCELERATION_AHEAD, F_T, ADDED_MASS, uniform)
+    motor_force(w, calls, first_calls, h, MID_X_M, MID_V_M, DELIVERED, F_M, S_M, uniform)
+    table_force(w, calls, first_calls, h, MID_X_T, MID_V_T, TRANSMITTED, F_T, S_T, uniform)
+    table_inertia(w, calls, first_calls, h, MID_X_T, MID_V_T, ACCELERATION_AHEAD, F_T, ADDED_MASS, uniform)
     for i in range(LANES):
         w[S_T + i] += w[ADDED_MASS + i] * (2.0 / h)
         d_m = w[F_M + i] - w[U + i] - w[AHEAD_MOTOR + i]
@@ -147,7 +147,7 @@ def integrate_substep(w, active, time_in_period, period, h, uniform):
         w[PROCESS_SUM + i] += w[PROCESS + i]
 
 
-def advance(blocks, first, n_samples, substeps, period, active, reference, normal, uniform, out):
+def advance(blocks, first, n_samples, substeps, period, calls, first_calls, reference, normal, uniform, out):
     """Advance every lane of every block by ``n_samples`` control periods.
 
     Parameters
@@ -157,8 +157,10 @@ def advance(blocks, first, n_samples, substeps, period, active, reference, norma
         Where the random numbers begin; control periods; integration substeps in each.
     period : float
         Control period, s.
-    active : (n_effects,) array of bool
-        Whether any lane has the effect on; effects that are off everywhere cost nothing.
+    calls : (n_calls, 4) array of int
+        Effects that any lane has, by port: case, first row of parameters and of internal states, random number.
+    first_calls : (n_ports + 1,) array of int
+        Where those of each port begin.
     reference : (n_reference, 3) array
         Commanded position (m), velocity (m/s) and acceleration (m/s^2), indexed by each lane's own sample number.
     normal, uniform : (n_blocks, n_random, n, LANES) arrays
@@ -171,9 +173,9 @@ def advance(blocks, first, n_samples, substeps, period, active, reference, norma
         for k in range(n_samples):
             gauss = normal[block, first + k]
             flat = uniform[block, first + k]
-            measure_and_control(w, active, k, period, reference, gauss, flat, out[block])
+            measure_and_control(w, calls, first_calls, k, period, reference, gauss, flat, out[block])
             for step in range(substeps):
-                integrate_substep(w, active, (step + 0.5) * h, period, h, flat)
+                integrate_substep(w, calls, first_calls, (step + 0.5) * h, period, h, flat)
             for i in range(LANES):
                 kick = w[NOISE_EQUATION + i] * gauss[3, i]
                 w[V_M + i] += kick

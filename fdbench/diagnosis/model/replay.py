@@ -12,13 +12,15 @@ import numpy as np
 
 from fdbench.diagnosis.records.runs import DEFLECTION, Run
 from fdbench.effects import Effect
+from fdbench.effects import effects as registry
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 from fdbench.simulate import layout
 from fdbench.simulate.block import Blocks, Mechanics
-from fdbench.simulate.compose import compose
+from fdbench.simulate.compose import compose, core_effects
 
 WIDTH = 8  # few effects in a block beat many lanes in it
+USUALLY_KNOWN = ("coulomb_friction", "lugre_friction", "constant_force")
 PIECE = 1024  # samples simulated at once, which stay in the processor's cache
 
 
@@ -60,9 +62,20 @@ class Replay:
         self.library = tuple(library)
         self.substeps = substeps
         self.drive = drive
-        self.kinds = (*(effect.declared for effect in drive.effects), *(kind.declared for kind in library))
+        known = [effect.declared for effect in drive.effects]
+        unusual, usual = list(known), [registry.get(name) for name in USUALLY_KNOWN]
+        for kind in usual:
+            if kind in unusual:
+                unusual.remove(kind)
+        added = [kind.declared for kind in library if kind.declared not in core_effects()]
+        # Models that know nothing unusual are simulated by the same machine code.
+        self.kinds = (*unusual, *usual, *core_effects(), *added)
+        self._known: list[int] = []
+        for kind in known:
+            places = (place for place, other in enumerate(self.kinds) if other is kind and place not in self._known)
+            self._known.append(next(places))
         self._uniform = max(1, sum(kind.random for kind in self.kinds))
-        self._advance = compose(self.kinds, WIDTH)
+        self._stepper = compose(self.kinds, WIDTH)
 
     def simulate(self, run: Run, variants: Sequence[Variant]) -> dict[str, FloatArray]:
         """Return each channel of the run as simulated, (n_variants, n_samples); not finite where a variant diverges.
@@ -97,27 +110,28 @@ class Replay:
     def _pieces(self, run: Run, variants: Sequence[Variant]) -> Iterator[tuple[slice, dict[str, FloatArray]]]:
         """Yield each stretch of samples and the channels there, (n_samples, WIDTH)."""
         blocks = Blocks(self.kinds, WIDTH, WIDTH)
-        n_known = len(self.drive.effects)
-        where = {kind.declared: n_known + number for number, kind in enumerate(self.library)}
-        active = np.zeros(max(len(self.kinds), 1), dtype=np.bool_)
-        active[:n_known] = True
+        where = {kind: place for place, kind in enumerate(self.kinds)}  # the last of a kind is no known one
+        active = np.zeros(len(self.kinds), dtype=np.bool_)
         blocks.place(*run.start(), run.period_s)
         for lane in range(WIDTH):
             variant, own = variants[min(lane, len(variants) - 1)], np.array([lane])
             blocks.set_mechanics(_mechanics(variant.plant), run.period_s / self.substeps, own)
             blocks.set_scalars({"LOGGED_PER_N": 1.0, **variant.plant.controller.rows()}, own)
-            numbered = [*enumerate(variant.plant.effects), *((where[item.declared], item) for item in variant.extra)]
-            for number, effect in numbered:
-                active[number] = True
-                blocks.set_effect(number, effect, True, own)
+            known = zip(self._known, variant.plant.effects, strict=True)
+            for place, effect in (*known, *((where[item.declared], item) for item in variant.extra)):
+                active[place] = True
+                blocks.set_effect(place, effect, True, own)
         reference = np.ascontiguousarray(run.reference)
         normal = np.zeros((1, PIECE, layout.NORMAL_COLUMNS, WIDTH))
         uniform = np.ones((1, PIECE, self._uniform, WIDTH))
         out = np.empty((1, PIECE, layout.OUT_COLUMNS, WIDTH))
+        calls = self._stepper.calls(active)
         feedback = layout.OUT_TABLE if self.drive.controller.uses_table else layout.OUT_MOTOR
         for start in range(0, run.n_samples, PIECE):
             n = min(PIECE, run.n_samples - start)
-            self._advance(blocks.flat, 0, n, self.substeps, run.period_s, active, reference, normal, uniform, out)
+            self._stepper.advance(
+                blocks.flat, 0, n, self.substeps, run.period_s, *calls, reference, normal, uniform, out
+            )
             found = out[0, :n]
             yield (
                 slice(start, start + n),
