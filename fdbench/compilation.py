@@ -2,9 +2,6 @@
 
 numba keeps machine code by the file of the function alone, but a compiled function also freezes what it uses from
 elsewhere: constants, arrays, other compiled functions. All of that is gathered here, by value, or refused.
-
-A process that runs a plug-in keeps what it compiles for itself. It loads also, and never writes, what a process without
-plug-ins has kept (`trust`).
 """
 
 import builtins
@@ -12,9 +9,7 @@ import dis
 import enum
 import hashlib
 import inspect
-import os
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any, cast
 
@@ -35,19 +30,6 @@ ALLOWED = (
 )
 PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis))
 NAMED = (type, FunctionType, BuiltinFunctionType, np.ufunc, type(np.sum))
-
-
-_trusted: list[Path] = []
-
-
-def trust(folder: Path) -> None:
-    """Load also what is kept in this folder, as ``NUMBA_CACHE_DIR`` of another process; nothing is written there."""
-    _trusted[:] = [folder]
-
-
-def trusted_file(name: str) -> Path | None:
-    """Return a generated file of the trusted folder, where it is."""
-    return next((folder / name for folder in _trusted if (folder / name).is_file()), None)
 
 
 def closure_digest(dispatcher: Any) -> str:
@@ -117,17 +99,11 @@ class _ClosureCache(FunctionCache):
         self._dispatcher = dispatcher
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        digest = self._digest(sig)
-        for folder in _trusted:
-            self._follow(digest, str(folder / os.path.basename(self._cache_path)))
-            found = super().load_overload(sig, target_context)
-            if found is not None:
-                return found
-        self._follow(digest, self._cache_path)
+        self._follow(self._digest(sig))
         return super().load_overload(sig, target_context)
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        self._follow(self._digest(sig), self._cache_path)
+        self._follow(self._digest(sig))
         super().save_overload(sig, data)
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
@@ -141,8 +117,9 @@ class _ClosureCache(FunctionCache):
         ]
         return hashlib.sha256(f"{closure_digest(self._dispatcher)} {sig} {classes}".encode()).hexdigest()
 
-    def _follow(self, digest: str, folder: str) -> None:
-        self._cache_file: Any = IndexDataCacheFile(folder, f"{self._impl.filename_base}-{digest[:16]}", digest)
+    def _follow(self, digest: str) -> None:
+        name = f"{self._impl.filename_base}-{digest[:16]}"
+        self._cache_file: Any = IndexDataCacheFile(self._cache_path, name, digest)
 
 
 class _Walk:

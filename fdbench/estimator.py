@@ -141,17 +141,9 @@ class Estimator(ABC):
             One value for each row that the regression of a record of this length has; None makes no claim. By default
             the plant's model with the estimated parameters, where ``estimate`` has them all.
         """
-        return predicted_by_model(context, estimate, command)
-
-
-def predicted_by_model(context: Context, estimate: Estimate, command: Record) -> FloatArray | None:
-    """Return the free run of the plant's model with the estimated parameters; None where one of them is missing.
-
-    See `Estimator.predict`, which does this where a class has no prediction of its own.
-    """
-    if any(name not in estimate.parameters for name in context.nominal):
-        return None
-    return context.linear_model.free_run(command, estimate.parameters)
+        if any(name not in estimate.parameters for name in context.nominal):
+            return None
+        return context.linear_model.free_run(command, estimate.parameters)
 
 
 class BatchEstimator(Estimator):

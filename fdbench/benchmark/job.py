@@ -19,7 +19,7 @@ from fdbench.benchmark.provenance import SIMULATION, digest
 from fdbench.benchmark.store import DIVERGED, FAILED, OK, SKIPPED, KeptRun, ParameterValue, RunKey, Score, Store
 from fdbench.benchmark.validate import check_estimate, check_response, plant_parameters
 from fdbench.errors import FdbenchError, MissingData, SimulationDiverged
-from fdbench.estimator import Context, predicted_by_model
+from fdbench.estimator import Context
 from fdbench.metrics import Outcome, metrics
 from fdbench.metrics._parameters import signed_errors
 from fdbench.nonce import derived_seed
@@ -199,10 +199,8 @@ def _estimate(choice: Choice, trial: _Trial, job: Job) -> tuple[FitResult, Float
         seconds = time.perf_counter() - start
         return FitResult(estimate=estimate, seconds=seconds, peak_memory_MB=None), trial.truth.response
     own = sandbox(job.limits, job.plugins)
-    if trial.command is not None:
-        own.prepare(trial.scenario.id, trial.pickled_context, trial.command)
     worker = own.worker(choice.source)
-    declaration = worker.load()
+    worker.load()
     reason = worker.begin(choice.arguments, trial.pickled_context)
     if reason is not None:
         raise _Skip(reason)
@@ -213,14 +211,7 @@ def _estimate(choice: Choice, trial: _Trial, job: Job) -> tuple[FitResult, Float
         worker.begin(choice.arguments, trial.pickled_context)
     fit = worker.fit(trial.record)
     check_estimate(fit.estimate, trial.regression, plant_parameters(trial.context))
-    response = None
-    if trial.command is not None:
-        # What the model alone predicts is simulated here, where it is compiled and loaded once for all estimators.
-        response = (
-            worker.predict(trial.command)
-            if declaration.predicts
-            else predicted_by_model(trial.context, fit.estimate, trial.command)
-        )
+    response = None if trial.command is None else worker.predict(trial.command)
     if response is not None and trial.truth.response is not None:
         check_response(response, trial.truth.response)
     return fit, response

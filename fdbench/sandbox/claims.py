@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from fdbench.errors import PluginError
-from fdbench.estimator import Estimate, Estimator, OnlineEstimator
+from fdbench.estimator import Estimate, OnlineEstimator
 
 SERIES = ("disturbance_N", "disturbance_variance_N2", "output", "output_variance")
 
@@ -61,5 +61,4 @@ def declared(cls: type[Any]) -> dict[str, Any]:
         "has_docstring": bool(document) and document != ((cls.__base__ or object).__doc__ or "").strip(),
         "has_example": ">>> " in document,
         "is_online": issubclass(cls, OnlineEstimator),
-        "predicts": issubclass(cls, Estimator) and cls.predict is not Estimator.predict,
     }

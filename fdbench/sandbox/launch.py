@@ -7,7 +7,6 @@ import subprocess
 import sys
 import weakref
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import IO, Any
 
 from fdbench.errors import FdbenchError
@@ -26,20 +25,13 @@ START_S = 120.0
 
 
 class ForkServer:
-    """The other end of `fdbench.sandbox.server`.
-
-    Attributes
-    ----------
-    shared : str
-        Folder of what was compiled without any plug-in: workers load from it, and none writes there.
-    """
+    """The other end of `fdbench.sandbox.server`."""
 
     def __init__(self) -> None:
         self._control, theirs = socket.socketpair()
         kept = {name: os.environ[name] for name in _KEPT_VARIABLES if name in os.environ}
         kept |= {name: value for name, value in os.environ.items() if name.startswith(_KEPT_BEGINNINGS)}
-        self.shared = str(_shared_cache())
-        kept |= dict.fromkeys(("FDBENCH_CACHE", "NUMBA_CACHE_DIR"), self.shared)
+        kept |= {"FDBENCH_CACHE": str(cache_folder())}
         path = [os.path.abspath(entry) for entry in sys.path]
         with theirs:
             process = subprocess.Popen(
@@ -61,10 +53,6 @@ class ForkServer:
     def fork(self, channel: socket.socket, last_words: IO[bytes]) -> int:
         """Fork a worker that holds these, and return its process."""
         return int(self._ask({"do": "fork"}, [channel.fileno(), last_words.fileno()])["pid"])
-
-    def prepare(self, channel: socket.socket, needed: IO[bytes]) -> int:
-        """Fork a process that compiles what is needed, which holds the channel as long, and return it."""
-        return int(self._ask({"do": "prepare"}, [channel.fileno(), needed.fileno()])["pid"])
 
     def end(self, pid: int, wait_s: float) -> int | None:
         """End a worker; return the status with which it ended by itself within a time."""
@@ -113,9 +101,3 @@ def _close(control: socket.socket, process: "subprocess.Popen[bytes]") -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
-
-
-def _shared_cache() -> Path:
-    folder = cache_folder() / "sandbox" / "shared"
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder

@@ -49,25 +49,6 @@ class Sandbox:
         self._plugins = tuple((kind, str(file)) for kind, file in plugins)
         self._server: ForkServer | None = None
         self._workers: dict[str, Worker] = {}
-        self._prepared: set[str] = set()
-
-    def prepare(self, scenario: str, context: bytes, command: Record) -> None:
-        """Have compiled once what simulates the machines of a scenario, for all workers to load."""
-        if scenario in self._prepared:
-            return
-        self._prepared.add(scenario)
-        ours, theirs = socket.socketpair()
-        with ours, theirs, tempfile.TemporaryFile() as needed:
-            needed.write(context)
-            pickle.dump(command, needed)
-            needed.seek(0)
-            server = self._running_server()
-            pid = server.prepare(theirs, needed)
-            theirs.close()
-            ours.settimeout(self.limits.time_s)
-            with suppress(TimeoutError):
-                ours.recv(1)  # nothing comes but its end
-            server.end(pid, LAST_MOMENT_S)
 
     def worker(self, source: Source) -> "Worker":
         """Return the worker in which an estimator, and no other, is or is to be imported."""
@@ -76,14 +57,10 @@ class Sandbox:
             found.end()
             found = None
         if found is None:
-            server = self._running_server()
-            found = self._workers[source.name] = Worker(server, source, self.limits, self._plugins)
+            if self._server is None or not self._server.is_alive:
+                self._server = ForkServer()
+            found = self._workers[source.name] = Worker(self._server, source, self.limits, self._plugins)
         return found
-
-    def _running_server(self) -> ForkServer:
-        if self._server is None or not self._server.is_alive:
-            self._server = ForkServer()
-        return self._server
 
     def close(self) -> None:
         """End the server and all workers."""
@@ -114,7 +91,6 @@ class Worker:
         self.is_alive = True
         cache = _cache(source)
         files = {"own": list(self._own), "cache": str(cache), "plugins": plugins}
-        files |= {"shared": server.shared}
         kept_by = {"has_landlock": landlock.version() > 0, "has_seccomp": seccomp.is_available()}
         self._ask({"do": "confine", "memory_MB": limits.memory_MB, **kept_by, **files})
 
@@ -139,7 +115,6 @@ class Worker:
                 has_docstring=header.get("has_docstring") is True,
                 has_example=header.get("has_example") is True,
                 is_online=header.get("is_online") is True,
-                predicts=header.get("predicts") is True,
             )
         return self._declaration
 

@@ -8,8 +8,6 @@ request      comes with                        answer
 ``fork``     the worker's end of a channel,    ``pid``
              and a file for its last words
 ``end``      ``pid``, ``wait_s``               ``status`` as of wait(2), or null if it had to be killed
-``prepare``  a channel, and a file with a      ``pid`` of what compiles for all workers
-             pickled context and a command
 ===========  ================================  ==================================================
 """
 
@@ -17,22 +15,27 @@ import ctypes
 import faulthandler
 import json
 import os
-import pickle
 import shutil
 import signal
 import socket
 import sys
 import tempfile
 import time
-import traceback
 from contextlib import suppress
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, NoReturn
 
-from fdbench.errors import FdbenchError
+import numpy as np
+
+from fdbench.estimator import estimators
+from fdbench.plants._controllers import OpenLoop
+from fdbench.plants._drive_parts import LinearMotor
+from fdbench.plants.feed_drive import FeedDrive
+from fdbench.plants.servo_stage import ServoStage
+from fdbench.record import Record
 from fdbench.sandbox.confine import Reach, common_reach
-from fdbench.sandbox.worker import ContextUnpickler, PluginServer, leave
+from fdbench.sandbox.worker import PluginServer, leave
 
 LONGEST_REQUEST = 4096
 
@@ -67,16 +70,25 @@ def main(descriptor: int) -> None:
 
 
 def _warm_up() -> None:
-    """Load what most estimators import and numba loads with the first kernel; look up which plug-ins are installed."""
-    import numba
+    """Load what most estimators import, and the machine code of the nominal machines that they simulate."""
     import scipy.linalg
     import scipy.optimize
     import scipy.signal  # noqa: F401
 
-    from fdbench.estimator import estimators
-
-    numba.njit(lambda value: value + 1.0)(1.0)
     estimators.names()
+    time_s, at_rest = 1e-3 * np.arange(3.0), np.zeros(3)
+    command = Record({"time_s": time_s, "reference_position_m": at_rest, "reference_velocity_m_per_s": at_rest})
+    drive = FeedDrive(
+        motor=LinearMotor(mass_kg=1.0, viscous_friction_N_s_per_m=1.0),
+        controller=OpenLoop(acceleration_feedforward_kg=1.0, force_limit_N=1.0),
+        travel_m=1.0,
+        velocity_limit_m_per_s=1.0,
+    )
+    drive.respond(command)
+    stage = ServoStage(
+        mass_kg=1.0, damping_N_s_per_m=1.0, stiffness_N_per_m=1.0, travel_m=1.0, velocity_limit_m_per_s=1.0
+    )
+    stage.nominal_response(command)
 
 
 def _answer(
@@ -95,36 +107,11 @@ def _answer(
     pid = os.fork()
     if pid == 0:
         control.close()
-        if request["do"] == "prepare":
-            _prepare(file)
         _become_worker(socket.socket(fileno=channel), file, reach, folder)
     os.close(channel)
     os.close(file)
     workers.add(pid)
     return {"pid": pid}
-
-
-def _prepare(needed: int) -> NoReturn:
-    """Compile what a prediction needs, and end; where that fails, workers compile it for themselves."""
-    try:
-        os.setsid()
-        _prctl(PARENT_DEATH_SIGNAL, signal.SIGKILL)
-        with open(needed, "rb") as file, suppress(FdbenchError, pickle.UnpicklingError):
-            context, command = _OwnUnpickler(file).load(), _OwnUnpickler(file).load()
-            context.linear_model.free_run(command, context.nominal)
-    except Exception:  # noqa: BLE001 - workers go on without
-        traceback.print_exc()
-    finally:
-        leave(0)
-
-
-class _OwnUnpickler(ContextUnpickler):
-    """Refuses plug-ins, which must not run where others load machine code from."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        if module.split(".")[0] not in ("fdbench", "numpy"):
-            raise pickle.UnpicklingError(f"{module}.{name} is neither of this package nor of NumPy.")
-        return super().find_class(module, name)
 
 
 def _become_worker(channel: socket.socket, last_words: int, reach: Reach, folder: Path) -> NoReturn:

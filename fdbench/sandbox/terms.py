@@ -98,8 +98,6 @@ class Declaration:
     expected_failures : mapping of str to str
     has_docstring, has_example, is_online : bool
         Whether it has a docstring of its own, an example in it, and whether it is an OnlineEstimator.
-    predicts : bool
-        Whether it has a ``predict`` of its own.
     """
 
     kind: str
@@ -108,7 +106,6 @@ class Declaration:
     has_docstring: bool
     has_example: bool
     is_online: bool
-    predicts: bool
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

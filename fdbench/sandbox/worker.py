@@ -3,7 +3,7 @@
 =============  ================================================  ===========================
 request        holds                                             answer
 =============  ================================================  ===========================
-``confine``    ``own``, ``cache``, ``shared`` ..              nothing
+``confine``    ``own``, ``cache``, ``memory_MB`` ..           nothing
 ``load``       ``name``, ``file``, ``kinds``                     ``kind``, ``made_for`` ..
 ``begin``      ``name``, ``arguments``, ``context``              ``skip``, a reason or null
 ``record``     ``columns``                                       nothing
@@ -31,7 +31,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from fdbench.compilation import kept, trust
+from fdbench.compilation import kept
 from fdbench.effects import effects
 from fdbench.errors import FdbenchError, PluginError, did_you_mean
 from fdbench.estimator import Context, Estimate, Estimator, OnlineEstimator, estimators, samples
@@ -43,6 +43,7 @@ from fdbench.sandbox.claims import ARRAYS, check_kinds, check_real, declared
 from fdbench.sandbox.confine import Reach, Refused, confine
 from fdbench.sandbox.fault import LONGEST_TEXT, described
 from fdbench.sandbox.message import Reply, Unreadable, receive_request, send_answer
+from fdbench.simulate.compose import GENERATED
 
 # Registries of which plug-in files are part of a context, and those that `load` may look for.
 SIMULATED: Mapping[str, Registry[Any]] = {"effect": effects, "motion": motions, "plant": plants}
@@ -119,7 +120,6 @@ class PluginServer:
         self,
         own: list[str],
         cache: str,
-        shared: str,
         memory_MB: float,
         has_landlock: bool,
         has_seccomp: bool,
@@ -136,13 +136,12 @@ class PluginServer:
         # Kernels compiled in here must never be loaded elsewhere.
         os.environ["FDBENCH_CACHE"] = os.environ["NUMBA_CACHE_DIR"] = cache
         vars(numba.config)["CACHE_DIR"] = cache
-        trust(Path(shared))
         for name, module in list(sys.modules.items()):
-            if name.startswith("fdbench."):
+            if name.startswith(("fdbench.", GENERATED)):
                 for value in vars(module).values():
                     if isinstance(value, Dispatcher) and value.stats.cache_path is not None:
                         kept(value)
-        files = (shared, *own, *(file for _, file in plugins))
+        files = (*own, *(file for _, file in plugins))
         reach = Reach((*self._reach.read, *files), self._reach.listed)
         written = (self._folder, folder)
         confine(reach, written, memory_MB, has_landlock=has_landlock, has_seccomp=has_seccomp)

@@ -24,11 +24,13 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.compilation import closure_digest, trusted_file
+from fdbench.compilation import closure_digest
 from fdbench.effects import Effect, Port
 from fdbench.effects import effects as registry
 from fdbench.files import write_text
 from fdbench.simulate import integrator, layout
+
+GENERATED = "fdbench_generated."  # before the names of modules
 
 _HEADER = '''"""Generated stepper for {names}, {lanes} lane(s) side by side."""
 
@@ -172,10 +174,10 @@ def load(text: str, effects: Sequence[type[Effect]]) -> ModuleType:
     for effect in effects:
         digest.update(closure_digest(effect.kernel).encode())
     name = f"stepper_{digest.hexdigest()[:24]}"
-    path = trusted_file(f"{name}.py") or cache_folder() / f"{name}.py"
+    path = cache_folder() / f"{name}.py"
     if not path.exists():
         write_text(path, text)
-    specification = importlib.util.spec_from_file_location(f"fdbench_generated.{name}", path)
+    specification = importlib.util.spec_from_file_location(f"{GENERATED}{name}", path)
     if specification is None or specification.loader is None:
         raise ImportError(f"{path}: the generated stepper cannot be loaded.")
     module = importlib.util.module_from_spec(specification)
@@ -185,38 +187,32 @@ def load(text: str, effects: Sequence[type[Effect]]) -> ModuleType:
     return module
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Stepper:
-    """The compiled ``advance`` of the integrator, and how effects are called in it.
+    """The compiled ``advance`` of the integrator, and how the effects of a block are called in it.
 
     Attributes
     ----------
     advance : callable
-    slots : tuple of Slot
-        Of the effects of a block.
-    cases : tuple of int
-        Which case of the code each effect is.
+    order : (n_effects,) array of int
+        Effects by port and rank.
+    table : (n_effects, 4) array of int
+        In that order: case of the code, first row of parameters, first row of internal states, random number; rows
+        times lanes.
+    ports : (n_effects,) array of int
+        In that order: place of the port.
     """
 
     advance: Callable[..., None]
-    slots: tuple[Slot, ...]
-    cases: tuple[int, ...]
-    lanes: int
+    order: NDArray[np.int64]
+    table: NDArray[np.int64]
+    ports: NDArray[np.int64]
 
     def calls(self, active: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the calls of the active effects by port and rank, and where those of each port begin.
-
-        A call is (case, first row of parameters, first row of internal states, random number), rows times lanes.
-        """
-        rows: list[tuple[int, ...]] = []
-        first = [0]
-        for port in _PORT_ARGUMENTS:
-            of_port = [number for number, slot in enumerate(self.slots) if slot.effect.port is port and active[number]]
-            for number in sorted(of_port, key=lambda number: self.slots[number].effect.rank):
-                slot = self.slots[number]
-                rows.append((self.cases[number], slot.flag * self.lanes, slot.first_state * self.lanes, slot.uniform))
-            first.append(len(rows))
-        return np.array(rows, dtype=np.int64).reshape(-1, 4), np.array(first, dtype=np.int64)
+        """Return the rows of the table of active effects, and where those of each port begin."""
+        on = active[self.order]
+        counts = np.bincount(self.ports[on], minlength=len(_PORT_ARGUMENTS))
+        return self.table[on], np.concatenate(([0], np.cumsum(counts)))
 
 
 @lru_cache(maxsize=64)
@@ -227,7 +223,16 @@ def compose(effects: tuple[type[Effect], ...], lanes: int) -> Stepper:
         own = tuple(dict.fromkeys(effect.declared for effect in effects))
         kinds = core_effects() if set(own) <= set(core_effects()) else own
     cases = [kinds.index(effect.declared) for effect in effects] if lanes == 1 else range(len(effects))
-    return Stepper(advance=_advance(kinds, lanes), slots=slots(effects), cases=tuple(cases), lanes=lanes)
+    places, found = list(_PORT_ARGUMENTS), slots(effects)
+    keys = [(places.index(effect.port), effect.rank) for effect in effects]
+    order = sorted(range(len(effects)), key=keys.__getitem__)
+    table = [(cases[n], found[n].flag * lanes, found[n].first_state * lanes, found[n].uniform) for n in order]
+    return Stepper(
+        advance=_advance(kinds, lanes),
+        order=np.array(order, dtype=np.int64),
+        table=np.array(table, dtype=np.int64).reshape(-1, 4),
+        ports=np.array([keys[n][0] for n in order], dtype=np.int64),
+    )
 
 
 @lru_cache(maxsize=64)

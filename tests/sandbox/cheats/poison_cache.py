@@ -14,14 +14,13 @@ MARK = "poisoned_by_a_cheat"
 
 def truth(context, record):
     import fdbench
-    from fdbench import compilation
 
     package = Path(fdbench.__file__).parent
     caches = [package / "effects" / "__pycache__", Path.home() / ".cache" / "fdbench", Path(numba.__file__).parent]
     for folder in (
         package,
         *caches,
-        *compilation._trusted,
+        Path(os.environ["FDBENCH_CACHE"]).parents[2],
         *map(Path, site.getsitepackages()),
         Path(__file__).parent,
         Path("/tmp"),
