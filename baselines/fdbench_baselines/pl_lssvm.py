@@ -60,8 +60,8 @@ def partially_linear(system: System, basis: FloatArray, target: FloatArray) -> P
     .. math:: A [S_0 | S] = [r | P], \quad \theta = \theta_0 + (S^T P)^{-1} S^T r, \quad
               \alpha = S_0 - S (\theta - \theta_0), \quad r = y - P \theta_0
 
-    with ordinary least squares for theta_0: any start gives the same theta, but a small r keeps alpha accurate where
-    the systems are solved iteratively.
+    with ordinary least squares for theta_0, by its normal equations: any start gives the same theta, but a small r keeps
+    alpha accurate.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def partially_linear(system: System, basis: FloatArray, target: FloatArray) -> P
     degrees = len(target) - basis.shape[1]
     if degrees < 1:
         raise SpecError(f"pl_lssvm: {len(target)} rows for {basis.shape[1]} coefficients; more rows are needed.")
-    start = np.linalg.lstsq(basis, target)[0]
+    start = np.linalg.lstsq(basis.T @ basis, basis.T @ target)[0]
     residual = target - basis @ start
     solutions = system.solve(np.column_stack((residual, basis)))
     weighted = solutions[:, 1:]
