@@ -1,6 +1,6 @@
 """Cases measured in turns on one thread, fdbench first, and the table of what came out.
 
-A burst is one run of a case; a round is one burst of every case. The time is CPU time of the whole process, so that a
+A burst is one run of a racer; a round is one burst of every racer. The time is CPU time of the whole process, so that a
 peer's own threads count too; machines with other work on them then give nearly the same figures as idle ones. Ratios
 are those of medians; a bar is for the best burst, as other work on the machine only ever adds.
 """
@@ -28,7 +28,7 @@ Compare = Callable[[Any, Any], float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
+class Racer:
     """What is measured: ``start`` imports and prepares, and returns the burst, which does ``units`` of work.
 
     ``peer`` is the distribution that has to be there and ``install`` how to get it, ``rounds`` fewer rounds than the
@@ -59,61 +59,61 @@ def difference(found: Any, expected: Any) -> float:
 
 def race(
     title: str,
-    cases: Sequence[Case],
+    racers: Sequence[Racer],
     *,
     scale: float = 1.0,
     rounds: int = 15,
     compare: Compare | None = difference,
     heading: str = "differs by",
 ) -> dict[str, float]:
-    """Print a table, with times of a unit multiplied by ``scale``; return the medians by the names of the cases.
+    """Print a table, with times of a unit multiplied by ``scale``; return the medians by the names of the racers.
 
-    The ratio is that of the medians to the first case. What the bursts of a round return is compared with what the
-    first case's burst returned; the first round, which also compiles, is compared but not timed.
+    The ratio is that of the medians to the first racer. What the bursts of a round return is compared with what the
+    first racer's burst returned; the first round, which also compiles, is compared but not timed.
     """
     width = 54
     heading = heading if compare is not None else ""
     print(f"\n{title}\n{'':{width}} {'median':>9} {'best':>9} {'ratio':>7} {heading:>11}".rstrip())
-    bursts: dict[Case, Burst] = {}
-    absent: dict[Case, str | None] = {}
-    for case in cases:
+    bursts: dict[Racer, Burst] = {}
+    absent: dict[Racer, str | None] = {}
+    for racer in racers:
         try:
-            bursts[case] = case.start()
+            bursts[racer] = racer.start()
         except ModuleNotFoundError as error:
-            if not case.peer:
+            if not racer.peer:
                 raise
-            absent[case] = error.name
-    times: dict[Case, list[float]] = {case: [] for case in bursts}
-    worst: dict[Case, float] = {}
+            absent[racer] = error.name
+    times: dict[Racer, list[float]] = {racer: [] for racer in bursts}
+    worst: dict[Racer, float] = {}
     with threadpool_limits(1):
         for number in range(rounds + 1):
             expected = None
-            for case, burst in bursts.items():
-                if number > (rounds if case.rounds is None else case.rounds):
+            for racer, burst in bursts.items():
+                if number > (rounds if racer.rounds is None else racer.rounds):
                     continue
                 start = process_time()
                 found = burst()
                 seconds = process_time() - start
                 if number > 0:
-                    times[case].append(scale * seconds / case.units)
-                if case is cases[0]:
+                    times[racer].append(scale * seconds / racer.units)
+                if racer is racers[0]:
                     expected = found
                 if compare is not None and found is not None and (found is not expected or compare is not difference):
-                    worst[case] = float(np.maximum(worst.get(case, 0.0), compare(found, expected)))  # nan stays
-    reference = median(times[cases[0]])
-    for case in cases:
-        if case in absent:
-            name = f"{case.peer}, {case.name}"
-            print(f"{name:{width}} not installed (no module {absent[case]!r}): {case.install}")
+                    worst[racer] = float(np.maximum(worst.get(racer, 0.0), compare(found, expected)))  # nan stays
+    reference = median(times[racers[0]])
+    for racer in racers:
+        if racer in absent:
+            name = f"{racer.peer}, {racer.name}"
+            print(f"{name:{width}} not installed (no module {absent[racer]!r}): {racer.install}")
             continue
-        middle = median(times[case])
-        off = f"{worst[case]:.0e}" if case in worst else ""
-        note = case.note
-        if case.bar < math.inf:
-            note += f" bar {case.bar:g}: {'met' if min(times[case]) <= case.bar else 'MISSED'}"
-        row = f"{digits(middle):>9} {digits(min(times[case])):>9} {digits(middle / reference):>7} {off:>11}"
-        print(f"{case.label:{width}} {row}  {note.strip()}".rstrip())
-    return {case.name: median(values) for case, values in times.items()}
+        middle = median(times[racer])
+        off = f"{worst[racer]:.0e}" if racer in worst else ""
+        note = racer.note
+        if racer.bar < math.inf:
+            note += f" bar {racer.bar:g}: {'met' if min(times[racer]) <= racer.bar else 'MISSED'}"
+        row = f"{digits(middle):>9} {digits(min(times[racer])):>9} {digits(middle / reference):>7} {off:>11}"
+        print(f"{racer.label:{width}} {row}  {note.strip()}".rstrip())
+    return {racer.name: median(values) for racer, values in times.items()}
 
 
 def digits(value: float) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from _measure import Burst, Case, describe_machine, race
+from _measure import Burst, Racer, describe_machine, race
 
 from fdbench.envs import register_all
 from fdbench.scenario import Reality, Scenario, load_scenario
@@ -123,8 +123,8 @@ def mujoco_masses(n: int) -> Burst:
     return lambda: mujoco.mj_step(model, data, n)
 
 
-def alone(name: str, start: Any, peer: str = "", note: str = "", bar: float = np.inf, n: int = CHUNK) -> Case:
-    return Case(name=name, start=start, units=n, peer=peer, note=note, bar=bar)
+def alone(name: str, start: Any, peer: str = "", note: str = "", bar: float = np.inf, n: int = CHUNK) -> Racer:
+    return Racer(name=name, start=start, units=n, peer=peer, note=note, bar=bar)
 
 
 def main() -> None:
@@ -156,9 +156,9 @@ def main() -> None:
     table(
         f"env.step, {LANES} environments side by side: ns a lane's step",
         [
-            Case(name="fdbench, 10 substeps, no noise", start=lambda: many(lugre()), units=LANES * CHUNK, bar=150.0),
+            Racer(name="fdbench, 10 substeps, no noise", start=lambda: many(lugre()), units=LANES * CHUNK, bar=150.0),
             *(
-                Case(
+                Racer(
                     name=f"fdbench, {name}",
                     start=partial(lambda name: many(endless(name)), name),
                     units=LANES * CHUNK,
@@ -166,7 +166,7 @@ def main() -> None:
                 )
                 for name in ("BallScrewAxis-v0", "LinearMotorAxis-v0", "ShakerConstant-v0")
             ),
-            Case(
+            Racer(
                 name="CartPole-v1, its vector class",
                 start=lambda: lane_steps(
                     gymnasium.make_vec("CartPole-v1", num_envs=LANES, vectorization_mode="vector_entry_point")
@@ -181,8 +181,8 @@ def main() -> None:
     table(
         "whole trials without an environment: ns a substep",
         [
-            Case(name="fdbench, alone", start=lambda: samples(lugre(SUBSTEPS), 1), units=SUBSTEPS * CHUNK, bar=80.0),
-            Case(
+            Racer(name="fdbench, alone", start=lambda: samples(lugre(SUBSTEPS), 1), units=SUBSTEPS * CHUNK, bar=80.0),
+            Racer(
                 name="fdbench, 64 lanes",
                 start=lambda: samples(lugre(SUBSTEPS), 64),
                 units=64 * SUBSTEPS * CHUNK,

@@ -10,7 +10,7 @@ from functools import partial
 from importlib import import_module
 
 import numpy as np
-from _measure import Burst, Case, describe_machine, race
+from _measure import Burst, Racer, describe_machine, race
 from fdbench_baselines._rational_fit import ComplexArray, FloatArray, fit_rational
 from fdbench_baselines.frequency_least_squares import FrequencyLeastSquares
 
@@ -84,10 +84,10 @@ def main() -> None:
     race(
         f"transfer function, noise {error(lambda omega: NOISY):.1e}: ms",
         [
-            Case(name="fdbench, scaled powers of s", start=ours, bar=1.0),
-            Case(name="VectorFitting", start=scikit_rf, peer="scikit-rf"),
-            Case(name="AAA, 6 terms", start=aaa, peer="scipy"),
-            Case(name="NumPy lstsq, plain powers of s", start=plain),
+            Racer(name="fdbench, scaled powers of s", start=ours, bar=1.0),
+            Racer(name="VectorFitting", start=scikit_rf, peer="scikit-rf"),
+            Racer(name="AAA, 6 terms", start=aaa, peer="scipy"),
+            Racer(name="NumPy lstsq, plain powers of s", start=plain),
         ],
         scale=1e3,
         rounds=60,
@@ -102,9 +102,9 @@ def main() -> None:
     race(
         f"slot milling, {n} samples: us a sample",
         [
-            Case(name="frequency_least_squares", start=lambda: lambda: estimator.fit(context, record), units=n),
-            Case(name="simulation of the record", start=lambda: lambda: scenario.record(0), units=n),
-            Case(
+            Racer(name="frequency_least_squares", start=lambda: lambda: estimator.fit(context, record), units=n),
+            Racer(name="simulation of the record", start=lambda: lambda: scenario.record(0), units=n),
+            Racer(
                 name=f"simulation in {LANES} lanes, sample by sample",
                 start=lambda: partial(lanes.advance, 1, np.zeros(LANES)),
                 units=LANES,

@@ -9,7 +9,7 @@ from importlib import import_module
 from itertools import count
 
 import numpy as np
-from _measure import Burst, Case, describe_machine, race
+from _measure import Burst, Racer, describe_machine, race
 from fdbench_baselines._recursive_least_squares import FloatArray, predict, rls, untrained
 from fdbench_baselines.hybrid_rls import HybridRLS
 
@@ -135,10 +135,10 @@ def main() -> None:
     race(
         "recursive least squares, 55 regressors, forgetting 0.999: us a sample",
         [
-            Case(name="fdbench", start=lambda: ours(LAM, DELTA), units=SAMPLES, bar=0.7),
-            Case(name="FilterRLS, predict and adapt", start=padasip, units=SAMPLES, peer="padasip"),
-            Case(name="KalmanFilter of constant states", start=filterpy, units=SAMPLES, peer="filterpy"),
-            Case(name="NumPy loop", start=numpy_loop, units=SAMPLES),
+            Racer(name="fdbench", start=lambda: ours(LAM, DELTA), units=SAMPLES, bar=0.7),
+            Racer(name="FilterRLS, predict and adapt", start=padasip, units=SAMPLES, peer="padasip"),
+            Racer(name="KalmanFilter of constant states", start=filterpy, units=SAMPLES, peer="filterpy"),
+            Racer(name="NumPy loop", start=numpy_loop, units=SAMPLES),
         ],
         scale=1e6,
         rounds=ROUNDS,
@@ -146,8 +146,8 @@ def main() -> None:
     race(
         "the same without forgetting: us a sample",
         [
-            Case(name="fdbench", start=lambda: ours(1.0, 1.0), units=SAMPLES),
-            Case(name="BayesianLinearRegression", start=river, units=SAMPLES, peer="river"),
+            Racer(name="fdbench", start=lambda: ours(1.0, 1.0), units=SAMPLES),
+            Racer(name="BayesianLinearRegression", start=river, units=SAMPLES, peer="river"),
         ],
         scale=1e6,
         rounds=ROUNDS,
@@ -155,8 +155,8 @@ def main() -> None:
     race(
         "hybrid model, 55 features, a batch of 100 samples ahead: us a sample",
         [
-            Case(name="fdbench", start=hybrid, units=SAMPLES),
-            Case(name="NumPy loop", start=hybrid_numpy, units=SAMPLES),
+            Racer(name="fdbench", start=hybrid, units=SAMPLES),
+            Racer(name="NumPy loop", start=hybrid_numpy, units=SAMPLES),
         ],
         scale=1e6,
         rounds=ROUNDS,
@@ -168,8 +168,10 @@ def main() -> None:
     times = race(
         f"hybrid_rls on the staircase, {n * sampling_time_s:g} s of record: us a sample",
         [
-            Case(name="response of the physics and fit", start=lambda: lambda: estimator.fit(context, record), units=n),
-            Case(name="simulation of the record", start=lambda: lambda: scenario.record(0), units=n),
+            Racer(
+                name="response of the physics and fit", start=lambda: lambda: estimator.fit(context, record), units=n
+            ),
+            Racer(name="simulation of the record", start=lambda: lambda: scenario.record(0), units=n),
         ],
         scale=1e6,
         compare=None,

@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from _measure import Burst, Case, describe_machine, race
+from _measure import Burst, Racer, describe_machine, race
 from fdbench_baselines import _kalman_filter as kf
 
 STATES, SAMPLES, SHORT = 7, 2000, 200
@@ -160,28 +160,28 @@ def main() -> None:
     race(
         "Kalman filter, covariance updated in each step: us a step",
         [
-            Case(name="fdbench, Joseph form", start=ours, units=SAMPLES, bar=0.35),
-            Case(name="jit", start=dynamax, units=SAMPLES, peer="dynamax"),
-            Case(name="Cython", start=lambda: statsmodels(tolerance=0.0), units=SAMPLES, peer="statsmodels"),
-            Case(
+            Racer(name="fdbench, Joseph form", start=ours, units=SAMPLES, bar=0.35),
+            Racer(name="jit", start=dynamax, units=SAMPLES, peer="dynamax"),
+            Racer(name="Cython", start=lambda: statsmodels(tolerance=0.0), units=SAMPLES, peer="statsmodels"),
+            Racer(
                 name=f"{SERIES} series at once",
                 start=lambda: simdkalman(SERIES),
                 units=SERIES * SHORT,
                 peer="simdkalman",
                 note="a step of one series",
             ),
-            Case(name="1 series", start=lambda: simdkalman(1), units=SHORT, peer="simdkalman"),
-            Case(name="predict and update", start=filterpy, units=SHORT, peer="filterpy"),
-            Case(name="filter", start=pykalman, units=SHORT, peer="pykalman"),
-            Case(name="NumPy loop, Joseph form", start=numpy_loop, units=SHORT),
+            Racer(name="1 series", start=lambda: simdkalman(1), units=SHORT, peer="simdkalman"),
+            Racer(name="predict and update", start=filterpy, units=SHORT, peer="filterpy"),
+            Racer(name="filter", start=pykalman, units=SHORT, peer="pykalman"),
+            Racer(name="NumPy loop, Joseph form", start=numpy_loop, units=SHORT),
         ],
         scale=1e6,
     )
     race(
         "Kalman filter of constant gain: us a step",
         [
-            Case(name="fdbench", start=ours_steady, units=SAMPLES),
-            Case(name="predict and update _steadystate", start=filterpy_steady, units=SHORT, peer="filterpy"),
+            Racer(name="fdbench", start=ours_steady, units=SAMPLES),
+            Racer(name="predict and update _steadystate", start=filterpy_steady, units=SHORT, peer="filterpy"),
         ],
         scale=1e6,
     )

@@ -11,7 +11,7 @@ from functools import partial
 from importlib import import_module
 
 import numpy as np
-from _measure import Burst, Case, describe_machine, race
+from _measure import Burst, Racer, describe_machine, race
 from fdbench_baselines._krls_t_recursion import FloatArray, empty_tracker, track
 
 BUDGETS = (30, 50, 100, 200)
@@ -90,8 +90,8 @@ def main() -> None:
         race(
             f"KRLS-T, dictionary of {budget}: us a sample",
             [
-                Case(name="fdbench", start=partial(ours, budget), units=SAMPLES, bar=BARS_US.get(budget, np.inf)),
-                Case(
+                Racer(name="fdbench", start=partial(ours, budget), units=SAMPLES, bar=BARS_US.get(budget, np.inf)),
+                Racer(
                     name="KRLS_T, predict and evolve",
                     start=partial(krls, budget),
                     units=SAMPLES,
@@ -100,7 +100,7 @@ def main() -> None:
                     rounds=5,
                     note="keeps other samples",
                 ),
-                Case(name="NumPy loop", start=partial(numpy_loop, budget), units=SAMPLES, rounds=10),
+                Racer(name="NumPy loop", start=partial(numpy_loop, budget), units=SAMPLES, rounds=10),
             ],
             scale=1e6,
             rounds=ROUNDS,

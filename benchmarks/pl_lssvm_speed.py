@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from _measure import Burst, Case, describe_machine, race
+from _measure import Burst, Racer, describe_machine, race
 from fdbench_baselines._locally_periodic import Kernel, kernel_system, locally_periodic
 from fdbench_baselines._restricted_likelihood import likeliest_kernel, nearby_kernel
 from fdbench_baselines._toeplitz import Toeplitz
@@ -171,13 +171,13 @@ def main() -> None:
         race(
             f"PL-LSSVM, {n} samples: ms",
             [
-                Case(name="fdbench, uniform clock", start=partial(ours, n)),
-                Case(name="fdbench, hyperparameters free", start=partial(ours_free, n), note="about 70 likelihoods"),
-                Case(name="fdbench, any clock", start=partial(ours_dense, n), note="clock off by 2e-6 of a step"),
-                Case(name="GaussianProcess, jit", start=partial(tinygp, n), peer="tinygp"),
-                Case(name="GaussianProcessRegressor", start=partial(scikit_learn, n), peer="scikit-learn"),
-                Case(name="NumPy kernel, SciPy cho_factor", start=partial(numpy_dense, n)),
-                Case(name="dpotrf alone, of the whole matrix", start=partial(dpotrf, n)),
+                Racer(name="fdbench, uniform clock", start=partial(ours, n)),
+                Racer(name="fdbench, hyperparameters free", start=partial(ours_free, n), note="about 70 likelihoods"),
+                Racer(name="fdbench, any clock", start=partial(ours_dense, n), note="clock off by 2e-6 of a step"),
+                Racer(name="GaussianProcess, jit", start=partial(tinygp, n), peer="tinygp"),
+                Racer(name="GaussianProcessRegressor", start=partial(scikit_learn, n), peer="scikit-learn"),
+                Racer(name="NumPy kernel, SciPy cho_factor", start=partial(numpy_dense, n)),
+                Racer(name="dpotrf alone, of the whole matrix", start=partial(dpotrf, n)),
             ],
             scale=1e3,
             rounds=rounds,
@@ -186,15 +186,15 @@ def main() -> None:
         race(
             f"PL-LSSVM with an exponential envelope, {n} samples: ms",
             [
-                Case(name="fdbench, uniform clock", start=partial(ours_exponential, n)),
-                Case(name="GaussianProcess", start=partial(celerite2, n), peer="celerite2"),
+                Racer(name="fdbench, uniform clock", start=partial(ours_exponential, n)),
+                Racer(name="GaussianProcess", start=partial(celerite2, n), peer="celerite2"),
             ],
             scale=1e3,
             rounds=3,
         )
     race(
         "PL-LSSVM, longer than any matrix: ms",
-        [Case(name=f"fdbench, {n} samples", start=partial(ours, n)) for n in (32000, 128000)],
+        [Racer(name=f"fdbench, {n} samples", start=partial(ours, n)) for n in (32000, 128000)],
         scale=1e3,
         rounds=3,
         compare=None,

@@ -10,7 +10,7 @@ from functools import partial
 from importlib import import_module
 
 import numpy as np
-from _measure import Burst, Case, describe_machine, race
+from _measure import Burst, Racer, describe_machine, race
 from fdbench_baselines._function_basis import NONLINEAR, expand
 from fdbench_baselines._sparse_regression import FloatArray, least_squares, threshold_sequentially
 
@@ -80,8 +80,8 @@ def lasso(outputs: int) -> Burst:
     return burst
 
 
-def thresholded(name: str, start: Callable[[int], Burst], outputs: int, peer: str = "", note: str = "") -> Case:
-    return Case(
+def thresholded(name: str, start: Callable[[int], Burst], outputs: int, peer: str = "", note: str = "") -> Racer:
+    return Racer(
         name=name,
         start=partial(start, outputs),
         units=outputs,
@@ -96,7 +96,7 @@ def main() -> None:
     race(
         f"thresholded least squares, {ROWS} x {COLUMNS}: s for {OUTPUTS} outputs",
         [
-            Case(name="fdbench, orthogonal factors", start=ours, units=OUTPUTS, bar=BAR_S),
+            Racer(name="fdbench, orthogonal factors", start=ours, units=OUTPUTS, bar=BAR_S),
             thresholded("STLSQ", pysindy, 8, "pysindy"),
             thresholded("NumPy lstsq, output by output", numpy_loop, 4),
             thresholded("Lasso, Gram matrix given", lasso, 20, "scikit-learn", "another estimate, "),
@@ -107,9 +107,9 @@ def main() -> None:
     race(
         f"least squares without thresholds, {ROWS} x {COLUMNS}: s for {OUTPUTS} outputs",
         [
-            Case(name="fdbench, QR", start=ours_unthresholded, units=OUTPUTS),
-            Case(name="Ridge, normal equations", start=ridge, units=OUTPUTS, peer="scikit-learn"),
-            Case(name="NumPy lstsq", start=lambda: lambda: np.linalg.lstsq(A, Y)[0].T, units=OUTPUTS),
+            Racer(name="fdbench, QR", start=ours_unthresholded, units=OUTPUTS),
+            Racer(name="Ridge, normal equations", start=ridge, units=OUTPUTS, peer="scikit-learn"),
+            Racer(name="NumPy lstsq", start=lambda: lambda: np.linalg.lstsq(A, Y)[0].T, units=OUTPUTS),
         ],
         scale=OUTPUTS,
         rounds=5,
@@ -123,12 +123,12 @@ def main() -> None:
     race(
         f"slr_nfb on the spindle testbed, {record.n_samples} samples: s",
         [
-            Case(
+            Racer(
                 name=f"thresholded least squares, {G.shape[0]} x {G.shape[1]}, {targets.shape[1]} outputs",
                 start=lambda: lambda: threshold_sequentially(G, targets, 0.2, ITERATIONS),
                 note="most terms kept",
             ),
-            Case(name="simulation of the record", start=lambda: lambda: scenario.record(0)),
+            Racer(name="simulation of the record", start=lambda: lambda: scenario.record(0)),
         ],
         rounds=2,
         compare=None,

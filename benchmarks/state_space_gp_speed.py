@@ -8,7 +8,7 @@ from functools import partial
 from importlib import import_module
 
 import numpy as np
-from _measure import Burst, Case, describe_machine, race
+from _measure import Burst, Racer, describe_machine, race
 from fdbench_baselines._locally_periodic_states import (
     Amplitudes,
     LikeliestProcess,
@@ -90,18 +90,18 @@ def main() -> None:
         race(
             f"Gaussian process of {harmonics} harmonics and a level, 4000 samples: ns a sample",
             [
-                Case(name="fdbench, mean and variance", start=partial(smoothed, 4000, harmonics), units=4000),
-                Case(name="fdbench, likelihood", start=partial(likelihood, 4000, harmonics), units=4000),
-                Case(name="mean", start=partial(celerite2, 4000, harmonics), units=4000, peer="celerite2"),
-                Case(name="SciPy cho_factor, mean", start=partial(dense, 4000, harmonics), units=4000, rounds=3),
+                Racer(name="fdbench, mean and variance", start=partial(smoothed, 4000, harmonics), units=4000),
+                Racer(name="fdbench, likelihood", start=partial(likelihood, 4000, harmonics), units=4000),
+                Racer(name="mean", start=partial(celerite2, 4000, harmonics), units=4000, peer="celerite2"),
+                Racer(name="SciPy cho_factor, mean", start=partial(dense, 4000, harmonics), units=4000, rounds=3),
             ],
             scale=1e9,
         )
     race(
         "The same, one harmonic, a million samples: ns a sample",
         [
-            Case(name="fdbench, mean and variance", start=partial(smoothed, 10**6, 1), units=10**6, bar=1000.0),
-            Case(name="mean", start=partial(celerite2, 10**6, 1), units=10**6, peer="celerite2"),
+            Racer(name="fdbench, mean and variance", start=partial(smoothed, 10**6, 1), units=10**6, bar=1000.0),
+            Racer(name="mean", start=partial(celerite2, 10**6, 1), units=10**6, peer="celerite2"),
         ],
         scale=1e9,
         rounds=3,

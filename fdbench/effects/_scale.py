@@ -38,6 +38,9 @@ class Scale:
         return math.prod(factors)
 
 
+_ANOTHER = Scale(length=2.0, force=3.0)  # at which every quantity that has a scale is another
+
+
 def at_scale(kind: type[Effect], scale: Scale) -> type[Effect]:
     """Return the effect of an axis of this scale.
 
@@ -99,7 +102,7 @@ def _check_signs(effect: Effect) -> None:
     for item in effect.declared.parameters():
         value, unit = getattr(effect, item.name), f" {item.unit}" if item.unit else ""
         low, high = item.low, item.high
-        if Scale(2.0, 3.0).of(item.unit) != 1.0:
+        if _ANOTHER.of(item.unit) != 1.0:
             low, high = (0.0 if low >= 0.0 else -math.inf), math.inf
         if not (low <= value <= high and abs(value) < math.inf) or (value == 0.0 < item.low):
             raise SpecError(f"{item.name}: {value:g} is outside [{low:g}, {high:g}]{unit}.")
