@@ -20,11 +20,10 @@ from typing import Any
 from fdbench.benchmark import job, run
 from fdbench.benchmark.suite import SEEDS, Suite, in_suite
 from fdbench.benchmark.validate import check_estimate, plant_parameters
-from fdbench.estimator import estimators
+from fdbench.estimator import construct, estimators
 from fdbench.record import FloatArray, Record
 from fdbench.sandbox import FitResult
 from fdbench.sandbox.launch import _THREADS
-from fdbench.sandbox.worker import construct
 
 MODES = ("without", "with")
 

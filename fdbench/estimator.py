@@ -4,18 +4,21 @@ A researcher writes one class in one file; ``Context`` and ``Record`` are all th
 in neither of them.
 """
 
+import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.errors import PluginError, did_you_mean
 from fdbench.plants._plant import LinearModel, Plant
 from fdbench.record import Record
 from fdbench.registry import Registry
 from fdbench.regression import Regression, Sample, samples
+from fdbench.specification import convert
 
 FloatArray = NDArray[np.float64]
 
@@ -178,3 +181,27 @@ class OnlineEstimator(Estimator):
 
 
 estimators: Registry[Estimator] = Registry("estimator", Estimator)  # type: ignore[type-abstract]
+
+
+def construct(name: str, arguments: Mapping[str, Any]) -> Estimator:
+    """Return an estimator made with some arguments; the others keep their defaults.
+
+    Raises
+    ------
+    PluginError
+        If it has no such argument; the message names the nearest one.
+    SpecError
+        If a value is of another type than the default. A default of None, or of none of TOML's plain types, says
+        nothing of the type.
+    """
+    cls = estimators.get(name)
+    return cls(**{key: checked_argument(name, key, value) for key, value in arguments.items()})
+
+
+def checked_argument(name: str, argument: str, value: Any) -> Any:
+    """Return the value of an argument of an estimator as its default's type; see `construct`."""
+    allowed = inspect.signature(estimators.get(name)).parameters
+    if argument not in allowed:
+        raise PluginError(f"{name} has no argument '{argument}'.{did_you_mean(argument, allowed)}")
+    kind = type(allowed[argument].default)
+    return convert(kind, value, f"{name}.{argument}") if kind in (bool, int, float, str) else value

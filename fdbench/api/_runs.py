@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 from fdbench.api._table import frame
 from fdbench.benchmark import compare as comparison
 from fdbench.benchmark import compare_text
-from fdbench.benchmark.run import MEMORY_LIMIT_MB, TIME_LIMIT_S, Progress, Summary, select
+from fdbench.benchmark.run import MEMORY_LIMIT_MB, TIME_LIMIT_S, Progress, Summary
 from fdbench.benchmark.run import run as run_benchmark
+from fdbench.benchmark.selection import select
 from fdbench.benchmark.statistics import rankings, standings
 from fdbench.benchmark.store import Store
 from fdbench.benchmark.suite import SEEDS, Suite, in_suite

@@ -11,7 +11,7 @@ import numpy as np
 from fdbench.benchmark.job import SPEED
 from fdbench.benchmark.leaderboard import check_mergeable
 from fdbench.benchmark.oracle import NAME as ORACLE
-from fdbench.benchmark.run import NULL
+from fdbench.benchmark.selection import NULL
 from fdbench.benchmark.statistics import LEVEL, ROUNDING, SMALLEST_REACH, loss
 from fdbench.benchmark.store import OK, PROVENANCE, SKIPPED
 from fdbench.errors import FdbenchError

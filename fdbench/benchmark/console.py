@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from fdbench.benchmark.leaderboard import MOST_NAMED, check_mergeable, interval_text
 from fdbench.benchmark.oracle import NAME as ORACLE
-from fdbench.benchmark.run import NULL, Progress
+from fdbench.benchmark.run import Progress
+from fdbench.benchmark.selection import NULL
 from fdbench.benchmark.statistics import EVERY, LEVEL, rankings, run_statuses, standings, troubles
 from fdbench.benchmark.store import OK, SKIPPED, RunKey, Store
 from fdbench.units import time_text
@@ -46,6 +47,7 @@ def _line(progress: Progress) -> str:
 def ranking_table(scores: "pd.DataFrame") -> "Table | str":
     """Return the rankings of all tracks and kinds of plant, with the median time of a run."""
     from rich import box
+    from rich.markup import escape
     from rich.table import Table
 
     check_mergeable(scores)
@@ -63,7 +65,7 @@ def ranking_table(scores: "pd.DataFrame") -> "Table | str":
         for line in standings(scores, track, plant):
             time_s = times_s[plant, line.estimator]
             table.add_row(
-                line.estimator,
+                escape(line.estimator),
                 "" if line.rank is None else str(line.rank),
                 f"{line.score.value:.3f}",
                 interval_text(line.score),
@@ -91,7 +93,7 @@ def trouble_table(scores: "pd.DataFrame") -> "Group | None":
     found = troubles(statuses)
     for line in found:
         if line.status != SKIPPED:
-            table.add_row(line.status, line.scenario, line.estimators, line.seeds, escape(line.reason))
+            table.add_row(line.status, line.scenario, escape(line.estimators), line.seeds, escape(line.reason))
     parts: list[Table | str] = [table] if table.row_count else []
     absent = {line.scenario: line.reason for line in found if line.status == SKIPPED and line.estimators == EVERY}
     parts += [f"{scenario} was skipped. {escape(reason)}" for scenario, reason in absent.items()]

@@ -46,7 +46,7 @@ _kept = _Kept()
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """An estimator, the arguments that a scenario has for it, the digest of both, and where it is.
+    """The name of a row, its estimator's arguments, the digest of estimator and arguments, and where the estimator is.
 
     The oracle is nowhere: it is no plug-in.
     """

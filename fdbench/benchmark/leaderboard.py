@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fdbench.benchmark.oracle import NAME as ORACLE
-from fdbench.benchmark.run import NULL
 from fdbench.benchmark.seal import Seal, read_seal
+from fdbench.benchmark.selection import NULL
 from fdbench.benchmark.statistics import (
     LEVEL,
     RESAMPLES,

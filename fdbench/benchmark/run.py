@@ -1,34 +1,25 @@
 """Run estimators on scenarios, in as many processes as asked for, and store what comes out."""
 
-import inspect
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fdbench.benchmark import oracle
-from fdbench.benchmark.job import Choice, Job, describe, do, sandbox
-from fdbench.benchmark.provenance import (
-    SIMULATION,
-    digest,
-    estimator_digest,
-    estimator_source,
-    plugin_files,
-    provenance,
-    source_files,
-)
+from fdbench.benchmark.job import Choice, Job, describe, do
+from fdbench.benchmark.provenance import SIMULATION, estimator_digest, plugin_files, provenance
 from fdbench.benchmark.seal import Seal
 from fdbench.benchmark.seal import sealed as seal
+from fdbench.benchmark.selection import choice_of, construct_variants, made_for, select, sources_of
 from fdbench.benchmark.store import DIGESTS, OK, STATUSES, KeptRun, RunKey, Store
+from fdbench.benchmark.variant import arguments, registered
 from fdbench.catalogue import scenario_ids
-from fdbench.errors import FdbenchError, MissingData, PluginError
+from fdbench.errors import FdbenchError, MissingData
 from fdbench.estimator import estimators as registry
 from fdbench.nonce import check_nonce
 from fdbench.reading import measured_file
-from fdbench.sandbox import Misbehaved, WorkerLimits, confinement, own_files
+from fdbench.sandbox import WorkerLimits, confinement
 from fdbench.scenario import Scenario, load_scenario
-
-NULL = "null"
 
 MOST_SEEDS, MOST_JOBS, LAST_SEED = 10_000, 1024, 2**62  # beyond them a slip of the pen is likelier than a plan
 
@@ -107,8 +98,9 @@ def run(
     scenarios : sequence of str or Path
         Ids, or paths of TOML files.
     estimators : sequence of str or None
-        Registered names, or paths of Python files; ``null`` and ``oracle`` are added. None: all that are installed,
-        each on the scenarios that it is made for.
+        Registered names, or paths of Python files, with arguments in brackets if wanted (`fdbench.benchmark.variant`),
+        which win over those of a scenario; ``null`` and ``oracle`` are added. None: all that are installed, each on
+        the scenarios that it is made for.
     seeds : int
         At least 1.
     out : path
@@ -131,7 +123,8 @@ def run(
     Raises
     ------
     UnknownName, SpecError, PluginError
-        If a scenario, an estimator or a file cannot be loaded; nothing is run then.
+        If a scenario, an estimator or a file cannot be loaded, or an estimator refuses its arguments; nothing is run
+        then.
     FdbenchError
         If a number is out of bounds, an id is given twice, or a worker process dies. What was finished is kept.
     """
@@ -155,12 +148,17 @@ def run(
     for name, count in Counter(scenario.id for _, scenario in selected).items():
         if count > 1:
             raise FdbenchError(f"scenario '{name}' is given {count} times.")
-    sources, plugins = _sources(names), _plugins()
-    made_for = _made_for(sources, limits, plugins, store)
+    sources, plugins = sources_of(names), _plugins()
+    construct_variants(names, sources, limits, plugins)
+    kinds_of = made_for(sources, limits, plugins, store)
     origin["nonce"] = check_nonce(nonce) if nonce else ""
     if sealed:
         fixed = Seal(
-            estimators={name: estimator_digest(files, {}) for name, files in sources.items()},
+            estimators={
+                name: estimator_digest(sources[registered(name)], arguments(name))
+                for name in names
+                if name != oracle.NAME
+            },
             scenarios={scenario.id: scenario.content_digest for _, scenario in selected},
             code_digest=origin["code_digest"],
             commit=origin["commit"],
@@ -172,9 +170,9 @@ def run(
         own_names = [
             name
             for name in names
-            if estimators is not None or (kinds := made_for.get(name)) is None or is_of.intersection(kinds)
+            if estimators is not None or (kinds := kinds_of.get(registered(name))) is None or is_of.intersection(kinds)
         ]
-        choices = tuple(_choice(name, scenario, sources) for name in own_names)
+        choices = tuple(choice_of(name, scenario, sources) for name in own_names)
         own = _jobs(source, scenario, choices, range(1) if scenario.measured else drawn, keep_estimates, origin)
         place = store.folder.resolve()
         plan += [replace(job, folder=place, plugins=plugins, is_apart=jobs > 1, limits=limits) for job in own]
@@ -232,68 +230,13 @@ def _digests_now(runs: Sequence[KeptRun], selected: Sequence[Scenario]) -> dict[
         by_pair[run.key[:2]] = run.provenance.get("estimator_digest", "")
     packaged = [load_scenario(name) for name in scenario_ids() if name in by_scenario]
     known = {scenario.id: scenario for scenario in (*packaged, *selected)}
-    sources = _sources({name for _, name in by_pair}.intersection(registry.names()))
+    sources = sources_of({registered(name) for _, name in by_pair}.intersection(registry.names()))
     for name, estimator in by_pair:
         if name in known:
             by_scenario[name] = known[name].content_digest
-            if estimator in (*sources, oracle.NAME):
-                by_pair[name, estimator] = _choice(estimator, known[name], sources).digest
+            if registered(estimator) in (*sources, oracle.NAME):
+                by_pair[name, estimator] = choice_of(estimator, known[name], sources).digest
     return {pair: (by_scenario[pair[0]], digest) for pair, digest in by_pair.items()}
-
-
-def select(names_or_files: Sequence[str]) -> tuple[str, ...]:
-    """Return the estimators of a selection, references included, in order of name; files are noted, not imported."""
-    names = {registry.declare(name) for name in names_or_files if name != oracle.NAME} | {NULL}
-    if oracle.NAME in (*names, *registry.names()):
-        raise PluginError(f"estimator '{oracle.NAME}': this name is the benchmark's own. Rename the file.")
-    for name in names.difference(registry.names()):
-        registry.get(name)
-    return tuple(sorted({*names, oracle.NAME}))
-
-
-def _made_for(
-    sources: Mapping[str, Sequence[Path]], limits: WorkerLimits, plugins: tuple[tuple[int, Path], ...], store: Store
-) -> dict[str, tuple[str, ...] | None]:
-    """Return what each estimator is made for, None for anything; what is known of its very code is not asked again.
-
-    An installed one that cannot be imported is for anything, so that it is reported.
-
-    Raises
-    ------
-    PluginError
-        If one that was given by path cannot be imported.
-    """
-    known, found, by_path = store.made_for(), dict[str, tuple[str, ...] | None](), registry.files()
-    for name, files in sources.items():
-        content = estimator_digest(files, {})
-        if content not in known:
-            try:
-                known[content] = sandbox(limits, plugins).worker(estimator_source(name, files)).load().made_for
-            except Misbehaved as error:
-                if name in by_path:
-                    text = str(error).removeprefix("PluginError: ")
-                    raise PluginError(text if str(by_path[name]) in text else f"{by_path[name]}: {text}") from error
-                found[name] = None
-                continue
-        found[name] = known[content]
-    store.write_made_for({content: known[content] for content in sorted(known)})
-    return found
-
-
-def _sources(names: Iterable[str]) -> dict[str, list[Path]]:
-    """Return the files that each of some estimators is made of; reading them takes a while."""
-    by_path, modules = plugin_files(registry), registry.modules()
-    others = (name for name in names if name != oracle.NAME)
-    return {name: list(own_files(by_path[name])) if name in by_path else source_files(modules[name]) for name in others}
-
-
-def _choice(name: str, scenario: Scenario, sources: Mapping[str, Sequence[Path]]) -> Choice:
-    """Return an estimator with the arguments that the scenario has for it."""
-    if name == oracle.NAME:
-        return Choice(name=name, arguments={}, digest=digest([inspect.getsource(oracle).encode()]))
-    arguments = scenario.estimation.hyperparameters.get(name, {})
-    digest_of_both = estimator_digest(sources[name], arguments)
-    return Choice(name=name, arguments=arguments, digest=digest_of_both, source=estimator_source(name, sources[name]))
 
 
 def _jobs(

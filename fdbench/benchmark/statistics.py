@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fdbench.benchmark.oracle import NAME as ORACLE
-from fdbench.benchmark.run import NULL
+from fdbench.benchmark.selection import NULL
 from fdbench.benchmark.store import DIVERGED, FAILED, OK, SKIPPED
 from fdbench.errors import FdbenchError
 from fdbench.metrics import Metric, metrics

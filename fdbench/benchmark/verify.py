@@ -9,7 +9,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from fdbench.benchmark.provenance import code_digest
-from fdbench.benchmark.run import NULL, run
+from fdbench.benchmark.run import run
+from fdbench.benchmark.selection import NULL
 from fdbench.benchmark.store import OK, RunKey, Store
 from fdbench.errors import FdbenchError
 from fdbench.metrics import metrics

@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+from fdbench.benchmark.variant import registered
 from fdbench.errors import PluginError
 
 
@@ -30,10 +31,13 @@ def add_effects(files: Iterable[str | Path] | None) -> None:
 
 
 def distinct(names_or_files: Iterable[str | Path]) -> list[str]:
-    """Return names and files as texts; two files of one name are refused, for the file name is the plug-in's."""
+    """Return names and files as texts; two files of one name are refused, for the file name is the plug-in's.
+
+    Arguments in brackets are none of the name.
+    """
     every = [str(item) for item in names_or_files]
     given: dict[str, Path] = {}
-    for file in (Path(item) for item in every if item.endswith(".py")):
+    for file in (Path(item) for item in map(registered, every) if item.endswith(".py")):
         if os.path.realpath(given.setdefault(file.stem, file)) != os.path.realpath(file):
             raise PluginError(f"{given[file.stem]} and {file}: two plug-ins of one name. Rename one of the files.")
     return every

@@ -32,8 +32,8 @@ def run(
         list[str] | None,
         typer.Option(
             metavar="NAME|FILE",
-            help="Name or Python file of an estimator; may be repeated. Default: all installed ones. null and oracle, "
-            "which scores are measured against, always run.",
+            help="Name or Python file of an estimator, with arguments as in 'krls_t[budget=20|50,mode=UI]'; may be "
+            "repeated. Default: all installed ones. null and oracle, which scores are measured against, always run.",
         ),
     ] = None,
     seeds: Annotated[

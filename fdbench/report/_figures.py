@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fdbench.benchmark.oracle import NAME as ORACLE
-from fdbench.benchmark.run import NULL
+from fdbench.benchmark.selection import NULL
 from fdbench.regression import FloatArray
 
 INK, SOFT, TRUTH = "var(--ink)", "var(--soft)", "var(--truth)"

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 from fdbench.benchmark.leaderboard import SCORE, fixed, interval_text, unranked_text
 from fdbench.benchmark.oracle import NAME as ORACLE
-from fdbench.benchmark.run import NULL
+from fdbench.benchmark.selection import NULL
 from fdbench.benchmark.statistics import LEVEL, Standing, rankings, run_statuses, standings
 from fdbench.benchmark.store import DIVERGED, FAILED
+from fdbench.benchmark.variant import registered
 from fdbench.metrics import metrics
 from fdbench.report._figures import style_of
 from fdbench.report._page import breakable, folded, note, slug
@@ -91,7 +92,7 @@ def ranking_tables(scores: "pd.DataFrame", found: Rankings) -> Iterator[Html]:
                 "name": name,
                 "shown": breakable(name),
                 "style": style_of(name),
-                "id": f"rank-{slug(plant)}-{slug(name)}",
+                "id": f"rank-{slug(plant)}-{slug(registered(name))}{name.removeprefix(registered(name))}",
                 "is_reference": name in (NULL, ORACLE),
                 "cells": [_cell(lines[track].get(name), decades(track)) for track in tracks],
                 "failures": int(counts.get((plant, name), 0)),

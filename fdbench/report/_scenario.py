@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from fdbench.benchmark.oracle import NAME as ORACLE
-from fdbench.benchmark.run import NULL
+from fdbench.benchmark.selection import NULL
 from fdbench.benchmark.statistics import LEVEL
 from fdbench.benchmark.store import Kept, RunKey, Store
 from fdbench.errors import FdbenchError

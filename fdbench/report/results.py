@@ -17,7 +17,7 @@ from fdbench.benchmark.leaderboard import (
     value_text,
 )
 from fdbench.benchmark.oracle import NAME as ORACLE
-from fdbench.benchmark.run import NULL
+from fdbench.benchmark.selection import NULL
 from fdbench.benchmark.statistics import (
     LEVEL,
     loss,

@@ -118,6 +118,10 @@ class Worker:
             )
         return self._declaration
 
+    def construct(self, arguments: Mapping[str, Any]) -> None:
+        """Construct the estimator, which may refuse its arguments."""
+        self._ask({"do": "construct", "name": self._source.name, "arguments": dict(arguments)})
+
     def begin(self, arguments: Mapping[str, Any], context: Context | bytes) -> str | None:
         """Construct the estimator anew, and return why it declines a context."""
         content = context if isinstance(context, bytes) else pickle.dumps(context)

@@ -5,6 +5,7 @@ request        holds                                             answer
 =============  ================================================  ===========================
 ``confine``    ``own``, ``cache``, ``memory_MB`` ..           nothing
 ``load``       ``name``, ``file``, ``kinds``                     ``kind``, ``made_for`` ..
+``construct``  ``name``, ``arguments``                           nothing
 ``begin``      ``name``, ``arguments``, ``context``              ``skip``, a reason or null
 ``record``     ``columns``                                       nothing
 ``fit``                                                          ``parameters`` and arrays
@@ -19,7 +20,6 @@ In place of any of these, ``error``: what went wrong, where, and after which cal
 """
 
 import hashlib
-import inspect
 import io
 import os
 import pickle
@@ -33,8 +33,8 @@ import numpy as np
 
 from fdbench.compilation import kept
 from fdbench.effects import effects
-from fdbench.errors import FdbenchError, PluginError, did_you_mean
-from fdbench.estimator import Context, Estimate, Estimator, OnlineEstimator, estimators, samples
+from fdbench.errors import FdbenchError, PluginError
+from fdbench.estimator import Context, Estimate, Estimator, OnlineEstimator, construct, estimators, samples
 from fdbench.motions import motions
 from fdbench.plants import plants
 from fdbench.record import FloatArray, Record
@@ -87,6 +87,7 @@ class PluginServer:
         operations: dict[str, Callable[..., Reply]] = {
             "confine": self.confine,
             "load": self.load,
+            "construct": self.construct,
             "begin": self.begin,
             "record": self.take_record,
             "fit": self.fit,
@@ -159,6 +160,11 @@ class PluginServer:
             if name in registry.names():
                 return Reply(header={"kind": kind, **declared(registry.get(name))})
         raise PluginError(f"{name}: no plug-in of this name.")
+
+    def construct(self, name: str, arguments: Mapping[str, Any]) -> Reply:
+        """Construct an estimator, to hear whether it takes these arguments."""
+        construct(name, arguments)
+        return Reply()
 
     def begin(self, name: str, arguments: Mapping[str, Any], context: bytes) -> Reply:
         """Construct an estimator anew, and ask it whether a context is for it."""
@@ -270,22 +276,6 @@ class ContextUnpickler(pickle.Unpickler):
                 if place == module:
                     registry.get(plugin)
         return super().find_class(module, name)
-
-
-def construct(name: str, arguments: Mapping[str, Any]) -> Estimator:
-    """Return an estimator.
-
-    Raises
-    ------
-    PluginError
-        If it has no such argument; the message names the nearest one.
-    """
-    cls = estimators.get(name)
-    allowed = inspect.signature(cls).parameters
-    for argument in arguments:
-        if argument not in allowed:
-            raise PluginError(f"{name} has no argument '{argument}'.{did_you_mean(argument, allowed)}")
-    return cls(**arguments)
 
 
 def _exit_refused(status: int) -> NoReturn:
