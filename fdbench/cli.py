@@ -16,6 +16,7 @@ from fdbench.commands.evaluate import evaluate
 from fdbench.commands.import_ import import_
 from fdbench.commands.leaderboard import leaderboard
 from fdbench.commands.list import list_
+from fdbench.commands.new import new
 from fdbench.commands.plot import plot
 from fdbench.commands.record import record
 from fdbench.commands.report import report
@@ -94,7 +95,21 @@ def common(
 
 app.command("list")(list_)
 app.command("import")(import_)
-for command in (run, leaderboard, verify, compare, report, record, plot, show, check, reproduce, diagnose, evaluate):
+for command in (
+    run,
+    leaderboard,
+    verify,
+    compare,
+    report,
+    record,
+    plot,
+    show,
+    new,
+    check,
+    reproduce,
+    diagnose,
+    evaluate,
+):
     app.command()(command)
 app.add_typer(trial, name="trial")
 

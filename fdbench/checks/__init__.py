@@ -1,5 +1,6 @@
 """Shared checks of plug-ins, for the project's own tests and for everybody else's."""
 
+import ast
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -79,6 +80,9 @@ def kinds(sandbox: "Sandbox") -> list[tuple[Registry[Any], Callable[[str], list[
 def declare(plugin: str, sandbox: "Sandbox") -> str:
     """Return the name of a plug-in in a Python file, which a worker imports; anything else as it is.
 
+    A file whose class derives from another base than those of estimators and effects is imported here: no worker has
+    what it needs.
+
     Raises
     ------
     PluginError
@@ -93,8 +97,13 @@ def declare(plugin: str, sandbox: "Sandbox") -> str:
     if not plugin.endswith(".py"):
         return plugin
     path = Path(plugin).resolve()
-    if owner(Path(plugin), (estimators, effects)) is not None:
+    every = [registry for registry, _ in kinds(sandbox)]
+    if owner(Path(plugin), every) is not None:
         return path.stem
+    bases = _bases(path)
+    for registry in every:
+        if registry not in (estimators, effects) and registry.base.__name__ in bases:
+            return registry.add_file(plugin)
     try:
         worker = sandbox.worker(Source(name=path.stem, own=own_files(path), digest="", file=path))
         kind = worker.load(("estimator", "effect")).kind
@@ -102,3 +111,12 @@ def declare(plugin: str, sandbox: "Sandbox") -> str:
         text = str(error).removeprefix("PluginError: ").replace(str(path), plugin)
         raise PluginError(text if plugin in text else f"{plugin}: {text}") from error
     return estimators.declare(plugin) if kind == "estimator" else effects.add_file(plugin)
+
+
+def _bases(file: Path) -> set[str]:
+    """Return the names of the classes that those of a file derive from; of one that is not Python, none."""
+    try:
+        classes = [node for node in ast.walk(ast.parse(file.read_bytes())) if isinstance(node, ast.ClassDef)]
+    except (SyntaxError, ValueError):
+        return set()  # it cannot be imported either, which a worker says
+    return {base.id for each in classes for base in each.bases if isinstance(base, ast.Name)}

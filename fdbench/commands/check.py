@@ -11,9 +11,7 @@ from fdbench.errors import FdbenchError, PluginError
 
 
 def check(
-    plugin: Annotated[
-        str, typer.Argument(help="Name of a plug-in or scenario; or the file of an estimator, effect or scenario.")
-    ],
+    plugin: Annotated[str, typer.Argument(help="Name of a plug-in or scenario; or the file of one.")],
     effect: Effects = None,
     time_limit: TimeLimit = 300.0,
     memory_limit: MemoryLimit = 4096.0,

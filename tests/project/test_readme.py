@@ -25,7 +25,7 @@ BLOCK = re.compile(r"(?P<before>[^\n]*)\n+```(?P<language>\w*)\n(?P<text>.*?)^``
 SLOW = "<!-- slow -->"
 COMMANDS = (
     *("list", "import", "run", "verify", "reproduce", "leaderboard", "compare", "report", "record"),
-    *("diagnose", "evaluate", "show", "plot", "trial", "check"),
+    *("diagnose", "evaluate", "show", "plot", "trial", "check", "new"),
 )
 
 

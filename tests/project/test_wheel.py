@@ -38,7 +38,7 @@ def test_every_scenario_is_packaged(wheel_names: list[str]) -> None:
 @pytest.mark.parametrize("source", ["fdbench", "baselines/fdbench_baselines"])
 def test_every_source_file_is_packaged(wheel_names: list[str], source: str) -> None:
     folder = REPOSITORY / source
-    kinds = (".py", ".html", ".css", ".js", ".svg")
+    kinds = (".py", ".html", ".css", ".js", ".svg", ".txt")
     files = {path.relative_to(folder.parent).as_posix() for path in folder.rglob("*") if path.suffix in kinds}
     assert files <= set(wheel_names)
     assert f"{folder.name}/py.typed" in wheel_names
