@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from fdbench.catalogue import scenario_ids
+from fdbench.data_sheet import described, sections
 from fdbench.effects import Effect, Port, effects
 from fdbench.estimator import estimators
 from fdbench.metrics import metrics
@@ -27,14 +28,7 @@ from fdbench.units import unit_of
 
 FOLDER = Path(__file__).resolve().parent / "reference"
 NOTE = "<!-- Written by docs/make_reference.py from docstrings and declarations; edit those, not this page. -->"
-HEADING = re.compile(r"^(Parameters|Attributes|Returns|Raises|References|Examples)\n-+\n", re.M)
 SMALLEST = 5e-324  # how a specification writes "above zero"
-
-
-def sheet(cls: Any) -> dict[str, str]:
-    """Return the sections of a docstring; the one before the first heading is named ''."""
-    parts = HEADING.split(inspect.cleandoc(cls.__doc__ or ""))
-    return {"": parts[0], **dict(zip(parts[1::2], parts[2::2], strict=True))}
 
 
 def inline(line: str) -> str:
@@ -85,7 +79,7 @@ def contents(names: Iterable[tuple[str, str]]) -> str:
 
 def effect(name: str) -> str:
     """Return the data sheet of an effect."""
-    cls, parts = effects.get(name), sheet(effects.get(name))
+    cls, parts = effects.get(name), sections(effects.get(name))
     facts = [f"Port `{cls.port.name}`"]
     facts += [f"no effect at {' = '.join(f'`{item}`' for item in (cls.amplitude, *cls.further_amplitudes))} = 0"]
     facts += [f"internal states {', '.join(f'`{state}`' for state in cls.states)}"] if cls.states else []
@@ -123,21 +117,15 @@ def effects_page() -> str:
 # ---- estimators
 
 
-def described(cls: type) -> dict[str, str]:
-    """Return the described constructor arguments; a class says what its base leaves open, and the reverse."""
-    found: dict[str, str] = {}
-    for base in reversed(cls.__mro__):
-        section = sheet(base).get("Parameters", "") if base is not object else ""
-        for names, body in re.findall(r"^(\w+(?:, \w+)*)(?: : .+)?\n((?:[ ]+.*\n?)*)", section, re.M):
-            text = inline(" ".join(body.split()))
-            found |= {name: text for name in names.split(", ") if not text.startswith("See ")}
-    return found
+def meanings(cls: type) -> dict[str, str]:
+    """Return what is said of the constructor arguments, in Markdown."""
+    return {name: inline(text) for name, text in described(cls).items()}
 
 
 def estimator(name: str) -> str:
     """Return the data sheet of an estimator."""
-    cls, parts = estimators.get(name), sheet(estimators.get(name))
-    meaning = described(cls)
+    cls, parts = estimators.get(name), sections(estimators.get(name))
+    meaning = meanings(cls)
     rows = (
         (f"`{key}`", unit_of(key), f"`{argument.default!r}`", meaning.get(key, ""))
         for key, argument in inspect.signature(cls).parameters.items()
@@ -183,7 +171,9 @@ def metrics_page() -> str:
         (f"[`{name}`](#{name})", cls.track, "yes" if cls.primary else "", cls.unit, f"{cls.ideal:g}", f"{cls.worst:g}")
         for name, cls in kinds.items()
     )
-    sheets = (f"## {name}\n\n**{metrics.summary(name)}**\n\n{markdown(sheet(cls)[''])}" for name, cls in kinds.items())
+    sheets = (
+        f"## {name}\n\n**{metrics.summary(name)}**\n\n{markdown(sections(cls)[''])}" for name, cls in kinds.items()
+    )
     return page("Metrics", introduction, [table("metric|track|primary|unit|ideal|worst", rows), *sheets])
 
 
@@ -270,14 +260,14 @@ def allowed(field: dataclasses.Field[Any]) -> str:
 
 def keys(cls: Any, titles: Mapping[type, str]) -> str:
     """Return the keys of a table of a scenario file."""
-    hints, meaning = typing.get_type_hints(cls), described(cls)
+    hints, meaning = typing.get_type_hints(cls), meanings(cls)
     rows = [
         (f"`{field.name}`", unit_of(field.name), kind_of(hints[field.name], titles), allowed(field), text)
         for field in dataclasses.fields(cls)
         if field.init
         for text in [meaning.get(field.name, "")]
     ]
-    return f"### {titles[cls]}\n\n{markdown(sheet(cls)[''])}\n\n{table('key|unit|is|allowed|says', rows)}"
+    return f"### {titles[cls]}\n\n{markdown(sections(cls)[''])}\n\n{table('key|unit|is|allowed|says', rows)}"
 
 
 def scenarios_page() -> str:
@@ -335,7 +325,7 @@ def entries(section: str) -> str:
 
 def described_in_full(thing: Any) -> list[str]:
     """Return the sections of a docstring in Markdown."""
-    parts = sheet(thing)
+    parts = sections(thing)
     raised = [f"Raises `{name}` {text[0].lower()}{text[1:]}" for name, _, text in entries_of(parts.get("Raises", ""))]
     return [
         markdown(parts[""]),
@@ -367,7 +357,7 @@ def api_page() -> str:
         "[How to use it](../how-to/python.md). What is not here may change from version to version."
     )
     listed = [(home, name) for home, names in API.items() for name in names]
-    said = [(name, sheet(getattr(importlib.import_module(home), name))[""].split("\n")[0]) for home, name in listed]
+    said = [(name, sections(getattr(importlib.import_module(home), name))[""].split("\n")[0]) for home, name in listed]
     parts = [contents((name, inline(line)) for name, line in said), *(interface(*item) for item in listed)]
     return page("Python", introduction, parts)
 

@@ -70,7 +70,12 @@ def test_every_plant_that_is_linear_nominally_is_shown() -> None:
         assert "Modes of the plant" in result.stdout
         assert "Loops" not in result.stdout
         assert "over" in Path(f"{name}.html").read_text("utf-8")
-    assert "no linear model is known of a spindle_testbed" in refused("SpindleTestbedRandom-v0")
+    message = "no linear model is known of a spindle_testbed"
+    assert message in run("SpindleTestbedRandom-v0").stdout
+    assert (
+        json.loads(run("SpindleTestbedRandom-v0", "--json").stdout)["scenario"]["facts"]["plant"] == "spindle_testbed"
+    )
+    assert message in run("SpindleTestbedRandom-v0", "--output", "page.html").stderr
 
 
 def test_page_of_a_model_file_with_measured_responses_beside_it() -> None:

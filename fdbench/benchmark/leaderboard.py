@@ -4,7 +4,7 @@ import difflib
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.seal import Seal, read_seal
@@ -55,23 +55,35 @@ Means over the seeds that went well. `↓`: smaller is better, `↑`: bigger is 
 mean error over the seeds ± half of its {LEVEL:.0%} t interval, in per cent of the true value or, where that is 0, in
 the parameter's unit."""
 
-# Corrections of released scenarios and scores: suite version and what was wrong, newest first.
-ERRATA: tuple[tuple[str, str], ...] = (
-    (
+
+class Erratum(NamedTuple):
+    """What was wrong with released scenarios or scores: found for a suite version, in ids of these patterns."""
+
+    version: str
+    text: str
+    concerns: tuple[str, ...]
+
+
+# Newest first.
+ERRATA = (
+    Erratum(
         "0.2.0",
         "in DriveCurrentClosed up to -v1 the gains in newtons are exact, so that the loop's equation tells the "
         "disturbance; in SlotMilling up to -v1 the force is read without noise and tells the parameters exactly. -v2 "
         "mends both. No estimator listed here used it.",
+        (r"DriveCurrentClosed-v[01]", r"SlotMilling\w*-v[01]"),
     ),
-    (
+    Erratum(
         "0.2.0",
         "in the velocity loops up to -v1 (Milling, Shaker) the position is read without noise, and the way of a sample "
         "tells the parameters exactly; from -v2 on it is read from a scale. No estimator listed here used it.",
+        (r"(Milling|Shaker)\w*-v[01]",),
     ),
-    (
+    Erratum(
         "0.2.0",
         "until then the machine of every seed was the nominal one, which estimators were told; scores were linear "
         "between null and oracle; output was in sample. The scenarios of that time are the published trials now.",
+        (),
     ),
 )
 
@@ -169,7 +181,7 @@ def _lines(scores: "pd.DataFrame", parameters: "pd.DataFrame", seal: Seal | None
     yield from ["", "## Skipped runs", ""]
     yield from _skips([trouble for trouble in found if trouble.status == SKIPPED], scores["scenario"].nunique())
     yield from ["", "## Errata", ""]
-    yield from [f"- {version}: {text}" for version, text in ERRATA] or ["None."]
+    yield from [f"- {erratum.version}: {erratum.text}" for erratum in ERRATA]
 
 
 def _sealing(scores: "pd.DataFrame", seal: Seal | None) -> Iterator[str]:

@@ -1,26 +1,30 @@
 """``fdbench show``."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, make_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from fdbench.catalogue import scenario_ids
 from fdbench.checks.plugin_files import add_effects
 from fdbench.commands._json import echo_json
 from fdbench.commands._options import Effects, Json, file_to_write
-from fdbench.errors import SpecError
+from fdbench.errors import FdbenchError, SpecError, UnknownName, did_you_mean
 
 if TYPE_CHECKING:
+    from fdbench.commands._sheets import NameSheet
     from fdbench.plants import LinearSystem, Plant
 
 Rows = list[list[str]]
 
 
 def show(
-    source: Annotated[str, typer.Argument(help="Id or TOML file of a scenario, or a model TOML.")],
+    source: Annotated[
+        str, typer.Argument(help="Any name of `fdbench list`; or the TOML file of a scenario or of a model.")
+    ],
     measured: Annotated[
         list[Path] | None,
         typer.Argument(
@@ -37,40 +41,81 @@ def show(
     json_: Json = False,
     effect: Effects = None,
 ) -> None:
-    """Show the linear model of a nominal machine: modes, bandwidths, margins, Bode, Nyquist and step."""
-    from fdbench.plants import LinearisedPlant
+    """Show what a name stands for; of a machine its linear model too: modes, margins, Bode, Nyquist and step."""
+    from fdbench.commands._sheets import plugin_sheets, print_sheet
 
     add_effects(effect)
-    name, plant, period_s = _read(source, sampling_time_s)
-    if not isinstance(plant, LinearisedPlant):
-        raise SpecError(f"{source}: no linear model is known of a {type(plant).name}.")
+    sheets = plugin_sheets(source)
+    if sheets and (measured or output or sampling_time_s is not None):
+        raise SpecError(f"{source}: a {sheets[0].kind}, of which there is nothing to draw.")
+    if sheets:
+        if json_:
+            echo_json([asdict(sheet) for sheet in sheets])
+        else:
+            for sheet in sheets:
+                print_sheet(sheet)
+        return
+    machine = _read(source, sampling_time_s)
     if measured and output is None:
         raise SpecError(f"{measured[0]}: measured responses are drawn; name the page with --output.")
-    system = plant.linear_system(period_s)
+    try:
+        system = machine.system()
+    except FdbenchError as error:
+        if machine.sheet is None or output is not None:
+            raise
+        system, reason = None, str(error)
     if json_:
-        echo_json(_answer(name, system))
+        facts = {} if machine.sheet is None else {"scenario": asdict(machine.sheet)}
+        echo_json({**facts, **({} if system is None else _answer(machine.name, system))})
     else:
-        _print(name, system)
-    if output is not None:
+        if machine.sheet is not None:
+            print_sheet(machine.sheet)
+        if system is None:
+            typer.echo(reason)
+        else:
+            _print(machine.name, system)
+    if system is not None and output is not None:
         from fdbench.report._measured_response import read_response
         from fdbench.report.linear import write_linear
 
-        write_linear(name, system, _tables(system), [read_response(path) for path in measured or ()], output)
-    system.check()
+        write_linear(machine.name, system, _tables(system), [read_response(path) for path in measured or ()], output)
+    if system is not None:
+        system.check()
 
 
-def _read(source: str, sampling_time_s: float | None) -> "tuple[str, Plant, float]":
-    """Return name, plant and sampling time of a scenario or of a model file."""
+class _Machine(NamedTuple):
+    """What is shown of a scenario or of a model file, which has no sheet."""
+
+    name: str
+    plant: "Plant"
+    sampling_time_s: Callable[[], float]
+    sheet: "NameSheet | None" = None
+
+    def system(self) -> "LinearSystem":
+        """Return the linear model."""
+        from fdbench.plants import LinearisedPlant
+
+        if not isinstance(self.plant, LinearisedPlant):
+            raise SpecError(f"{self.name}: no linear model is known of a {type(self.plant).name}.")
+        return self.plant.linear_system(self.sampling_time_s())
+
+
+def _read(source: str, sampling_time_s: float | None) -> _Machine:
+    from fdbench.commands._sheets import registries, scenario_sheet
     from fdbench.plants.feed_drive import FeedDrive, Following
     from fdbench.scenario import extended, load_scenario
     from fdbench.specification import read, snake_case
 
+    if not source.endswith(".toml") and source.removeprefix("fdbench/") not in scenario_ids():
+        names = [*(name for registry in registries() for name in registry.names()), *scenario_ids()]
+        raise UnknownName(f"unknown name '{source}'.{did_you_mean(source, names)}")
     table = extended(Path(source))[0] if source.endswith(".toml") else {"estimation": {}}
     if "estimation" in table:
         scenario = load_scenario(source)
         if sampling_time_s is not None:
             raise SpecError(f"--sampling-time: {source} is a scenario, which has its own.")
-        return scenario.id, scenario.plant, scenario.context().sampling_time_s
+        sheet = scenario_sheet(scenario, source)
+        return _Machine(scenario.id, scenario.plant, lambda: scenario.context().sampling_time_s, sheet)
     if "plant" not in table:
         raise SpecError(f"{source}: no table [plant]; a scenario or a model file is expected.")
     if sampling_time_s is None:
@@ -78,7 +123,8 @@ def _read(source: str, sampling_time_s: float | None) -> "tuple[str, Plant, floa
     own = dict(table["plant"])
     if own.get("kind") == snake_case(FeedDrive.__name__):
         own.setdefault("controller", {"kind": snake_case(Following.__name__)})
-    return Path(source).stem, read(_model_file(), {"plant": own}, f"{Path(source).name}: model").plant, sampling_time_s
+    plant = read(_model_file(), {"plant": own}, f"{Path(source).name}: model").plant
+    return _Machine(Path(source).stem, plant, lambda: sampling_time_s)
 
 
 def _model_file() -> "type[Any]":
