@@ -36,6 +36,22 @@ class SimulationDiverged(FdbenchError):
     """A simulated state left the limits of its scenario."""
 
 
+def raise_all(misses: Iterable[str], error: type[FdbenchError] = PluginError) -> None:
+    """Raise one error that holds all misses, each a sentence of its own; nothing if there are none.
+
+    >>> raise_all(["mass_kg is not finite.", "lead_m is below 0."])
+    Traceback (most recent call last):
+    ...
+    fdbench.errors.PluginError: mass_kg is not finite. lead_m is below 0.
+    """
+    found = list(misses)
+    if found:
+        rest = f" And {len(found) - MOST_MISSES} more." if len(found) > MOST_MISSES else ""
+        raise error(" ".join(found[:MOST_MISSES]) + rest)
+
+
+MOST_MISSES = 8  # that one error names
+
 LONGEST_LIST = 30
 
 

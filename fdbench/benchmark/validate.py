@@ -1,12 +1,13 @@
 """Whether an estimate has the shape that it must have; who claims something must claim it whole."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fdbench.errors import PluginError, did_you_mean
-from fdbench.estimator import Context
+from fdbench.errors import PluginError, did_you_mean, raise_all
+from fdbench.estimator import Context, Estimate
 from fdbench.record import FloatArray
 from fdbench.regression import Regression
 from fdbench.sandbox import check_kinds
@@ -34,21 +35,32 @@ def check_estimate(estimate: Any, regression: Regression, others: Iterable[str] 
     ------
     PluginError
         If it is no Estimate, a parameter has an unknown name, a series has not one value for each row of the
-        regression, the covariance does not fit the parameters, or a value is not finite. Variances are at least 0 and
-        may be infinite.
+        regression, the covariance does not fit the parameters, or a value is not finite; the message has every such
+        miss. Variances are at least 0 and may be infinite.
     """
     check_kinds(estimate)
-    allowed = {*regression.names, *others}
+    raise_all(_misses(estimate, regression, {*regression.names, *others}))
+
+
+def _misses(estimate: Estimate, regression: Regression, allowed: Collection[str]) -> Iterator[str]:
     for name, value in estimate.parameters.items():
-        _check_parameter(name, value, allowed)
+        if name not in allowed:
+            yield f"parameters['{name}']: the model has no such parameter.{did_you_mean(name, allowed)}"
+        elif not np.isfinite(value):
+            yield f"parameters['{name}'] is {float(value)}, expected a finite number."
     n_rows, p = len(regression.target), len(estimate.parameters)
-    for field in SERIES:
-        values = getattr(estimate, field)
-        if values is not None:
-            _check_array(field, values, (n_rows,), "one value for each row of the regression")
-    if estimate.covariance is not None:
-        covariance = _check_array("covariance", estimate.covariance, (p, p), "in the order of parameters")
-        _check_variance("the diagonal of covariance", np.diag(covariance))
+    shapes = dict.fromkeys(SERIES, ((n_rows,), "one value for each row of the regression"))
+    for field, (shape, meaning) in {**shapes, "covariance": ((p, p), "in the order of parameters")}.items():
+        if (values := getattr(estimate, field)) is not None:
+            array = np.asarray(values)
+            if array.shape != shape:
+                yield f"{field} has shape {array.shape}, expected {shape}, {meaning}."
+            elif "variance" in field and field != "covariance":
+                yield from _no_variance(field, array)
+            elif not np.isfinite(array).all():
+                yield _refused(field, array, ~np.isfinite(array), "not finite")
+            elif field == "covariance":
+                yield from _no_variance("the diagonal of covariance", np.diag(array))
 
 
 def check_response(response: FloatArray, expected: FloatArray) -> None:
@@ -63,30 +75,13 @@ def check_response(response: FloatArray, expected: FloatArray) -> None:
         raise PluginError(f"predict returned the shape {response.shape}, expected {expected.shape}.")
 
 
-def _check_parameter(name: Any, value: Any, allowed: Iterable[str]) -> None:
-    if name not in allowed:
-        raise PluginError(f"parameters['{name}']: the model has no such parameter.{did_you_mean(name, allowed)}")
-    if not np.isfinite(value):
-        raise PluginError(f"parameters['{name}'] is {float(value)}, expected a finite number.")
-
-
-def _check_array(field: str, values: Any, shape: tuple[int, ...], meaning: str) -> Any:
-    array = np.asarray(values)
-    if array.shape != shape:
-        raise PluginError(f"{field} has shape {array.shape}, expected {shape}, {meaning}.")
-    if "variance" in field and field != "covariance":
-        _check_variance(field, array)
-    else:
-        _refuse(field, array, ~np.isfinite(array), "not finite")
-    return array
-
-
-def _check_variance(field: str, array: Any) -> None:
-    _refuse(field, array, np.isnan(array) | (array < 0), "no variance; a variance is at least 0")
-
-
-def _refuse(field: str, array: Any, wrong: Any, what: str) -> None:
+def _no_variance(field: str, array: FloatArray) -> Iterator[str]:
+    wrong = np.isnan(array) | (array < 0)
     if wrong.any():
-        index = tuple(int(i) for i in np.argwhere(wrong)[0])
-        place = index[0] if len(index) == 1 else index
-        raise PluginError(f"{field} holds {array[index]} in row {place}: {what} ({int(wrong.sum())} of {array.size}).")
+        yield _refused(field, array, wrong, "no variance; a variance is at least 0")
+
+
+def _refused(field: str, array: FloatArray, wrong: NDArray[np.bool_], what: str) -> str:
+    index = tuple(int(i) for i in np.argwhere(wrong)[0])
+    place = index[0] if len(index) == 1 else index
+    return f"{field} holds {array[index]} in row {place}: {what} ({int(wrong.sum())} of {array.size})."

@@ -1,6 +1,6 @@
 """What every plug-in's data sheet must have, and that its examples are right."""
 
-from fdbench.errors import PluginError
+from fdbench.errors import raise_all
 from fdbench.worked_examples import wrong_examples
 
 
@@ -13,10 +13,8 @@ def check_data_sheet(cls: type, parts: tuple[str, ...]) -> None:
     parts : tuple of str
         Such as ``.. math::``, ``Source:`` or ``>>> ``.
     """
-    text = cls.__doc__ or ""
-    lacking = [part.strip() for part in parts if part not in text]
-    if lacking:
-        raise PluginError(f"the docstring lacks '{lacking[0]}': equation, source and example are expected.")
+    lacking = [f"'{part.strip()}'" for part in parts if part not in (cls.__doc__ or "")]
     wrong = wrong_examples(cls)
-    if wrong:
-        raise PluginError(f"the example in the docstring is wrong:\n{wrong}")
+    misses = [f"the docstring lacks {', '.join(lacking)}."] if lacking else []
+    misses += [f"the example in the docstring is wrong:\n{wrong}"] if wrong else []
+    raise_all(misses)

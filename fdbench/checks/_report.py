@@ -3,7 +3,8 @@
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
-from fdbench.errors import PluginError
+from fdbench.errors import FdbenchError, PluginError
+from fdbench.sandbox import Misbehaved
 
 
 class NotApplicable(Exception):
@@ -14,10 +15,8 @@ def run_checks(
     name: str,
     checks: Sequence[tuple[str, Callable[[], None]]],
     expected: Mapping[str, str] = MappingProxyType({}),
-    *,
-    first_only: bool = False,
 ) -> list[str]:
-    """Return one line for each check; raise a PluginError that lists all failures, or the first and what passed.
+    """Return one line for each check; raise a PluginError that lists all failures, up to a crash, which is the last.
 
     ``expected`` has the reasons of failures that the plug-in announces, by the name of the check.
     """
@@ -31,17 +30,18 @@ def run_checks(
         except Exception as error:  # noqa: BLE001 - whatever a plug-in raises is a finding
             if check in expected:
                 lines.append(f"{check}: fails as announced ({expected[check]})")
-            else:
-                text = str(error).removeprefix("PluginError: ") if isinstance(error, PluginError) else repr(error)
-                failures.append(f"{check}: {text}")
-                lines.append(f"{check}: FAILED: {text}")
+                continue
+            text = str(error).removeprefix("PluginError: ") if isinstance(error, PluginError) else repr(error)
+            failures.append(f"{check}: {text}")
+            if isinstance(error, Misbehaved) or not isinstance(error, FdbenchError):
+                # What has crashed once will again: further checks would name the same cause.
+                passed = [line.removesuffix(": ok") for line in lines if line.endswith(": ok")]
+                failures.append(f"Passed before: {', '.join(passed) or 'nothing'}.")
+                break
         else:
             if check in expected:
                 failures.append(f"{check}: passes, but expected_failures says: {expected[check]}")
             lines.append(f"{check}: ok")
-        if failures and first_only:
-            passed = [line.removesuffix(": ok") for line in lines if line.endswith(": ok")]
-            raise PluginError(f"{name}: {failures[0]}\nPassed before: {', '.join(passed) or 'nothing'}.")
     if failures:
-        raise PluginError(f"{name}: " + "; ".join(failures))
+        raise PluginError(f"{name}: " + "\n".join(failures))
     return lines

@@ -15,7 +15,7 @@ from fdbench.checks._data_sheet import check_data_sheet
 from fdbench.checks._own_record import is_named_first
 from fdbench.checks._report import run_checks
 from fdbench.effects import Effect, Port, effects
-from fdbench.errors import FdbenchError, PluginError
+from fdbench.errors import FdbenchError, PluginError, raise_all
 from fdbench.motions.jerk_limited_moves import JerkLimitedMoves
 from fdbench.scenario import load_scenario
 from fdbench.simulate.axis import Axis
@@ -167,38 +167,48 @@ class CheckedEffect:
 
 def declares_what_the_kernel_takes(case: CheckedEffect) -> None:
     """Kernel arguments are the declared symbols; amplitudes are parameters that may be zero."""
-    cls = case.cls
-    cls.check_signature()
+    cls, misses = case.cls, []
+    try:
+        cls.check_signature()
+    except PluginError as error:
+        misses.append(str(error))
     frozen = dataclasses.is_dataclass(cls) and cls.__dataclass_params__.frozen
     if not (frozen and getattr(cls, "__final__", False)):
-        raise PluginError("the class must be @final and a @dataclass(frozen=True, kw_only=True).")
+        misses.append("the class must be @final and a @dataclass(frozen=True, kw_only=True).")
     parameters = {item.name: item for item in cls.parameters()}
     for name in (cls.amplitude, *cls.further_amplitudes):
         if name not in parameters:
-            raise PluginError(f"the amplitude {name} is not one of the parameters {', '.join(parameters)}.")
-        if not parameters[name].low <= 0.0 <= parameters[name].high:
-            raise PluginError(f"the amplitude {name} cannot be zero within its bounds.")
+            misses.append(f"the amplitude {name} is not one of the parameters {', '.join(parameters)}.")
+        elif not parameters[name].low <= 0.0 <= parameters[name].high:
+            misses.append(f"the amplitude {name} cannot be zero within its bounds.")
     unknown = {*cls.confusable_with, cls.same_signal_as} - {"", *effects.names()}
     if unknown:
-        raise PluginError(f"confusable_with or same_signal_as names {', '.join(sorted(unknown))}, which is no effect.")
+        misses.append(f"confusable_with or same_signal_as names {', '.join(sorted(unknown))}, which is no effect.")
+    raise_all(misses)
 
 
 def has_bounds_around_its_typical_size(case: CheckedEffect) -> None:
     """Bounds are finite, and hold the typical size and what the diagnosis tries."""
+    misses = []
     for item in case.cls.parameters():
         if not (math.isfinite(item.low) and math.isfinite(item.high)):
-            raise PluginError(f"{item.name} has no finite bounds.")
-        for value in (item.typical, *item.grid):
-            if not item.low <= value <= item.high:
-                raise PluginError(f"{item.name}: {value:g} is outside its bounds [{item.low:g}, {item.high:g}].")
+            misses.append(f"{item.name} has no finite bounds.")
+        misses += [
+            f"{item.name}: {value:g} is outside its bounds [{item.low:g}, {item.high:g}]."
+            for value in (item.typical, *item.grid)
+            if not item.low <= value <= item.high
+        ]
+    raise_all(misses)
 
 
 def carries_units(case: CheckedEffect) -> None:
     """Parameter names end in an SI unit, or name a pure number."""
     words = {word for unit in [*UNITS, *FOREIGN] for word in unit.replace("/", "_").split("_")} - {"1"}
-    for item in case.cls.parameters():
-        if not item.unit and words & set(item.name.split("_")[1:]):
-            raise PluginError(f"{item.name} looks as if it had a unit, but none of the list in fdbench/units.py.")
+    raise_all(
+        f"{item.name} looks as if it had a unit, but none of the list in fdbench/units.py."
+        for item in case.cls.parameters()
+        if not item.unit and words & set(item.name.split("_")[1:])
+    )
 
 
 def is_documented(case: CheckedEffect) -> None:
@@ -213,13 +223,20 @@ def survives_toml(case: CheckedEffect) -> None:
     text = "".join(f"{name} = {value!r}\n" for name, value in items.items())
     if read(case.cls, tomllib.loads(text), case.cls.name) != effect:
         raise PluginError(f"the effect is not the same after a round trip through TOML:\n{text}")
-    for item in case.cls.parameters():
-        for outside in (math.nextafter(item.low, -math.inf), math.nextafter(item.high, math.inf), math.nan):
-            try:
-                case.cls.typical(**{item.name: outside})
-            except FdbenchError:
-                continue
-            raise PluginError(f"{item.name} = {outside!r} is accepted; call super().__post_init__().")
+    raise_all(
+        f"{item.name} = {outside!r} is accepted; call super().__post_init__()."
+        for item in case.cls.parameters()
+        for outside in (math.nextafter(item.low, -math.inf), math.nextafter(item.high, math.inf), math.nan)
+        if _is_accepted(case.cls, item.name, outside)
+    )
+
+
+def _is_accepted(cls: type[Effect], name: str, value: float) -> bool:
+    try:
+        cls.typical(**{name: value})
+    except FdbenchError:
+        return False
+    return True
 
 
 def is_compiled_faithfully(case: CheckedEffect) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from fdbench.benchmark.provenance import estimator_source
 from fdbench.benchmark.validate import check_estimate, plant_parameters
 from fdbench.catalogue import scenario_ids
-from fdbench.checks._report import run_checks
+from fdbench.checks._report import NotApplicable, run_checks
 from fdbench.errors import FdbenchError, PluginError
 from fdbench.estimator import Context, Estimate
 from fdbench.record import Record
@@ -144,6 +144,8 @@ def has_a_possible_covariance(case: CheckedEstimator) -> None:
     if case.first.covariance is None:
         return
     covariance, names = np.asarray(case.first.covariance), list(case.first.parameters)
+    if covariance.size and covariance.shape != (len(names), len(names)):
+        raise NotApplicable("it has another shape than the parameters")
     deviations = np.sqrt(np.diag(covariance))
     scaled = covariance / np.outer(*2 * [np.where(deviations > 0.0, deviations, 1.0)])
     asymmetry = np.abs(scaled - scaled.T)
@@ -233,7 +235,7 @@ CHECKS: tuple[Callable[[CheckedEstimator], None], ...] = (
 
 
 def check_estimator(name: str, sandbox: Sandbox) -> list[str]:
-    """Run the checks on a registered estimator, up to the first that fails, and return a line for each.
+    """Run the checks on a registered estimator, up to one in which it crashes, and return a line for each.
 
     It is imported, made and fitted in a worker alone, so that one that crashes, hangs or exits does not take the checks
     with it.
@@ -251,4 +253,4 @@ def check_estimator(name: str, sandbox: Sandbox) -> list[str]:
     """
     case = prepare(name, sandbox)
     checks = [(check.__name__, partial(check, case)) for check in CHECKS]
-    return run_checks(name, checks, case.declaration.expected_failures, first_only=True)
+    return run_checks(name, checks, case.declaration.expected_failures)

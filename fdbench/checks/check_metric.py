@@ -12,7 +12,7 @@ from fdbench.benchmark.oracle import oracle
 from fdbench.checks._data_sheet import check_data_sheet
 from fdbench.checks._report import NotApplicable, run_checks
 from fdbench.checks.check_estimator import shortened, simulated
-from fdbench.errors import PluginError
+from fdbench.errors import PluginError, raise_all
 from fdbench.metrics import Metric, Outcome
 from fdbench.scenario import load_scenario
 from fdbench.units import UNITS
@@ -71,14 +71,16 @@ def prepare(cls: type[Metric]) -> CheckedMetric:
 def says_what_it_is(case: CheckedMetric) -> None:
     """Require a unit, a track, and different values of a perfect estimate and of a failure."""
     cls = case.cls
+    misses = []
     if cls.unit not in {"", *UNITS.values(), "%", "us"}:
-        raise PluginError(f"unit '{cls.unit}' is none of fdbench/units.py.")
+        misses.append(f"unit '{cls.unit}' is none of fdbench/units.py.")
     if cls.track not in TRACKS:
-        raise PluginError(f"track '{cls.track}' is none of {', '.join(TRACKS)}.")
+        misses.append(f"track '{cls.track}' is none of {', '.join(TRACKS)}.")
     if not (math.isfinite(cls.worst) and math.isfinite(cls.ideal) and cls.worst != cls.ideal):
-        raise PluginError(f"worst {cls.worst:g} and ideal {cls.ideal:g} must be finite and differ.")
-    if (cls.worst < cls.ideal) != cls.bigger_is_better:
-        raise PluginError(f"worst {cls.worst:g} is better than ideal {cls.ideal:g}.")
+        misses.append(f"worst {cls.worst:g} and ideal {cls.ideal:g} must be finite and differ.")
+    elif (cls.worst < cls.ideal) != cls.bigger_is_better:
+        misses.append(f"worst {cls.worst:g} is better than ideal {cls.ideal:g}.")
+    raise_all(misses)
 
 
 def is_documented(case: CheckedMetric) -> None:

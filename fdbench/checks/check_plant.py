@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -10,7 +11,7 @@ import numpy as np
 from fdbench.catalogue import scenario_ids
 from fdbench.checks._report import NotApplicable, run_checks
 from fdbench.checks.check_estimator import shortened
-from fdbench.errors import FdbenchError, PluginError
+from fdbench.errors import FdbenchError, PluginError, raise_all
 from fdbench.plants import Plant
 from fdbench.record import Record
 from fdbench.scenario import Scenario, load_scenario
@@ -58,15 +59,15 @@ def offers_the_models_it_names(case: CheckedPlant) -> None:
     if model not in plant.models():
         raise PluginError(f"the scenario asks for the model {model}, offered are {', '.join(plant.models())}.")
     found = plant.linear_model(model).regression(case.record)
+    misses = []
     if not (np.isfinite(found.regressors).all() and np.isfinite(found.target).all()):
-        raise PluginError(f"the regression {model} is not finite on its own record.")
+        misses.append(f"the regression {model} is not finite on its own record.")
     if found.regressors.shape != (len(found.target), len(found.names)):
-        raise PluginError(f"the regression {model} has {found.regressors.shape} regressors for its names and target.")
-    try:
+        misses.append(f"the regression {model} has {found.regressors.shape} regressors for its names and target.")
+    with suppress(FdbenchError):
         plant.linear_model("no_such_model")
-    except FdbenchError:
-        return
-    raise PluginError("a model that is none is accepted.")
+        misses.append("a model that is none is accepted.")
+    raise_all(misses)
 
 
 def knows_its_parameters(case: CheckedPlant) -> None:

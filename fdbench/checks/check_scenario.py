@@ -1,7 +1,6 @@
 """Shared checks of scenarios: what every scenario file must hold before it is released."""
 
 import dataclasses
-import inspect
 import re
 from functools import partial
 from pathlib import Path
@@ -9,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from fdbench.checks._report import run_checks
-from fdbench.errors import PluginError, did_you_mean
-from fdbench.estimator import estimators
+from fdbench.errors import FdbenchError, PluginError, raise_all
+from fdbench.estimator import checked_argument
 from fdbench.scenario import Scenario, load_scenario
 
 CONVERGENCE = 0.02
@@ -29,22 +28,25 @@ def names_its_source(scenario: Scenario) -> None:
 
 
 def hyperparameters_exist(scenario: Scenario) -> None:
-    """Hyperparameters are arguments of estimators that exist."""
+    """Hyperparameters are arguments of estimators that exist, of the type of their defaults."""
+    misses = []
     for name, arguments in scenario.estimation.hyperparameters.items():
-        allowed = inspect.signature(estimators.get(name)).parameters
-        for argument in arguments:
-            if argument not in allowed:
-                raise PluginError(
-                    f"hyperparameters.{name}.{argument}: unknown argument.{did_you_mean(argument, allowed)}"
-                )
+        for argument, value in arguments.items():
+            try:
+                checked_argument(name, argument, value)
+            except FdbenchError as error:
+                misses.append(f"hyperparameters: {error}")
+    raise_all(misses)
 
 
 def repeats_under_a_seed(scenario: Scenario) -> None:
     """Expect the same bits from the same seed."""
     first, second = scenario.observe(3)[0], scenario.observe(3)[0]
-    for column in first:
-        if not np.array_equal(first[column], second[column]):
-            raise PluginError(f"column {column} differs between two runs with the same seed.")
+    raise_all(
+        f"column {column} differs between two runs with the same seed."
+        for column in first
+        if not np.array_equal(first[column], second[column])
+    )
 
 
 def is_integrated_well(scenario: Scenario) -> None:
@@ -53,25 +55,30 @@ def is_integrated_well(scenario: Scenario) -> None:
         return
     finer = dataclasses.replace(scenario.timing, substeps=2 * scenario.timing.substeps)
     coarse, fine = scenario.observe(0)[0], dataclasses.replace(scenario, timing=finer).observe(0)[0]
+    misses = []
     for column in coarse:
         change = float(np.sqrt(np.mean((coarse[column] - fine[column]) ** 2)))
         spread = float(np.std(fine[column]))
         if spread > 0.0 and change > CONVERGENCE * spread:
-            raise PluginError(
-                f"{column} changes by {change / spread:.1%} of its spread when substeps are doubled; use more substeps."
+            share = change / spread
+            misses.append(
+                f"{column} changes by {share:.1%} of its spread when substeps are doubled; use more substeps."
             )
+    raise_all(misses)
 
 
 def excites_what_it_scores(scenario: Scenario) -> None:
     """Expect parameters that can be identified, and a disturbance where one is scored."""
     record, truth = scenario.observe(0)
     Z = scenario.context().regression(record).regressors
+    misses = []
     if "parameters" in scenario.estimation.tracks:
         size = np.linalg.norm(Z, axis=0)
         if np.min(size) == 0.0 or np.linalg.cond(Z / size) > 1e8:
-            raise PluginError("the motion does not excite all parameters of the model: their regressors are dependent.")
+            misses.append("the motion does not excite all parameters of the model: their regressors are dependent.")
     if "disturbance" in scenario.estimation.tracks and (truth.disturbance_N is None or not truth.disturbance_N.any()):
-        raise PluginError("the disturbance track is scored, but there is no disturbance.")
+        misses.append("the disturbance track is scored, but there is no disturbance.")
+    raise_all(misses)
 
 
 CHECKS = (
