@@ -72,7 +72,6 @@ app = typer.Typer(
     cls=Commands,
     help="Benchmark of machine-tool feed drives: simulate, estimate, score, diagnose. Begin with 'fdbench run'.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 

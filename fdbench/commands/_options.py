@@ -1,14 +1,20 @@
 """Options that commands share, and how the files and folders that they name are checked."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from fdbench.catalogue import scenario_ids
 from fdbench.errors import FdbenchError, SpecError, did_you_mean
+from fdbench.registry import Registry
 
 DEFAULT_OUT = Path("results")
+
+SCENARIO = "scenario"
+PLUGINS = ("estimator", "effect", "metric", "plant", "motion", "diagnoser")
 
 
 def writable(path: Path | None) -> Path | None:
@@ -32,6 +38,20 @@ def file_to_write(path: Path | None) -> Path | None:
     if str(path) == "-":
         raise FdbenchError("-: the name of a file is expected here.")
     return writable(path)
+
+
+def names_of(*kinds: str) -> Callable[[str], list[str]]:
+    """Return what a shell completes a word from: the names of scenarios and of plug-ins, none of which is imported.
+
+    >>> "krls_t" in names_of("estimator")("kr")
+    True
+    """
+
+    def names(incomplete: str) -> list[str]:
+        found = [name for kind in kinds if kind != SCENARIO for name in Registry(kind, object).names()]
+        return sorted({*found, *(scenario_ids() if SCENARIO in kinds else ())})
+
+    return names
 
 
 def existing(folder: Path, file: str) -> Path:

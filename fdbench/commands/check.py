@@ -6,12 +6,17 @@ from typing import Annotated
 import typer
 
 from fdbench.checks.plugin_files import add_effects
-from fdbench.commands._options import Effects, MemoryLimit, TimeLimit
+from fdbench.commands._options import PLUGINS, SCENARIO, Effects, MemoryLimit, TimeLimit, names_of
 from fdbench.errors import FdbenchError, PluginError
 
 
 def check(
-    plugin: Annotated[str, typer.Argument(help="Name of a plug-in or scenario; or the file of one.")],
+    plugin: Annotated[
+        str,
+        typer.Argument(
+            autocompletion=names_of(SCENARIO, *PLUGINS), help="Name of a plug-in or scenario; or the file of one."
+        ),
+    ],
     effect: Effects = None,
     time_limit: TimeLimit = 300.0,
     memory_limit: MemoryLimit = 4096.0,

@@ -21,7 +21,12 @@ REFERENCE_ROW = "oracle"
 
 
 def new(
-    kind: Annotated[str, typer.Argument(help="What to write: estimator, effect, scenario, diagnoser or package.")],
+    kind: Annotated[
+        str,
+        typer.Argument(
+            autocompletion=lambda: kinds(), help="What to write: estimator, effect, scenario, diagnoser or package."
+        ),
+    ],
     name: Annotated[str, typer.Argument(help="Its name: my_estimator, or MyScenario.")],
     folder: Annotated[Path, typer.Option("-o", "--output", help="Folder to write to.")] = Path(),
 ) -> None:

@@ -6,12 +6,12 @@ from typing import Annotated
 import typer
 
 from fdbench.checks.plugin_files import add_effects
-from fdbench.commands._options import Effects, file_to_write
+from fdbench.commands._options import SCENARIO, Effects, file_to_write, names_of
 from fdbench.errors import SpecError
 
 
 def record(
-    scenario: Annotated[str, typer.Argument(help="Id or TOML file of a scenario.")],
+    scenario: Annotated[str, typer.Argument(autocompletion=names_of(SCENARIO), help="Id or TOML file of a scenario.")],
     output: Annotated[
         Path, typer.Option("-o", "--output", callback=file_to_write, help="File to write: .csv or .parquet.")
     ],

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from fdbench.benchmark.suite import SEEDS, Suite
-from fdbench.commands._options import DEFAULT_OUT, Effects, MemoryLimit, TimeLimit
+from fdbench.commands._options import DEFAULT_OUT, SCENARIO, Effects, MemoryLimit, TimeLimit, names_of
 from fdbench.errors import FdbenchError
 
 
@@ -26,12 +26,18 @@ def run(
         Suite, typer.Option(help="Scenarios to run, unless --scenario names some: a selection, or all.")
     ] = Suite.QUICK,
     scenario: Annotated[
-        list[str] | None, typer.Option(metavar="ID|FILE", help="Id or TOML file of a scenario; may be repeated.")
+        list[str] | None,
+        typer.Option(
+            metavar="ID|FILE",
+            autocompletion=names_of(SCENARIO),
+            help="Id or TOML file of a scenario; may be repeated.",
+        ),
     ] = None,
     estimator: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME|FILE",
+            autocompletion=names_of("estimator"),
             help="Name or Python file of an estimator, with arguments as in 'krls_t[budget=20|50,mode=UI]'; may be "
             "repeated. Default: all installed ones. null and oracle, which scores are measured against, always run.",
         ),

@@ -11,7 +11,7 @@ import typer
 from fdbench.catalogue import scenario_ids
 from fdbench.checks.plugin_files import add_effects
 from fdbench.commands._json import echo_json
-from fdbench.commands._options import Effects, Json, file_to_write
+from fdbench.commands._options import PLUGINS, SCENARIO, Effects, Json, file_to_write, names_of
 from fdbench.errors import FdbenchError, SpecError, UnknownName, did_you_mean
 
 if TYPE_CHECKING:
@@ -23,7 +23,11 @@ Rows = list[list[str]]
 
 def show(
     source: Annotated[
-        str, typer.Argument(help="Any name of `fdbench list`; or the TOML file of a scenario or of a model.")
+        str,
+        typer.Argument(
+            autocompletion=names_of(SCENARIO, *PLUGINS, "format"),
+            help="Any name of `fdbench list`; or the TOML file of a scenario or of a model.",
+        ),
     ],
     measured: Annotated[
         list[Path] | None,

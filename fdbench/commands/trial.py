@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from fdbench.commands._json import echo_json
-from fdbench.commands._options import Json, writable
+from fdbench.commands._options import Json, names_of, writable
 from fdbench.errors import SpecError, did_you_mean
 
 trial = typer.Typer(
@@ -48,7 +48,9 @@ def trial_make(
 def trial_answer(
     folder: Trial,
     output: Annotated[Path, typer.Option("-o", "--output", callback=writable, help="JSON file of answers.")],
-    diagnoser: Annotated[str, typer.Option(help="Name of a diagnoser, or its Python file.")] = "fdbench",
+    diagnoser: Annotated[
+        str, typer.Option(autocompletion=names_of("diagnoser"), help="Name of a diagnoser, or its Python file.")
+    ] = "fdbench",
 ) -> None:
     """Diagnose every case from its records and model alone; write the answers and their SHA-256."""
     from rich.console import Console
