@@ -133,6 +133,10 @@ class Registry(Generic[T]):
         given = sorted(self._files.items())
         return {name: found if isinstance(found, Path) else Path(inspect.getfile(found)) for name, found in given}
 
+    def forget_files(self) -> None:
+        """Know no plug-in any more that was given by path."""
+        self._files.clear()
+
     def resolve(self, name_or_file: str) -> str:
         """Return a registered name; a path ending in ``.py`` is registered first."""
         return self.add_file(name_or_file) if name_or_file.endswith(".py") else name_or_file

@@ -109,6 +109,7 @@ def run(
     *,
     effects: Sequence[str | Path] = (),
     jobs: int | None = None,
+    scheduler: str = "",
     report: bool = True,
     sealed: bool = False,
     nonce: str = "",
@@ -135,6 +136,8 @@ def run(
         Python files of further effects, for scenarios.
     jobs : int, optional
         Processes; one for each core.
+    scheduler : str
+        Address of a Dask scheduler, whose workers do the work in place of processes here.
     report : bool
         Whether ``report.html`` is written to ``output``.
     sealed, nonce, first_seed, keep_estimates, time_limit_s, memory_limit_MB, progress
@@ -158,7 +161,8 @@ def run(
         sealed=sealed,
         nonce=nonce,
         first_seed=first_seed,
-        jobs=jobs or os.cpu_count() or 1,
+        jobs=jobs or (1 if scheduler else os.cpu_count() or 1),
+        scheduler=scheduler,
         keep_estimates=keep_estimates,
         time_limit_s=time_limit_s,
         memory_limit_MB=memory_limit_MB,

@@ -123,7 +123,7 @@ def do(job: Job) -> list[KeptRun]:
     """Simulate, run the estimators one after another, and write each run as soon as it is finished."""
     if job.is_apart:
         for number, file in job.plugins:
-            _load(number, file)
+            load_plugin(number, file)
     store, scenario = Store(job.folder), load_scenario(job.source)
     trial: _Trial | None = None
     try:
@@ -228,12 +228,19 @@ def sandbox(limits: WorkerLimits, plugins: tuple[tuple[int, Path], ...] = ()) ->
     return _kept.sandbox
 
 
-def _load(number: int, file: Path) -> None:
+def load_plugin(number: int, file: Path) -> None:
     """Register a plug-in file in this process, unless it has been and is the same still."""
     content = digest([file.read_bytes()])
     if _loaded.get(str(file)) != content:
         SIMULATION[number].add_file(file)
         _loaded[str(file)] = content
+
+
+def forget_plugins() -> None:
+    """Let this process know no plug-in file of the simulation any more, for jobs of another run."""
+    for registry in SIMULATION:
+        registry.forget_files()
+    _loaded.clear()
 
 
 def _parameter_values(outcome: Outcome) -> list[ParameterValue]:

@@ -68,14 +68,15 @@ def _code_of_packages() -> list[Path]:
 
 
 @lru_cache(maxsize=1)
-def _digest_of_packages() -> str:
+def digest_of_packages() -> str:
+    """Return the SHA-256 of what simulates and scores of this package and of installed ones, as it was at first use."""
     return digest(path.read_bytes() for path in _code_of_packages())
 
 
 def code_digest() -> str:
     """Return the SHA-256 of everything that simulates and scores, plug-ins included, as it was at first use."""
     files = [path for registry in SIMULATION for path in plugin_files(registry).values()]
-    return digest([_digest_of_packages().encode(), *(path.read_bytes() for path in files)])
+    return digest([digest_of_packages().encode(), *(path.read_bytes() for path in files)])
 
 
 def digest(parts: Iterable[bytes]) -> str:

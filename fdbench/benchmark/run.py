@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from fdbench.benchmark import oracle
+from fdbench.benchmark import oracle, remote
 from fdbench.benchmark.job import Choice, Job, describe, do
 from fdbench.benchmark.provenance import SIMULATION, estimator_digest, plugin_files, provenance
 from fdbench.benchmark.seal import Seal
@@ -81,6 +81,7 @@ def run(
     nonce: str = "",
     first_seed: int = 0,
     jobs: int = 1,
+    scheduler: str = "",
     keep_estimates: bool = False,
     time_limit_s: float = TIME_LIMIT_S,
     memory_limit_MB: float = MEMORY_LIMIT_MB,
@@ -113,6 +114,8 @@ def run(
         At least 0; the seeds are this one and those that follow.
     jobs : int
         Processes at a time; 1 simulates and scores in this one. Estimators have processes of their own.
+    scheduler : str
+        Address of a Dask scheduler, whose workers do the work in place of processes here; see `fdbench.cluster`.
     keep_estimates : bool
         Keep records and estimates of every seed.
     time_limit_s, memory_limit_MB : float
@@ -139,6 +142,8 @@ def run(
             raise FdbenchError(f"{name} {value}: at least {low} and at most {high}.")
     if sealed and nonce:
         raise FdbenchError("sealed draws a nonce, and one is given: leave out one of the two.")
+    if scheduler and jobs > 1:
+        raise FdbenchError("jobs are processes here, and a scheduler has workers of its own: leave out one of the two.")
     drawn = range(first_seed, first_seed + seeds)
     limits = WorkerLimits(time_s=time_limit_s, memory_MB=memory_limit_MB)
     kept_to = {"time_limit_s": f"{time_limit_s:g}", "memory_limit_MB": f"{memory_limit_MB:g}"}
@@ -183,7 +188,12 @@ def run(
     store.write_selection({**selection, **options, **origin})
     wanting = {scenario.id: _wanting(scenario) for _, scenario in selected}
     waiting = [job for job in (_unfinished(job, store, wanting[job.scenario]) for job in plan) if job.choices]
-    _work(waiting, jobs, progress)
+    report = progress or (lambda _: None)
+    report(Progress(done=0, total=len(waiting)))
+    if waiting:
+        work = remote.work(waiting, scheduler) if scheduler else _work(waiting, jobs)
+        for done, runs in enumerate(work, start=1):
+            report(Progress(done=done, total=len(waiting), runs=tuple(runs)))
     with store.alone():
         others, stale = _others(store, keys, [scenario for _, scenario in selected], origin)
         found = store.merge({*keys, *others})
@@ -298,20 +308,14 @@ def _plugins() -> tuple[tuple[int, Path], ...]:
     return tuple((n, path.resolve()) for n, kind in enumerate(SIMULATION) for path in plugin_files(kind).values())
 
 
-def _work(waiting: Sequence[Job], jobs: int, progress: Callable[[Progress], None] | None) -> None:
+def _work(waiting: Sequence[Job], jobs: int) -> Iterator[list[KeptRun]]:
+    """Do jobs in processes on this machine, and yield the runs of each."""
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import BrokenProcessPool
 
-    report = progress or (lambda _: None)
-    report(Progress(done=0, total=len(waiting)))
-    if not waiting:
-        return
+    parallel = Parallel(n_jobs=min(jobs, max(len(waiting), 2)), return_as="generator_unordered")
     try:
-        results = Parallel(n_jobs=min(jobs, max(len(waiting), 2)), return_as="generator_unordered")(
-            delayed(do)(job) for job in waiting
-        )
-        for done, runs in enumerate(results, start=1):
-            report(Progress(done=done, total=len(waiting), runs=tuple(runs)))
+        yield from parallel(delayed(do)(job) for job in waiting)
     except BrokenProcessPool as error:
         raise FdbenchError(
             "a worker process died, by a crash in compiled code or for want of memory. Finished runs are kept; "

@@ -83,3 +83,9 @@ TimeLimit = Annotated[
 MemoryLimit = Annotated[
     float, typer.Option(min=512.0, metavar="MB", help="What memory an estimator may have; beyond it, as above.")
 ]
+Scheduler = Annotated[
+    str,
+    typer.Option(
+        metavar="ADDRESS", help="Dask scheduler whose workers do the work, such as tcp://host:8786 (pip install dask)."
+    ),
+]

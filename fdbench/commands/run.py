@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from fdbench.benchmark.suite import SEEDS, Suite
-from fdbench.commands._options import DEFAULT_OUT, SCENARIO, Effects, MemoryLimit, TimeLimit, names_of
+from fdbench.commands._options import DEFAULT_OUT, SCENARIO, Effects, MemoryLimit, Scheduler, TimeLimit, names_of
 from fdbench.errors import FdbenchError
 
 
@@ -56,6 +56,7 @@ def run(
     ] = "",
     effect: Effects = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Processes; default: one for each core.")] = None,
+    scheduler: Scheduler = "",
     out: Annotated[
         Path,
         typer.Option(callback=results_folder, help="Folder of results; what it holds and still applies is kept."),
@@ -91,6 +92,7 @@ def run(
             out,
             effects=effect or (),
             jobs=jobs,
+            scheduler=scheduler,
             report=not no_report,
             sealed=sealed,
             nonce=nonce,

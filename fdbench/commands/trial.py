@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from fdbench.commands._json import echo_json
-from fdbench.commands._options import Json, names_of, writable
+from fdbench.commands._options import Json, Scheduler, names_of, writable
 from fdbench.errors import SpecError, did_you_mean
 
 trial = typer.Typer(
@@ -51,6 +51,7 @@ def trial_answer(
     diagnoser: Annotated[
         str, typer.Option(autocompletion=names_of("diagnoser"), help="Name of a diagnoser, or its Python file.")
     ] = "fdbench",
+    scheduler: Scheduler = "",
 ) -> None:
     """Diagnose every case from its records and model alone; write the answers and their SHA-256."""
     from rich.console import Console
@@ -59,7 +60,7 @@ def trial_answer(
     from fdbench.trials.diagnoser import diagnosers
 
     with Console(stderr=True).status("answering") as status:
-        found = answer(folder, diagnosers.resolve(diagnoser), output, status.update)
+        found = answer(folder, diagnosers.resolve(diagnoser), output, status.update, scheduler)
     failed = sum(case["status"] != "ok" for case in found["cases"].values())
     typer.echo(f"{len(found['cases'])} cases answered by {found['diagnoser']}, {failed} failed: {output}")
 

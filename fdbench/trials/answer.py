@@ -1,11 +1,18 @@
 """Answer a trial: run a diagnoser on records and model of each case, and hand in its answers with their digest."""
 
 import inspect
+import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from socket import gethostname
+from tempfile import TemporaryDirectory
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
+from fdbench.cluster import Files, packed, results, unpack, unpacked
 from fdbench.diagnosis.model.nominal import Nominal, load_nominal
 from fdbench.errors import FdbenchError, SpecError
 from fdbench.reading import read_record
@@ -16,8 +23,16 @@ from fdbench.trials.make import MANIFEST, MODEL, read_manifest
 
 OK, FAILED = "ok", "failed"
 
+_alone = threading.Lock()
 
-def answer(folder: Path, diagnoser: str, output: Path, progress: Callable[[str], None] | None = None) -> dict[str, Any]:
+
+def answer(
+    folder: Path,
+    diagnoser: str,
+    output: Path,
+    progress: Callable[[str], None] | None = None,
+    scheduler: str = "",
+) -> dict[str, Any]:
     """Run a diagnoser on every case, write its answers and their SHA-256, and return them.
 
     Parameters
@@ -30,11 +45,15 @@ def answer(folder: Path, diagnoser: str, output: Path, progress: Callable[[str],
         JSON file; its SHA-256 is written beside it. A file that exists is not overwritten: an answer is final. Until
         all cases are answered, those that are lie in ``<output>.partial``, from which an interrupted run goes on.
     progress : callable, optional
+    scheduler : str
+        Address of a Dask scheduler, whose workers answer; see `fdbench.cluster`.
 
     Raises
     ------
     SpecError
         If there is no trial in the folder, or the output exists.
+    FdbenchError
+        If the workers cannot answer.
     """
     if output.exists():
         raise SpecError(f"{output}: exists already; answers are handed in once. Give another file.")
@@ -50,20 +69,76 @@ def answer(folder: Path, diagnoser: str, output: Path, progress: Callable[[str],
         "manifest_sha256": seal.file_digest(folder / MANIFEST),
     }
     cases: dict[str, Any] = _kept(kept, content)
-    for number, (name, case) in enumerate(manifest["cases"].items(), 1):
-        if name in cases:
-            continue
-        if progress is not None:
-            progress(f"case {number} of {len(manifest['cases'])}")
-        start = time.perf_counter()
-        given = _answer(kind(), folder / name, sorted(case["files"]), manifest["effects"])
-        cases[name] = {**given, "seconds": time.perf_counter() - start}
+    waiting = [
+        _Asked(name, diagnoser, content["code_sha256"], tuple(sorted(case["files"])), tuple(manifest["effects"]))
+        for name, case in manifest["cases"].items()
+        if name not in cases
+    ]
+    answered = _elsewhere(waiting, folder, scheduler) if scheduler else _here(waiting, folder)
+    total = len(manifest["cases"])
+    if progress is not None:
+        progress(f"{len(cases)} of {total} cases answered")
+    for name, given in answered:
+        cases[name] = given
         seal.write_json(kept, {**content, "cases": cases})
+        if progress is not None:
+            progress(f"{len(cases)} of {total} cases answered")
     content["cases"] = {name: cases[name] for name in manifest["cases"]}
     seal.write_json(output, content)
     seal.write_digest(output)
     kept.unlink(missing_ok=True)
     return content
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What is to be answered, by which diagnoser, and what of the case is there to read.
+
+    ``sent`` has the case's files and, where it is no installed one, the diagnoser's, if they are not at hand.
+    """
+
+    name: str
+    diagnoser: str
+    code_sha256: str
+    files: tuple[str, ...]
+    effects: tuple[str, ...]
+    sent: Files = ()
+    diagnoser_file: Files = ()
+
+
+def _here(waiting: Sequence[_Asked], folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    for case in waiting:
+        yield case.name, _timed(case, folder)
+
+
+def _elsewhere(waiting: Sequence[_Asked], folder: Path, scheduler: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    tasks = []
+    for case in waiting:
+        paths = [folder / case.name / file for file in (*case.files, MODEL)]
+        by_path = diagnosers.files().get(case.diagnoser)
+        own = () if by_path is None else packed([by_path], by_path.parent)
+        tasks.append(replace(case, sent=packed(paths, folder), diagnoser_file=own))
+    yield from ((case.name, given) for case, given in results(_answer_sent, tasks, scheduler, lambda case: case.name))
+
+
+def _answer_sent(case: _Asked) -> dict[str, Any]:
+    """Answer a case on a worker, in a folder that goes with it."""
+    if seal.code_digest() != case.code_sha256:
+        raise FdbenchError(
+            f"code: the worker on {gethostname()} has another version of fdbench than this machine. Install the same "
+            "everywhere; what was answered is kept."
+        )
+    with _alone, threadpool_limits(1, user_api="blas"), TemporaryDirectory(prefix="fdbench-case-") as place:
+        for file, _ in case.diagnoser_file:
+            diagnosers.add_file(unpacked(case.diagnoser_file) / file)
+        unpack(case.sent, Path(place))
+        return _timed(case, Path(place))
+
+
+def _timed(case: _Asked, folder: Path) -> dict[str, Any]:
+    start = time.perf_counter()
+    given = _answer(diagnosers.get(case.diagnoser)(), folder / case.name, list(case.files), list(case.effects))
+    return {**given, "seconds": time.perf_counter() - start}
 
 
 def _kept(path: Path, content: Mapping[str, Any]) -> dict[str, Any]:

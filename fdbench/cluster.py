@@ -1,0 +1,115 @@
+"""Work on the workers of a Dask scheduler, here or on other machines, which need not share a folder with this one."""
+
+import atexit
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import lru_cache
+from itertools import islice
+from pathlib import Path
+from typing import Any, TypeVar
+
+from fdbench.errors import FdbenchError
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+# Paths and contents of files, as they travel.
+Files = tuple[tuple[str, bytes], ...]
+
+AHEAD = 4  # tasks handed out for each thread of a worker, so that none waits for the next one
+
+CONNECT_S = 20.0
+
+
+def results(
+    function: Callable[[Task], Result], tasks: Sequence[Task], scheduler: str, name: Callable[[Task], str] = str
+) -> Iterator[tuple[Task, Result]]:
+    """Yield each task with its result, as they come.
+
+    A task whose worker dies is done by another one. What was yielded before an error is done.
+
+    Parameters
+    ----------
+    function : callable
+        Importable by the workers.
+    tasks : sequence
+    scheduler : str
+        Address, such as ``tcp://host:8786``.
+    name : callable
+        What a message calls a task.
+
+    Raises
+    ------
+    FdbenchError
+        If Dask is not installed, no scheduler answers, a task ends one worker after another, or ``function`` raises.
+    """
+    with _connected(scheduler) as client:
+        from distributed import as_completed
+        from distributed.client import FutureCancelledError
+        from distributed.scheduler import KilledWorker
+
+        waiting = iter(tasks)
+        running: dict[Any, Task] = {}
+
+        def handed_out(number: int) -> list[Any]:
+            found = {client.submit(function, task, pure=False): task for task in islice(waiting, number)}
+            running.update(found)
+            return list(found)
+
+        done = as_completed(handed_out(AHEAD * max(1, sum(client.nthreads().values()))))
+        for future in done:
+            task = running.pop(future)
+            try:
+                result = future.result()
+            except KilledWorker as error:
+                raise FdbenchError(
+                    f"{name(task)}: {error.allowed_failures + 1} workers died over it, by a crash in compiled code or "
+                    "for want of memory. What was finished is kept."
+                ) from error
+            except FutureCancelledError as error:
+                raise FdbenchError(
+                    f"the scheduler at {scheduler} is gone. What was finished is kept: run it again."
+                ) from error
+            yield task, result
+            room = AHEAD * max(1, sum(client.nthreads().values())) - len(running)
+            done.update(handed_out(max(0, room)))
+
+
+@contextmanager
+def _connected(scheduler: str) -> Iterator[Any]:
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise FdbenchError("--scheduler needs Dask, which is not installed: pip install 'fdbench[dask]'.") from error
+    try:
+        client = Client(scheduler, timeout=CONNECT_S)
+    except (OSError, ValueError) as error:
+        raise FdbenchError(
+            f"--scheduler {scheduler}: no Dask scheduler answers there: {error}. An address is as in tcp://host:8786."
+        ) from error
+    with client:
+        yield client
+
+
+def packed(paths: Iterable[Path], below: Path = Path("/")) -> Files:
+    """Return files to send, with their paths below a folder."""
+    return tuple((str(path.relative_to(below)), path.read_bytes()) for path in dict.fromkeys(paths))
+
+
+def unpack(files: Files, folder: Path) -> None:
+    """Write files that were sent below a folder."""
+    for path, content in files:
+        place = folder / path
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(content)
+
+
+@lru_cache(maxsize=32)
+def unpacked(files: Files) -> Path:
+    """Return a folder of this process with files that were sent, the same as long as they are the same."""
+    folder = Path(tempfile.mkdtemp(prefix="fdbench-sent-")).resolve()
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    unpack(files, folder)
+    return folder
