@@ -4,7 +4,7 @@ BIN := .venv/bin
 RUNTIME := .venv/.installed
 TEST := .venv/.installed-test
 
-.PHONY: run test test-processors check format report leaderboard trial benchmark clean
+.PHONY: run test test-processors test-scheduler check format report leaderboard trial benchmark clean
 
 run: $(RUNTIME)
 	$(BIN)/fdbench run
@@ -44,6 +44,11 @@ test-processors: $(TEST)
 	@for processor in "OPENBLAS_CORETYPE=Prescott NUMBA_CPU_NAME=generic" "$(WIDE)"; do \
 	  echo "as on $$processor"; env $$processor $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -q -m linear_algebra tests || exit; \
 	done
+
+# On a scheduler and two workers of Dask, which is installed into .venv: 40 MB that nothing else needs.
+test-scheduler: $(TEST)
+	$(PYTHON) -m pip --python $(BIN)/python install --quiet --editable ".[test,dask]"
+	$(BIN)/python -m pytest -q tests/benchmark/test_scheduler.py
 
 check: $(TEST)
 	$(BIN)/ruff format --check

@@ -3,6 +3,7 @@
 import atexit
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
@@ -21,6 +22,8 @@ Files = tuple[tuple[str, bytes], ...]
 AHEAD = 4  # tasks handed out for each thread of a worker, so that none waits for the next one
 
 CONNECT_S = 20.0
+
+REFRESH_S = 1.0
 
 
 def results(
@@ -52,29 +55,39 @@ def results(
 
         waiting = iter(tasks)
         running: dict[Any, Task] = {}
+        most, asked_s = 0, -REFRESH_S
 
-        def handed_out(number: int) -> list[Any]:
+        def handed_out() -> list[Any]:
+            nonlocal most, asked_s
+            if time.monotonic() > asked_s + REFRESH_S:  # workers come and go
+                most, asked_s = AHEAD * max(1, sum(client.nthreads().values())), time.monotonic()
+            number = max(0, most - len(running))
             found = {client.submit(function, task, pure=False): task for task in islice(waiting, number)}
             running.update(found)
             return list(found)
 
-        done = as_completed(handed_out(AHEAD * max(1, sum(client.nthreads().values()))))
-        for future in done:
-            task = running.pop(future)
-            try:
-                result = future.result()
-            except KilledWorker as error:
-                raise FdbenchError(
-                    f"{name(task)}: {error.allowed_failures + 1} workers died over it, by a crash in compiled code or "
-                    "for want of memory. What was finished is kept."
-                ) from error
-            except FutureCancelledError as error:
-                raise FdbenchError(
-                    f"the scheduler at {scheduler} is gone. What was finished is kept: run it again."
-                ) from error
-            yield task, result
-            room = AHEAD * max(1, sum(client.nthreads().values())) - len(running)
-            done.update(handed_out(max(0, room)))
+        error: BaseException | None = None
+        try:
+            done = as_completed(handed_out())
+            for future in done:
+                task, error = running.pop(future), future.exception()
+                if error is not None:
+                    break
+                yield task, future.result()
+                done.update(handed_out())
+        except OSError as lost:
+            error = lost
+        if isinstance(error, KilledWorker):
+            raise FdbenchError(
+                f"{name(task)}: {error.allowed_failures + 1} workers died over it, by a crash in compiled code or for "
+                "want of memory. What was finished is kept."
+            ) from error
+        if isinstance(error, FutureCancelledError | OSError) and client.status != "running":
+            raise FdbenchError(
+                f"the scheduler at {scheduler} is gone: {error}. What was finished is kept: run it again."
+            ) from error
+        if error is not None:
+            raise error
 
 
 @contextmanager

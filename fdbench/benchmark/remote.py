@@ -96,7 +96,7 @@ def _do(sent: _Sent) -> tuple[list[KeptRun], Files]:
     with _alone, threadpool_limits(1, user_api="blas"), TemporaryDirectory(prefix="fdbench-job-") as place:
         folder = Path(place)
         runs = do(replace(_here(sent), folder=folder))
-        return runs, packed(sorted(path for path in folder.rglob("*") if path.is_file()), folder)
+        return runs, packed((path for path in folder.rglob("*") if path.is_file()), folder)
 
 
 def _here(sent: _Sent) -> Job:

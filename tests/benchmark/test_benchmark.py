@@ -534,7 +534,7 @@ def test_an_installed_estimator_that_has_changed_is_left_out(
     run([scenario], ["least_squares"], 1, tmp_path / "out")
     edited = tmp_path / "edited.py"
     edited.write_text("")
-    monkeypatch.setattr("fdbench.benchmark.run.source_files", lambda module: [edited])
+    monkeypatch.setattr("fdbench.benchmark.selection.source_files", lambda module: [edited])
     assert key("least_squares") in run([scenario], [], 1, tmp_path / "out").stale
 
 

@@ -20,10 +20,12 @@ from fdbench.benchmark.store import RunKey, Store
 from fdbench.commands.new import written
 from fdbench.errors import FdbenchError
 from fdbench.estimator import estimators
+from fdbench.scenario import load_scenario
+from fdbench.trials import seal
 from fdbench.trials.answer import answer
 from fdbench.trials.diagnoser import diagnosers
-from fdbench.trials.make import make
-from fdbench.virtual_axes.cases import Tier
+from fdbench.trials.make import MANIFEST, MODEL
+from fdbench.virtual_axes.cases import AXIS
 
 pytest.importorskip("distributed", reason="Dask is not installed: pip install 'fdbench[dask]'")
 
@@ -114,7 +116,7 @@ def test_results_are_those_of_a_run_here(cluster: Cluster, tmp_path: Path) -> No
     scenario, own = short_scenario(place, "Short-v0"), place / "own.py"
     own.write_text(OWN, "utf-8")
     (place / "own.weights").write_text("0.125", "utf-8")
-    selection = [str(own), "least_squares", "pl_lssvm[hyperparameters=given]"]
+    selection = [str(own), "least_squares", "least_squares[window_s=0.1]"]
     run([scenario], selection, 3, tmp_path / "here", keep_estimates=True)
     seen: list[int] = []
     out = tmp_path / "there"
@@ -141,30 +143,6 @@ def test_an_edited_file_is_another_one_on_the_workers_too(cluster: Cluster, tmp_
         assert kept.estimate.parameters == {"beta_1": value}
 
 
-def test_a_worker_that_is_killed_loses_nothing(cluster: Cluster, tmp_path: Path) -> None:
-    from distributed import Client
-
-    scenario = short_scenario(tmp_path, "Short-v0")
-    lost: list[int] = []
-    with Client(cluster.address, set_as_default=False) as client:
-        others = set(client.nthreads())
-        victim = cluster.worker()
-        client.wait_for_workers(len(others) + 1, timeout=START_S)
-        (address,) = set(client.nthreads()) - others
-
-        def kill(told: Progress) -> None:
-            if told.done == 2:
-                lost.append(len(client.processing()[address]))
-                os.killpg(victim.pid, signal.SIGKILL)
-
-        summary = run([scenario], [], 16, tmp_path / "there", scheduler=cluster.address, progress=kill)
-        assert address not in client.nthreads()
-    assert lost[0] > 0
-    assert summary.statuses["ok"] == summary.computed == 16 * 2
-    run([scenario], [], 16, tmp_path / "here")
-    assert contents(tmp_path / "there") == contents(tmp_path / "here")
-
-
 def test_a_worker_with_other_code_says_so(cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     other = {**provenance(), "code_digest": "other"}
     monkeypatch.setattr("fdbench.benchmark.run.provenance", lambda: other)
@@ -187,7 +165,16 @@ def test_a_trial_is_answered_as_here(cluster: Cluster, tmp_path: Path) -> None:
     folder, own = tmp_path / "trial", tmp_path / "mean_force.py"
     own.write_text(written("diagnoser", "mean_force")[Path("mean_force.py")], "utf-8")
     diagnosers.add_file(own)
-    make(folder, tmp_path / "key.json", Tier("A"), 2, None, lambda _: None)
+    cases = {}
+    for seed, name in enumerate(("first", "second")):
+        place = folder / name / "records"
+        place.mkdir(parents=True)
+        load_scenario("LinearMotorAxis-v0").record(seed).save(place / "run.parquet")
+        (place.parent / MODEL).write_bytes(AXIS.read_bytes())
+        files = {file: seal.file_digest(place.parent / file) for file in ("records/run.parquet", MODEL)}
+        cases[name] = {"files": files}
+    manifest = {"cases": cases, "effects": ["constant_force"], "nonce_sha256": "", "tier": "A"}
+    seal.write_json(folder / MANIFEST, manifest)
     here = answer(folder, "mean_force", tmp_path / "here.json")
     there = answer(folder, "mean_force", tmp_path / "there.json", scheduler=cluster.address)
     for found in (here, there):
@@ -195,6 +182,29 @@ def test_a_trial_is_answered_as_here(cluster: Cluster, tmp_path: Path) -> None:
         assert {case["status"] for case in found["cases"].values()} == {"ok"}
     assert list(there["cases"]) == list(here["cases"])
     assert there == here
+
+
+def test_a_worker_that_is_killed_loses_nothing(cluster: Cluster, tmp_path: Path) -> None:
+    from distributed import Client
+
+    scenario = short_scenario(tmp_path, "Short-v0")
+    lost: list[int] = []
+    with Client(cluster.address, set_as_default=False) as client:
+        victim = cluster.processes[-1]
+        pids = client.run(os.getpid)
+        (address,) = (worker for worker, pid in pids.items() if pid == victim.pid)
+
+        def kill(told: Progress) -> None:
+            if told.done == 2:
+                lost.append(len(client.processing()[address]))
+                os.killpg(victim.pid, signal.SIGKILL)
+
+        summary = run([scenario], [], 16, tmp_path / "there", scheduler=cluster.address, progress=kill)
+        assert address not in client.nthreads()
+    assert lost[0] > 0
+    assert summary.statuses["ok"] == summary.computed == 16 * 2
+    run([scenario], [], 16, tmp_path / "here")
+    assert contents(tmp_path / "there") == contents(tmp_path / "here")
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere"])
