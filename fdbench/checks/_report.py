@@ -31,12 +31,12 @@ def run_checks(
             if check in expected:
                 lines.append(f"{check}: fails as announced ({expected[check]})")
                 continue
-            text = str(error).removeprefix("PluginError: ") if isinstance(error, PluginError) else repr(error)
+            text = str(error).removeprefix("PluginError: ") if isinstance(error, FdbenchError) else repr(error)
             failures.append(f"{check}: {text}")
             if isinstance(error, Misbehaved) or not isinstance(error, FdbenchError):
                 # What has crashed once will again: further checks would name the same cause.
                 passed = [line.removesuffix(": ok") for line in lines if line.endswith(": ok")]
-                failures.append(f"Passed before: {', '.join(passed) or 'nothing'}.")
+                failures += [f"Passed before: {', '.join(passed)}."] if passed else []
                 break
         else:
             if check in expected:

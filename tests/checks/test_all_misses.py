@@ -47,7 +47,7 @@ def test_checks_go_on_after_a_finding_and_end_with_a_crash() -> None:
         raise error
 
     every = [PluginError("one"), SpecError("two"), Misbehaved("three"), PluginError("never")]
-    with pytest.raises(PluginError, match=r"x: a: one\nb: SpecError\('two'\)\nc: three\nPassed before: nothing\."):
+    with pytest.raises(PluginError, match=r"x: a: one\nb: two\nc: three$"):
         run_checks("x", [(name, lambda error=error: finds(error)) for name, error in zip("abcd", every, strict=True)])
     assert done == ["one", "two", "three"]
 
