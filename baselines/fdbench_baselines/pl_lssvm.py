@@ -60,8 +60,8 @@ def partially_linear(system: System, basis: FloatArray, target: FloatArray) -> P
     .. math:: A [S_0 | S] = [r | P], \quad \theta = \theta_0 + (S^T P)^{-1} S^T r, \quad
               \alpha = S_0 - S (\theta - \theta_0), \quad r = y - P \theta_0
 
-    with ordinary least squares for theta_0, by its normal equations: any start gives the same theta, but a small r keeps
-    alpha accurate.
+    with ordinary least squares for theta_0, by its normal equations: any start gives the same theta, but a small r
+    keeps alpha accurate.
 
     Parameters
     ----------
