@@ -1,6 +1,8 @@
 """`fdbench check` names whatever an estimator does in any of its fits, and exits with 1."""
 
 import re
+from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,12 +11,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fdbench.checks import check
+from fdbench.checks import check, check_declared, check_estimator, declare
 from fdbench.checks.check_estimator import has_a_possible_covariance, has_right_examples
 from fdbench.cli import app
 from fdbench.errors import PluginError
 from fdbench.estimator import Estimate, estimators
-from fdbench.sandbox import WorkerLimits
+from fdbench.sandbox import Sandbox, WorkerLimits
 
 ONLINE = """
 import ctypes, os, time
@@ -56,6 +58,13 @@ FAULTS = {
 FITS = {2: "is_deterministic", 5: "fits_again", 6: "leaves_global_random_state", 8: "streams_as_it_fits"}
 
 
+@pytest.fixture(scope="module")
+def sandbox() -> Iterator[Sandbox]:
+    """Return one for the tests in which nothing ends, as each costs seconds."""
+    with closing(Sandbox(WorkerLimits())) as made:
+        yield made
+
+
 @pytest.fixture(autouse=True)
 def _own_plugin_files(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(estimators, "_files", {})
@@ -87,26 +96,30 @@ def test_one_that_does_nothing_wrong_passes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("use", ["np.random.seed(0)", "np.random.seed(0); np.random.rand()", "np.random.rand()"])
-def test_who_seeds_or_draws_from_the_global_generator_is_refused(use: str, tmp_path: Path) -> None:
+def test_who_seeds_or_draws_from_the_global_generator_is_refused(
+    use: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sandbox: Sandbox
+) -> None:
+    monkeypatch.setattr(check_estimator, "CHECKS", (check_estimator.leaves_global_random_state,))
     file = tmp_path / "draws.py"
     text = "import numpy as np\nfrom fdbench.estimator import BatchEstimator, Estimate\n"
     text += "class Draws(BatchEstimator):\n    'Draws.'\n    def fit(self, context, record):\n"
     file.write_text(f"{text}        {use}\n        return Estimate()\n", "utf-8")
     with pytest.raises(PluginError, match=r"draws: leaves_global_random_state: fit seeds NumPy's global generator"):
-        check(str(file))
+        check_declared(declare(str(file), sandbox), sandbox)
 
 
-def test_a_wrong_example_is_told(tmp_path: Path) -> None:
+def test_a_wrong_example_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sandbox: Sandbox) -> None:
+    monkeypatch.setattr(check_estimator, "CHECKS", (has_right_examples,))
     file = tmp_path / "shows.py"
     text = "from fdbench.estimator import BatchEstimator, Estimate\n"
     text += "class Shows(BatchEstimator):\n"
     text += "    '''Shows.\n\n    >>> dict(Shows().fit(None, None).parameters)\n    {}\n    '''\n"
     text += "    def fit(self, context, record):\n        return Estimate()\n"
     file.write_text(text, "utf-8")
-    assert "has_right_examples: ok" in check(str(file))
+    assert check_declared(declare(str(file), sandbox), sandbox) == ["has_right_examples: ok"]
     file.write_text(text.replace("{}", "{1: 2}"), "utf-8")
     with pytest.raises(PluginError, match=r"shows: has_right_examples: an example .* is wrong: .*\{1: 2\} Got: \{\}"):
-        check(str(file))
+        check_declared(declare(str(file), sandbox), sandbox)
 
 
 def test_a_published_estimator_shows_an_example() -> None:
