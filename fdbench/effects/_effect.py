@@ -201,6 +201,8 @@ class Effect(ABC):
         effect is not a cause.
     cause_type : str
         What type of cause the effect is, one of `CAUSE_TYPES`; without, that of its port, see `type_of`.
+    usually_known : bool
+        Whether nominal models often know it: the diagnosis is compiled once for all that know nothing else.
     of_any_axis : bool
         Whether its usual size is the same on a small and on a large axis, as that of a tool and its material.
     declared : type
@@ -221,6 +223,7 @@ class Effect(ABC):
     same_signal_as: ClassVar[str] = ""
     calibrates: ClassVar[str] = ""
     cause_type: ClassVar[str] = ""
+    usually_known: ClassVar[bool] = False
     of_any_axis: ClassVar[bool] = False
     kernel: ClassVar[Any]
     expected_failures: ClassVar[Mapping[str, str]] = {}

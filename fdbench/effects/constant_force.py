@@ -26,6 +26,7 @@ class ConstantForce(Effect):
     cause_type = "constant_force"
     confusable_with = ("direction_dependent_friction",)
     calibrates = "force_offset"
+    usually_known = True
 
     constant_force_N: float = parameter("F_0", low=-5000.0, high=5000.0, typical=15.0)
 

@@ -31,6 +31,7 @@ class CoulombFriction(Effect):
     port = Port.TABLE_FORCE
     amplitude = "coulomb_force_N"
     calibrates = "known_effects"
+    usually_known = True
     confusable_with = ("motor_coulomb_friction",)
 
     coulomb_force_N: float = parameter("F_c", low=-1000.0, high=5000.0, typical=60.0)

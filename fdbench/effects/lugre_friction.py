@@ -36,6 +36,7 @@ class LugreFriction(Effect):
 
     port = Port.TABLE_FORCE
     states = ("z",)
+    usually_known = True
     amplitude = "coulomb_force_N"
     further_amplitudes = ("static_force_N",)
     confusable_with = ("stribeck_friction", "backlash")

@@ -12,7 +12,6 @@ import numpy as np
 
 from fdbench.diagnosis.records.runs import DEFLECTION, Run
 from fdbench.effects import Effect
-from fdbench.effects import effects as registry
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 from fdbench.simulate import layout
@@ -20,7 +19,6 @@ from fdbench.simulate.block import Blocks, Mechanics
 from fdbench.simulate.compose import compose, core_effects
 
 WIDTH = 8  # few effects in a block beat many lanes in it
-USUALLY_KNOWN = ("coulomb_friction", "lugre_friction", "constant_force")
 PIECE = 1024  # samples simulated at once, which stay in the processor's cache
 
 
@@ -63,12 +61,12 @@ class Replay:
         self.substeps = substeps
         self.drive = drive
         known = [effect.declared for effect in drive.effects]
-        unusual, usual = list(known), [registry.get(name) for name in USUALLY_KNOWN]
+        unusual, usual = list(known), [kind for kind in core_effects() if kind.usually_known]
         for kind in usual:
             if kind in unusual:
                 unusual.remove(kind)
         added = [kind.declared for kind in library if kind.declared not in core_effects()]
-        # Models that know nothing unusual are simulated by the same machine code.
+        # What nominal models often know has a place beside candidates of its kind, so that all have one stepper.
         self.kinds = (*unusual, *usual, *core_effects(), *added)
         self._known: list[int] = []
         for kind in known:
