@@ -25,7 +25,7 @@ from fdbench.commands.run import run
 from fdbench.commands.show import show
 from fdbench.commands.trial import trial
 from fdbench.commands.verify import verify
-from fdbench.errors import FdbenchError
+from fdbench.errors import FdbenchError, brief, printable
 from fdbench.version import __version__
 
 # For the processes of a run; in this one, numpy is imported before this line is reached.
@@ -43,6 +43,7 @@ class Commands(TyperGroup):
         """Run a command and exit."""
         try:
             code = super().main(*args, **{**options, "standalone_mode": False})
+            sys.stdout.flush()
         except FdbenchError as error:
             refuse(f"fdbench: {error}")
         except typer.TyperException as error:
@@ -63,7 +64,7 @@ class Commands(TyperGroup):
 
 def refuse(message: str) -> NoReturn:
     """Say what is wrong and exit with 2."""
-    typer.echo(message, err=True)
+    typer.echo(brief(printable(message, in_lines=True)), err=True)
     sys.exit(2)
 
 
@@ -115,6 +116,10 @@ app.add_typer(trial, name="trial")
 
 def main() -> None:
     """Run the command line."""
+    # Those closed by who started this: a file that is opened must not take their place.
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), "r" if name == "stdin" else "w"))
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")

@@ -75,9 +75,16 @@ def lightly_optimised(dispatcher: Any, level: int = 1) -> Any:
 
 
 def followed(dispatcher: Any) -> Any:
-    """Refuse a function when it is compiled as `closure_digest` does; its own machine code is not kept on disk."""
-    if isinstance(dispatcher, Dispatcher):
-        cast(Any, dispatcher)._cache = _NoCache(dispatcher)
+    """Refuse a function when it is compiled as `closure_digest` does; its own machine code is not kept on disk.
+
+    Raises
+    ------
+    PluginError
+        If numba is told not to compile.
+    """
+    if not isinstance(dispatcher, Dispatcher):
+        raise PluginError("kernels have to be compiled. Unset NUMBA_DISABLE_JIT in the environment.")
+    cast(Any, dispatcher)._cache = _NoCache(dispatcher)
     return dispatcher
 
 

@@ -6,6 +6,7 @@ A draw names values of a scenario by their path, such as ``plant.motor.mass_kg``
 
 import dataclasses
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -19,6 +20,7 @@ from fdbench.specification import bounded, check_bounds, snake_case
 
 # Where a normal distribution is cut, in standard deviations: what a maker's inspection would let pass.
 LARGEST_DEVIATION = 2.0
+_PLACE = re.compile("[0-9]{1,4}")  # in a list
 _REMAINING_VARIANCE = 0.7737413  # of a standard normal that is cut there
 
 
@@ -167,7 +169,7 @@ def _changed(holder: Any, keys: Sequence[str], change: Callable[[float], float],
     key, rest = keys[0], keys[1:]
     if isinstance(holder, tuple):
         kinds = [getattr(item, "name", None) or snake_case(type(item).__name__) for item in holder]
-        index = int(key) if key.isdecimal() else kinds.index(key) if key in kinds else len(holder)
+        index = int(key) if _PLACE.fullmatch(key) else kinds.index(key) if key in kinds else len(holder)
         if index >= len(holder):
             raise SpecError(f"{path}: there is no '{key}'; there are {', '.join(kinds)}.{did_you_mean(key, kinds)}")
         return (*holder[:index], _changed(holder[index], rest, change, path), *holder[index + 1 :])

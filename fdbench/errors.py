@@ -1,11 +1,61 @@
 """Errors that a user can cause. Each says where, what, what is allowed and what was probably meant."""
 
 import difflib
+import re
 from collections.abc import Iterable
+from typing import ClassVar
+
+LONGEST_MESSAGE = 1600
+LONGEST_WORD = 240
+LEFT_OUT = " [...] "
+_BREAKS = re.compile(r"\s*[\t\n\v\f\r\x1c-\x1f\x85\u2028\u2029]\s*")
+
+
+def printable(text: str, *, in_lines: bool = False) -> str:
+    r"""Return a text that may hold what users gave, fit for a terminal.
+
+    Breaks of lines become blanks, unless it is ``in_lines``; other characters that cannot be printed are written as
+    escapes.
+
+    >>> printable("a\nb \x1b[31mred")
+    'a b \\x1b[31mred'
+    """
+    if in_lines:
+        return "\n".join(printable(line) for line in text.splitlines())
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in _BREAKS.sub(" ", text))
+
+
+def brief(text: str) -> str:
+    """Return a text of which the middle is left out where it is long; so it is done with each long word.
+
+    >>> len(brief(100_000 * "9")), len(brief(5_000 * "word "))
+    (240, 1600)
+    """
+    if len(text) > LONGEST_WORD:
+        text = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", lambda found: _shortened(found[0], LONGEST_WORD), text)
+    return _shortened(text, LONGEST_MESSAGE)
+
+
+def _shortened(text: str, longest: int) -> str:
+    """Return the begin and the end of a text that is longer than the longest."""
+    if len(text) <= longest:
+        return text
+    end = longest // 3
+    return f"{text[: longest - end - len(LEFT_OUT)]}{LEFT_OUT}{text[-end:]}"
 
 
 class FdbenchError(Exception):
-    """Base of every error caused by input; the command line prints it and exits with 2."""
+    """Base of every error caused by input; the command line prints it and exits with 2.
+
+    The message is made `printable` and `brief`, as it may quote the input.
+    """
+
+    in_lines: ClassVar[bool] = False  # whether breaks of lines are its own
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(brief(printable(message, in_lines=self.in_lines)))
 
 
 class SpecError(FdbenchError):
@@ -31,6 +81,8 @@ class UnknownName(FdbenchError):
 class PluginError(FdbenchError):
     """A plug-in file cannot be loaded or breaks its contract."""
 
+    in_lines = True
+
 
 class SimulationDiverged(FdbenchError):
     """A simulated state left the limits of its scenario."""
@@ -53,6 +105,7 @@ def raise_all(misses: Iterable[str], error: type[FdbenchError] = PluginError) ->
 MOST_MISSES = 8  # that one error names
 
 LONGEST_LIST = 30
+LONGEST_NAME = 200  # beyond it, no name is near
 
 
 def did_you_mean(name: str, allowed: Iterable[str]) -> str:
@@ -68,7 +121,7 @@ def did_you_mean(name: str, allowed: Iterable[str]) -> str:
     >>> did_you_mean("zzz", ["b", "a"])
     ' Allowed: a, b.'
     """
-    candidates = sorted(set(allowed))
+    name, candidates = name[:LONGEST_NAME], sorted(set(allowed))
     folded = {candidate.casefold(): candidate for candidate in candidates}
     wanted = name.casefold()
     nearest = difflib.get_close_matches(name, candidates, n=1, cutoff=0.6)

@@ -1,6 +1,7 @@
-"""Files that are whole or not there: written beside their place, and moved to it when all has gone well."""
+"""Files that are whole or not there: written beside their place, and moved to it when all has gone well; names."""
 
 import os
+import re
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -8,8 +9,17 @@ from pathlib import Path
 
 from fdbench.errors import FdbenchError
 
+# Names that are parts of paths, of tables in Markdown and of what is printed.
+LONGEST_NAME = 100
+PLAIN_NAME = re.compile(rf"\w[\w .-]{{0,{LONGEST_NAME - 1}}}")
+
 # Folders of devices and of what is open already, such as standard output.
 DEVICES = {Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd")}
+
+
+def is_utf_8(path: str | Path) -> bool:
+    """Return whether a path can be written in a text; Linux allows others, whose bytes Python keeps as surrogates."""
+    return not any("\udc80" <= letter <= "\udcff" for letter in str(path))
 
 
 @contextmanager
@@ -26,6 +36,8 @@ def replaced(path: str | Path, error: type[FdbenchError] = FdbenchError, *, fold
         Make the folders above it.
     """
     path = Path(path)
+    if not is_utf_8(path):
+        raise error(f"{path}: the name is not UTF-8. Give another one.")
     is_special = path.parent in DEVICES or (path.exists() and not path.is_file() and not path.is_dir())
     place = path.resolve() if path.is_symlink() and not is_special else path
     beside = place.with_name(f".{place.name}.{os.getpid()}.{threading.get_native_id()}.partial")

@@ -65,6 +65,9 @@ ROTARY_COLUMNS: dict[str, str] = {
     "table_position_rad": "angle of a rotary axis by that of its load",
 }
 
+# Sampling times beyond which a clock is damaged, or in another unit.
+SHORTEST_S, LONGEST_S = 1e-9, 1e6
+
 # A step of the clock may differ from the sampling time by this share of it.
 CLOCK_TOLERANCE = 1e-3
 
@@ -195,7 +198,7 @@ class Record(Mapping[str, FloatArray]):
 
         table = self._table().replace_schema_metadata({"fdbench": self._provenance_text()})
         with replaced(path, RecordError) as partial, partial.open("wb") as file:
-            parquet.write_table(table, file)
+            parquet.write_table(table, file, write_page_checksum=True)
 
     def _table(self) -> Any:
         import pyarrow
@@ -314,6 +317,11 @@ def check_clock(time_s: FloatArray, source: str, place: Callable[[int], str] = n
         raise RecordError(
             f"{source}: time_s does not increase at {between(int(backward[0]))}. "
             "Remove repeated rows, and split the file where two recordings were joined."
+        )
+    if not SHORTEST_S <= sampling_time <= LONGEST_S:
+        raise RecordError(
+            f"{source}: the sampling time is {sampling_time:.6g} s; allowed: {SHORTEST_S:g} to {LONGEST_S:g} s. "
+            "Probably time_s is in another unit."
         )
     jumps = np.flatnonzero(steps > 1.5 * sampling_time)
     if jumps.size:

@@ -20,6 +20,7 @@ from types import CodeType, ModuleType
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from fdbench.errors import PluginError, UnknownName, did_you_mean
+from fdbench.files import LONGEST_NAME, PLAIN_NAME
 
 T = TypeVar("T")
 
@@ -204,6 +205,11 @@ def owner(file: Path, registries: Sequence[Registry[Any]]) -> Registry[Any] | No
         raise PluginError(f"{file}: no such file.{hint}")
     if file.suffix != ".py":
         raise PluginError(f"{file}: a plug-in file must end in .py.")
+    if not PLAIN_NAME.fullmatch(file.stem):
+        raise PluginError(
+            f"{file}: the name of the file, without .py, is that of the plug-in; allowed: up to {LONGEST_NAME} "
+            "letters, digits, blanks, _, - and ., the first of them a letter, a digit or _."
+        )
     for registry in registries:
         source = registry._sources().get(file.stem)
         if source is not None and source.file.is_file() and source.file.samefile(file):

@@ -17,6 +17,7 @@ from fdbench.draw import Draw, check_draws, drawn, moved
 from fdbench.effects import Effect
 from fdbench.errors import MissingData, SimulationDiverged, SpecError, UnknownName, did_you_mean
 from fdbench.estimator import Context
+from fdbench.files import LONGEST_NAME, PLAIN_NAME
 from fdbench.motions import Motion
 from fdbench.plants import LinearModel, Plant
 from fdbench.reading import measured_file, read_mapped
@@ -88,6 +89,8 @@ class Estimation:
         for track in self.tracks:
             if track not in TRACKS:
                 raise SpecError(f"tracks: unknown track '{track}'.{did_you_mean(track, TRACKS)}")
+        if self.window_s is not None and not 0.0 <= self.window_s[0] < self.window_s[1]:
+            raise SpecError(f"window_s: {list(self.window_s)} is no part of a record; allowed: 0 <= start < stop.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -280,6 +283,8 @@ class Scenario:
         path = measured_file(self.measured.file, self.measured.obtain)
         mapping = {"record": {"file": path.name}, "columns": self.measured.columns}
         record = read_mapped(mapping, path.parent, f"{self.id}: measured")
+        end_s = float(record["time_s"][-1])
+        _check_window(self.estimation, end_s, record.sampling_time_s, f"{self.id}: scenario")
         if self.validation is None or self.validation.start_s is None:
             return record, None
         first = int(np.searchsorted(record["time_s"], self.validation.start_s))
@@ -314,6 +319,17 @@ class Scenario:
         effects = tuple(effect for effect in self.reality.effects if not (effect.disturbance or effect.random))
         other = replace(self, motion=self.validation.motion, reality=Reality(effects=effects), validation=None)
         return _named(other, self.id, self.digest)
+
+
+def _check_window(estimation: Estimation, end_s: float, sampling_time_s: float, where: str) -> None:
+    if estimation.window_s is None:
+        return
+    first_s, last_s = estimation.window_s
+    if last_s > end_s or last_s - first_s < sampling_time_s:
+        raise SpecError(
+            f"{where}.estimation.window_s: {[first_s, last_s]} is no part of a record of {end_s:g} s in samples of "
+            f"{sampling_time_s:g} s."
+        )
 
 
 def simulate(scenario: Scenario, seed: int) -> tuple[Record, Truth]:
@@ -357,10 +373,18 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
 
 
 def _load(path: Path) -> Scenario:
+    if not PLAIN_NAME.fullmatch(path.stem):
+        raise SpecError(
+            f"{path.name}: the name of the file, without .toml, is the id of the scenario; allowed: up to "
+            f"{LONGEST_NAME} letters, digits, blanks, _, - and ., the first of them a letter, a digit or _."
+        )
     table, parts = extended(path)
     scenario = read(Scenario, table, f"{path.name}: scenario")
     digest = hashlib.sha256(parts[0] if len(parts) == 1 else b"".join(hashlib.sha256(part).digest() for part in parts))
     _named(scenario, path.stem, digest.hexdigest())
+    if scenario.timing is not None:
+        timing = scenario.timing
+        _check_window(scenario.estimation, timing.duration_s, timing.sampling_time_s, f"{path.name}: scenario")
     try:
         check_draws(scenario, scenario.draw)
     except SpecError as error:

@@ -8,13 +8,13 @@ import functools
 import math
 import re
 import sys
-import tomllib
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+from fdbench.documents import LARGEST_TOML, read_file, toml_tables
 from fdbench.errors import FdbenchError, SpecError, did_you_mean
 from fdbench.registry import Registry
 from fdbench.units import unit_of
@@ -83,8 +83,8 @@ def load_toml(path: str | Path) -> dict[str, Any]:
     """Return the tables of a TOML file; syntax errors name file and line."""
     file = Path(path)
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        return toml_tables(read_file(file, LARGEST_TOML))
+    except ValueError as error:
         raise SpecError(f"{file}: not valid TOML: {error}.") from error
     except FileNotFoundError as error:
         beside = [other.name for other in file.parent.glob("*.toml")]
@@ -114,8 +114,7 @@ def read(cls: type[T], table: Any, where: str) -> T:
     """
     if not isinstance(table, Mapping):
         raise SpecError(f"{where}: a table is expected, found {_describe(table)}.")
-    hints = typing.get_type_hints(cls)
-    fields = {field.name: field for field in dataclasses.fields(cls) if field.init}  # type: ignore[arg-type]
+    hints, fields = _schema(typing.cast(Any, cls))
     for key in table:
         if key not in fields:
             nearest = did_you_mean(key, fields)
@@ -136,6 +135,12 @@ def read(cls: type[T], table: Any, where: str) -> T:
         raise SpecError(f"{where}.{error}") from error
     except ArithmeticError as error:
         raise SpecError(f"{where}: these values cannot be computed with: {error}.") from error
+
+
+@functools.lru_cache(maxsize=256)
+def _schema(cls: type[Any]) -> tuple[dict[str, Any], dict[str, "dataclasses.Field[Any]"]]:
+    """Return the types and the fields that a table may give a dataclass."""
+    return typing.get_type_hints(cls), {field.name: field for field in dataclasses.fields(cls) if field.init}
 
 
 def convert(hint: Any, value: Any, where: str) -> Any:

@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Sequence
 
+from fdbench.errors import brief, printable
 from fdbench.rotary import spoken_name, spoken_unit
 from fdbench.units import UNITS, split_unit
 
@@ -119,6 +120,15 @@ def quantity(name: str) -> tuple[str, str]:
     """
     stem, suffix = split_unit(spoken_name(name))
     return (stem.replace("_", " "), UNITS[suffix]) if suffix else (name, "")
+
+
+def markdown_text(text: str) -> str:
+    r"""Return a text that others wrote, in which nothing is markup of Markdown or HTML.
+
+    >>> markdown_text("<b>[x](y)`")
+    '\\<b\\>\\[x\\](y)\\`'
+    """
+    return re.sub(r"([\\`<>\[\]*&])", r"\\\1", brief(printable(text)))
 
 
 def public_text(message: str) -> str:

@@ -9,7 +9,7 @@ from fdbench.benchmark.compare import EVEN, GAIN, LOSS, MISSING, NEW, NOT_JUDGED
 from fdbench.benchmark.job import SPEED
 from fdbench.benchmark.leaderboard import shown_unit, value_text
 from fdbench.metrics import metrics
-from fdbench.wording import public_text
+from fdbench.wording import markdown_text, public_text
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -102,7 +102,8 @@ def markdown(comparison: Comparison) -> str:
     others = list(_lines(comparison.of(GAIN, NEW)))
     if others:
         lines += _folded("Gains and new rows", _table(HEADER, others))
-    origin = [[name, comparison.base[name], comparison.new[name]] for name in comparison.base]
+    sides = comparison.base, comparison.new
+    origin = [[name, *(markdown_text(side[name]) for side in sides)] for name in comparison.base]
     lines += _folded("Provenance", _table(("", "base", "new"), origin))
     return "\n".join(lines) + "\n"
 

@@ -11,6 +11,7 @@ from fdbench.benchmark.run import Progress
 from fdbench.benchmark.selection import NULL
 from fdbench.benchmark.statistics import EVERY, LEVEL, rankings, run_statuses, standings, troubles
 from fdbench.benchmark.store import OK, SKIPPED, RunKey, Store
+from fdbench.errors import brief, printable
 from fdbench.units import time_text
 
 if TYPE_CHECKING:
@@ -93,10 +94,11 @@ def trouble_table(scores: "pd.DataFrame") -> "Group | None":
     found = troubles(statuses)
     for line in found:
         if line.status != SKIPPED:
-            table.add_row(line.status, line.scenario, escape(line.estimators), line.seeds, escape(line.reason))
+            reason = escape(brief(printable(line.reason)))
+            table.add_row(line.status, line.scenario, escape(line.estimators), line.seeds, reason)
     parts: list[Table | str] = [table] if table.row_count else []
     absent = {line.scenario: line.reason for line in found if line.status == SKIPPED and line.estimators == EVERY}
-    parts += [f"{scenario} was skipped. {escape(reason)}" for scenario, reason in absent.items()]
+    parts += [f"{scenario} was skipped. {escape(brief(printable(reason)))}" for scenario, reason in absent.items()]
     return Group(*parts) if parts else None
 
 

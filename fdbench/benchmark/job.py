@@ -16,7 +16,18 @@ from typing import Any
 
 from fdbench.benchmark import oracle
 from fdbench.benchmark.provenance import SIMULATION, digest
-from fdbench.benchmark.store import DIVERGED, FAILED, OK, SKIPPED, KeptRun, ParameterValue, RunKey, Score, Store
+from fdbench.benchmark.store import (
+    DIVERGED,
+    FAILED,
+    LARGEST,
+    OK,
+    SKIPPED,
+    KeptRun,
+    ParameterValue,
+    RunKey,
+    Score,
+    Store,
+)
 from fdbench.benchmark.validate import check_estimate, check_response, plant_parameters
 from fdbench.errors import FdbenchError, MissingData, SimulationDiverged
 from fdbench.estimator import Context
@@ -274,8 +285,8 @@ def _score(name: str, outcome: Outcome) -> Score:
         value = float(metric.score(outcome))
     except (Exception, SystemExit) as error:  # noqa: BLE001
         return Score(metric=name, unit=metric.unit, status=FAILED, message=describe(error)[1])
-    if not math.isfinite(value):
-        return Score(metric=name, unit=metric.unit, status=FAILED, message=f"the metric is {value}, not finite")
+    if not abs(value) <= LARGEST:
+        return Score(metric=name, unit=metric.unit, status=FAILED, message=f"the metric is {value}, beyond {LARGEST:g}")
     return Score(metric=name, unit=metric.unit, value=value)
 
 

@@ -26,10 +26,11 @@ from fdbench.benchmark.statistics import (
 )
 from fdbench.benchmark.store import OK, SKIPPED, Store
 from fdbench.errors import FdbenchError
+from fdbench.files import PLAIN_NAME
 from fdbench.metrics import metrics
 from fdbench.scenario import TRACKS
 from fdbench.units import TIMES, time_text, unit_of
-from fdbench.wording import public_text
+from fdbench.wording import markdown_text, public_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -100,11 +101,16 @@ def leaderboard(store: Store) -> str:
     Raises
     ------
     FdbenchError
-        If there are none, or if they are of several versions of one thing; see `check_mergeable`.
+        If there are none, they are of several versions of one thing (see `check_mergeable`), or a name is none.
     """
     scores = store.scores()
     check_mergeable(scores)
-    return "\n".join(_lines(scores, store.parameters(), read_seal(store.folder))) + "\n"
+    parameters = store.parameters()
+    for column in ("scenario", "estimator", "plant", "metric", "parameter"):
+        table = parameters if column == "parameter" else scores
+        if wrong := [name for name in table[column].unique() if not PLAIN_NAME.fullmatch(name)]:
+            raise FdbenchError(f"{store.folder}: column {column} holds '{wrong[0]}', which is no name.")
+    return "\n".join(_lines(scores, parameters, read_seal(store.folder))) + "\n"
 
 
 def difference(text: str, path: str | Path) -> str:
@@ -147,7 +153,8 @@ def check_mergeable(scores: "pd.DataFrame") -> None:
 def _lines(scores: "pd.DataFrame", parameters: "pd.DataFrame", seal: Seal | None) -> Iterator[str]:
     yield "# Leaderboard"
     yield ""
-    yield f"Suite version {scores['fdbench_version'].iloc[0]}. Written by `fdbench leaderboard`, not to be edited."
+    version = markdown_text(scores["fdbench_version"].iloc[0])
+    yield f"Suite version {version}. Written by `fdbench leaderboard`, not to be edited."
     yield ""
     yield from _sealing(scores, seal)
     yield ""
@@ -185,7 +192,7 @@ def _lines(scores: "pd.DataFrame", parameters: "pd.DataFrame", seal: Seal | None
 
 
 def _sealing(scores: "pd.DataFrame", seal: Seal | None) -> Iterator[str]:
-    nonce = str(scores["nonce"].iloc[0])
+    nonce = markdown_text(str(scores["nonce"].iloc[0]))
     if not nonce:
         yield "Seeds are public: an estimator can have been made for them. `fdbench run --sealed` draws secret ones."
         return
@@ -263,7 +270,10 @@ def _percent(value: float) -> str:
 
 
 def _failures(found: Sequence[Trouble]) -> Iterator[str]:
-    rows = [[line.scenario, line.estimators, line.seeds, line.status, public_text(line.reason)] for line in found]
+    rows = [
+        [line.scenario, line.estimators, line.seeds, line.status, markdown_text(public_text(line.reason))]
+        for line in found
+    ]
     if rows:
         yield from _table(["scenario", "estimators", "seeds", "status", "reason"], rows, "lllll")
     else:
@@ -274,7 +284,8 @@ def _skips(found: Sequence[Trouble], n_scenarios: int) -> Iterator[str]:
     """Yield a line for each reason and set of estimators; many scenarios are counted, and seeds left out."""
     scenarios: dict[tuple[str, str], list[str]] = {}
     for line in found:
-        scenarios.setdefault((public_text(line.reason), line.estimators), []).append(line.scenario)
+        reason = markdown_text(public_text(line.reason))
+        scenarios.setdefault((reason, line.estimators), []).append(line.scenario)
     rows = [
         [reason, names, ", ".join(where) if len(where) <= MOST_NAMED else f"{len(where)} of {n_scenarios}"]
         for (reason, names), where in sorted(scenarios.items())

@@ -14,7 +14,8 @@ from fdbench.benchmark.selection import choice_of, construct_variants, made_for,
 from fdbench.benchmark.store import DIGESTS, OK, STATUSES, KeptRun, RunKey, Store
 from fdbench.benchmark.variant import arguments, registered
 from fdbench.catalogue import scenario_ids
-from fdbench.errors import FdbenchError, MissingData
+from fdbench.convergence import integration_doubt
+from fdbench.errors import FdbenchError, MissingData, SpecError, did_you_mean
 from fdbench.estimator import estimators as registry
 from fdbench.nonce import check_nonce
 from fdbench.reading import measured_file
@@ -153,6 +154,8 @@ def run(
     for name, count in Counter(scenario.id for _, scenario in selected).items():
         if count > 1:
             raise FdbenchError(f"scenario '{name}' is given {count} times.")
+    for _, scenario in selected:
+        _check_hyperparameters(scenario)
     sources, plugins = sources_of(names), _plugins()
     construct_variants(names, sources, limits, plugins)
     kinds_of = made_for(sources, limits, plugins, store)
@@ -188,6 +191,7 @@ def run(
     store.write_selection({**selection, **options, **origin})
     wanting = {scenario.id: _wanting(scenario) for _, scenario in selected}
     waiting = [job for job in (_unfinished(job, store, wanting[job.scenario]) for job in plan) if job.choices]
+    _check_integration({job.scenario for job in waiting}, selected)
     report = progress or (lambda _: None)
     report(Progress(done=0, total=len(waiting)))
     if waiting:
@@ -207,6 +211,22 @@ def run(
         others=len(others),
         stale=tuple(sorted(stale)),
     )
+
+
+def _check_hyperparameters(scenario: Scenario) -> None:
+    """Raise a SpecError where a scenario has arguments for an estimator that is not known."""
+    known = {*registry.modules(), *registry.files()}
+    for name in scenario.estimation.hyperparameters:
+        if name not in known:
+            where = f"{scenario.id}: estimation.hyperparameters.{name}"
+            raise SpecError(f"{where}: unknown estimator '{name}'.{did_you_mean(name, known)}")
+
+
+def _check_integration(names: Collection[str], selected: Sequence[tuple[str, Scenario]]) -> None:
+    """Raise a SpecError where the substep of a scenario given by its file is too long; tests look at the others."""
+    for source, scenario in selected:
+        if scenario.id in names and source.endswith(".toml") and (doubt := integration_doubt(scenario)):
+            raise SpecError(doubt)
 
 
 def _others(

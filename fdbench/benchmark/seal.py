@@ -10,9 +10,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from fdbench.errors import FdbenchError
-from fdbench.files import write_text
+from fdbench.documents import LARGEST_JSON, json_value, read_file
+from fdbench.errors import FdbenchError, SpecError
+from fdbench.files import PLAIN_NAME, write_text
 from fdbench.nonce import check_nonce, new_nonce
+from fdbench.specification import read
 
 FILE = "seal.json"
 
@@ -70,12 +72,13 @@ def read_seal(folder: Path) -> Seal | None:
     if not path.is_file():
         return None
     try:
-        found = Seal(**json.loads(path.read_text("utf-8")))
+        found = read(Seal, json_value(read_file(path, LARGEST_JSON)), "seal")
         if found.nonce:
             check_nonce(found.nonce)
-        if not (isinstance(found.estimators, dict) and isinstance(found.scenarios, dict)):
-            raise ValueError("estimators and scenarios are tables")
-    except (ValueError, TypeError, AttributeError, RecursionError, FdbenchError) as error:
+        pairs = [*found.estimators.items(), *found.scenarios.items(), (found.code_digest, found.commit)]
+        if not all(text == "" or PLAIN_NAME.fullmatch(text) for pair in pairs for text in pair):
+            raise ValueError("names and digests are expected")
+    except (OSError, ValueError, SpecError) as error:
         raise FdbenchError(f"{path}: not a seal ({error}).") from error
     return found
 

@@ -14,6 +14,7 @@
 import fcntl
 import json
 import os
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -22,13 +23,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fdbench.errors import FdbenchError, did_you_mean
+from fdbench.documents import LARGEST_JSON, json_value, parquet_table, read_file
+from fdbench.errors import FdbenchError, SpecError, did_you_mean, printable
 from fdbench.estimator import Estimate
 from fdbench.files import replaced, write_text
 from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.regression import FloatArray, Regression
 from fdbench.sandbox.claims import SERIES
+from fdbench.specification import convert, read
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,6 +69,12 @@ PARAMETER_COLUMNS = {
     "standard_error": "float64",
     "truth": "float64",
 }
+
+
+LARGEST = 1e100  # beyond it numbers can be neither drawn nor averaged
+
+_SEED = re.compile(r"(0|[1-9][0-9]{0,17}|[1-4][0-9]{18})\Z")
+_MADE_FOR = Mapping[str, tuple[str, ...] | None]
 
 
 class RunKey(NamedTuple):
@@ -159,6 +168,15 @@ class Kept:
     estimate: Estimate
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Claimed:
+    """What the metadata of a kept estimate say."""
+
+    target_name: str
+    parameters: Mapping[str, float]
+    covariance: tuple[tuple[float, ...], ...] | None
+
+
 class Store:
     """The results in one folder.
 
@@ -188,21 +206,20 @@ class Store:
         if not path.is_file():
             return None
         try:
-            document = json.loads(path.read_text("utf-8"))
-            scores = tuple(Score(**score) for score in document.pop("scores"))
-            parameters = tuple(ParameterValue(**value) for value in document.pop("parameters"))
-            run = KeptRun(**document, scores=scores, parameters=parameters)
-            if run.key != key or run.status not in STATUSES or not isinstance(run.provenance, dict):
+            run = read(KeptRun, json_value(read_file(path, LARGEST_JSON)), "run")
+            if run.key != key or not {run.status, *(score.status for score in run.scores)} <= {*STATUSES}:
                 raise ValueError("it is another one")
             return run
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
+        except (OSError, ValueError, SpecError) as error:
             raise FdbenchError(f"{path}: not a run that this version can read ({error}). Run it again.") from error
 
     def run_keys(self) -> list[RunKey]:
         """Return all runs that lie in the folder."""
         files = self.folder.glob("runs/*/*/*.json")
         return [
-            RunKey(file.parent.parent.name, file.parent.name, int(file.stem)) for file in files if file.stem.isdecimal()
+            RunKey(file.parent.parent.name, file.parent.name, int(file.stem))
+            for file in files
+            if _SEED.match(file.stem)
         ]
 
     def is_finished(self, key: RunKey, digests: Mapping[str, str], keep: bool, skips_hold: bool) -> bool:
@@ -233,10 +250,11 @@ class Store:
     def made_for(self) -> dict[str, tuple[str, ...] | None]:
         """Return what ``made_for.json`` says; nothing where it cannot be read, so that estimators are asked again."""
         try:
-            found = json.loads((self.folder / "made_for.json").read_text("utf-8"))
-            return {str(key): None if models is None else tuple(map(str, models)) for key, models in found.items()}
-        except (OSError, ValueError, TypeError, AttributeError):
+            found = json_value(read_file(self.folder / "made_for.json", LARGEST_JSON))
+            known: dict[str, tuple[str, ...] | None] = convert(_MADE_FOR, found, "made_for.json")
+        except (OSError, ValueError, SpecError):
             return {}
+        return known
 
     @contextmanager
     def alone(self) -> Iterator[None]:
@@ -274,13 +292,11 @@ class Store:
         return self._table("parameters.parquet", PARAMETER_COLUMNS)
 
     def _table(self, name: str, columns: Mapping[str, str]) -> "pd.DataFrame":
-        import pandas as pd
-
         path = self.folder / name
         if not path.is_file():
             raise FdbenchError(f"{self.folder}: no {name} here. 'fdbench run --out {self.folder}' writes it.")
         try:
-            table = pd.read_parquet(path)
+            table: pd.DataFrame = parquet_table(path).to_pandas(ignore_metadata=True)
         except (OSError, ValueError) as error:
             raise FdbenchError(f"{path}: cannot be read: {error}.") from error
         for column, kind in columns.items():
@@ -289,8 +305,10 @@ class Store:
             values = table[column]
             if not (all(isinstance(value, str) for value in values) if kind == "string" else values.dtype == kind):
                 raise FdbenchError(f"{path}: column {column} holds other values than {kind}. Run them all again.")
-            if kind == "float64" and np.isinf(values).any():
-                raise FdbenchError(f"{path}: column {column} holds values that are infinite. Run them all again.")
+            if column in PROVENANCE and any(printable(value) != value for value in values.unique()):
+                raise FdbenchError(f"{path}: column {column} cannot be printed. Run them all again.")
+            if kind == "float64" and (values.abs() > LARGEST).any():
+                raise FdbenchError(f"{path}: column {column} holds values beyond {LARGEST:g}. Run them all again.")
         return table
 
     # ---- records and estimates ----
@@ -328,36 +346,46 @@ class Store:
         arrays = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
         table = pyarrow.table(arrays).replace_schema_metadata({"fdbench": json.dumps(metadata)})
         with replaced(self.estimate_file(key), folders=True) as partial:
-            parquet.write_table(table, partial)
+            parquet.write_table(table, partial, write_page_checksum=True)
 
     def read_estimate(self, key: RunKey) -> Kept | None:
         """Return a kept estimate, or None if there is none, as after a failure."""
-        from pyarrow import parquet
-
         path = self.estimate_file(key)
         if not path.is_file():
             return None
         try:
-            table = parquet.read_table(path)
-            metadata = json.loads(table.schema.metadata[b"fdbench"])
-            columns = {name: table[name].to_numpy() for name in table.column_names}
-            covariance = metadata["covariance"]
+            table = parquet_table(path)
+            about = read(_Claimed, json_value((table.schema.metadata or {}).get(b"fdbench", b"")), "metadata")
+            columns = {name: _series(name, table[name]) for name in table.column_names}
+            p = len(about.parameters)
+            if about.covariance is not None and {len(row) for row in (about.covariance, *about.covariance)} != {p}:
+                raise ValueError(f"the covariance of {p} parameters has another shape")
+            if not {"time_s", "target"} <= columns.keys() <= {"time_s", "target", *SERIES}:
+                raise ValueError(f"columns {', '.join(columns)}")
             return Kept(
                 time_s=columns.pop("time_s"),
                 target=columns.pop("target"),
-                target_name=metadata["target_name"],
+                target_name=about.target_name,
                 estimate=Estimate(
-                    parameters=metadata["parameters"],
-                    covariance=None if covariance is None else np.array(covariance),
+                    parameters=about.parameters,
+                    covariance=None if about.covariance is None else np.array(about.covariance).reshape(p, p),
                     **columns,
                 ),
             )
-        except (ValueError, TypeError, KeyError) as error:
+        except (OSError, ValueError, SpecError) as error:
             raise FdbenchError(f"{path}: not an estimate ({error}). Remove it, and run it again.") from error
 
     def forget_estimate(self, key: RunKey) -> None:
         """Remove the estimate of an earlier run, so that a failure does not leave it."""
         self.estimate_file(key).unlink(missing_ok=True)
+
+
+def _series(name: str, column: Any) -> FloatArray:
+    """Return a column of an estimate; a variance may be infinite."""
+    values: FloatArray = column.to_numpy()
+    if values.dtype != np.float64 or np.isnan(values).any() or ("variance" not in name and np.isinf(values).any()):
+        raise ValueError(f"column {name} holds other values than numbers")
+    return values
 
 
 def _score_rows(runs: Sequence[KeptRun]) -> Iterator[dict[str, Any]]:
@@ -380,7 +408,7 @@ def _write_table(path: Path, rows: list[dict[str, Any]], columns: Mapping[str, s
 
     schema = pyarrow.schema([(name, pyarrow.type_for_alias(kind)) for name, kind in columns.items()])
     with replaced(path, folders=True) as partial:
-        parquet.write_table(pyarrow.Table.from_pylist(rows, schema=schema), partial)
+        parquet.write_table(pyarrow.Table.from_pylist(rows, schema=schema), partial, write_page_checksum=True)
 
 
 def _write(path: Path, text: str) -> None:

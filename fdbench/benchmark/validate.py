@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.benchmark.store import LARGEST
 from fdbench.errors import PluginError, did_you_mean, raise_all
 from fdbench.estimator import Context, Estimate
 from fdbench.record import FloatArray
@@ -46,8 +47,8 @@ def _misses(estimate: Estimate, regression: Regression, allowed: Collection[str]
     for name, value in estimate.parameters.items():
         if name not in allowed:
             yield f"parameters['{name}']: the model has no such parameter.{did_you_mean(name, allowed)}"
-        elif not np.isfinite(value):
-            yield f"parameters['{name}'] is {float(value)}, expected a finite number."
+        elif not abs(value) <= LARGEST:
+            yield f"parameters['{name}'] is {float(value)}, expected a finite number up to {LARGEST:g}."
     n_rows, p = len(regression.target), len(estimate.parameters)
     shapes = dict.fromkeys(SERIES, ((n_rows,), "one value for each row of the regression"))
     for field, (shape, meaning) in {**shapes, "covariance": ((p, p), "in the order of parameters")}.items():
@@ -57,8 +58,8 @@ def _misses(estimate: Estimate, regression: Regression, allowed: Collection[str]
                 yield f"{field} has shape {array.shape}, expected {shape}, {meaning}."
             elif "variance" in field and field != "covariance":
                 yield from _no_variance(field, array)
-            elif not np.isfinite(array).all():
-                yield _refused(field, array, ~np.isfinite(array), "not finite")
+            elif (wrong := ~(np.abs(array) <= LARGEST)).any():
+                yield _refused(field, array, wrong, f"not finite, or beyond {LARGEST:g}")
             elif field == "covariance":
                 yield from _no_variance("the diagonal of covariance", np.diag(array))
 

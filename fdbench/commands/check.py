@@ -7,6 +7,7 @@ import typer
 
 from fdbench.checks.plugin_files import add_effects
 from fdbench.commands._options import PLUGINS, SCENARIO, Effects, MemoryLimit, TimeLimit, names_of
+from fdbench.commands._say import say
 from fdbench.errors import FdbenchError, PluginError
 
 
@@ -37,6 +38,6 @@ def check(
             if isinstance(error, FdbenchError) and not isinstance(error, PluginError):
                 raise
             text = str(error) if isinstance(error, PluginError) else f"{name}: {fault(error, Path(plugin).resolve())}"
-            typer.echo(f"fdbench: {text}", err=True)
+            say(f"fdbench: {text}", is_aside=True)
             raise typer.Exit(1) from error
-    typer.echo("\n".join(lines))
+    say("\n".join(lines))

@@ -7,6 +7,7 @@ import typer
 
 from fdbench.commands._json import echo_json
 from fdbench.commands._options import Effects, file_to_write, writable
+from fdbench.commands._say import say
 from fdbench.errors import SpecError
 
 
@@ -51,9 +52,7 @@ def diagnose(
     if next_experiment is not None and next_experiment.suffix.lower() != ".csv":
         raise SpecError(f"--next-experiment {next_experiment}: the motion is written as .csv.")
     if rehearse:
-        typer.echo(
-            "fdbench: --rehearse is called --calibrate now; the former name goes with the next version.", err=True
-        )
+        say("fdbench: --rehearse is called --calibrate now; the former name goes with the next version.", is_aside=True)
     with Console(stderr=True).status("reading") as status:
         found = api.diagnose(
             model,
@@ -68,11 +67,11 @@ def diagnose(
     if write_model is not None:
         found.write_model(write_model)
         if not found.diagnosis.final.effects:
-            typer.echo(f"fdbench: no cause was named: {write_model} is the re-calibrated model.", err=True)
+            say(f"fdbench: no cause was named: {write_model} is the re-calibrated model.", is_aside=True)
     if next_experiment is not None:
         found = found.write_experiment(next_experiment)
         if found.answer.next_experiment is None:
-            typer.echo(f"fdbench: no causes in doubt that a motion would tell apart: no {next_experiment}.", err=True)
+            say(f"fdbench: no causes in doubt that a motion would tell apart: no {next_experiment}.", is_aside=True)
     if json_ is not None and str(json_) != "-":
         found.write_json(json_)
     if html is not None:
@@ -80,4 +79,4 @@ def diagnose(
     if str(json_) == "-":
         echo_json(found.answer.as_json())
     else:
-        typer.echo(str(found))
+        say(str(found))

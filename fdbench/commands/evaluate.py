@@ -8,6 +8,7 @@ import typer
 from fdbench.checks.plugin_files import add_effects
 from fdbench.commands._json import echo_json
 from fdbench.commands._options import Effects, file_to_write, writable
+from fdbench.commands._say import say
 from fdbench.errors import SpecError
 from fdbench.files import write_text
 from fdbench.json_text import json_text
@@ -53,4 +54,4 @@ def evaluate(
     if str(json_) == "-":
         echo_json(found.evaluation.as_json())
     else:
-        typer.echo(evaluation_text(found.evaluation))
+        say(evaluation_text(found.evaluation))

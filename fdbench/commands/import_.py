@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from fdbench.commands._say import say
 from fdbench.errors import SpecError
 
 INCOMPLETE = 1
@@ -45,23 +46,23 @@ def import_(
     for file, path, proposal in zip(files, written, proposals, strict=True):
         said = [proposal.format] if proposal.format else []
         said += [f"{proposal.record.n_samples} samples"] if proposal.record else []
-        typer.echo(f"{file}: {', '.join(said)}")
+        say(f"{file}: {', '.join(said)}")
         for line in (*proposal.found, *(f"left out {line}" for line in proposal.left_out)):
-            typer.echo(f"  {line}")
+            say(f"  {line}")
         if not are_mappings:
             write_text(path, proposal.mapping)
-            typer.echo(f"  -> {path}")
+            say(f"  -> {path}")
     best = next((proposal for proposal in proposals if proposal.record is not None), None)
     if best is not None:
         write_text(model, best.model([file.name for file in files]))
-        typer.echo(f"A first model, {best.axis}, without controller: {model}")
+        say(f"A first model, {best.axis}, without controller: {model}")
     to_do = dict.fromkeys(line for proposal in proposals for line in proposal.to_do)
     differing = [
         str(path) for path, proposal in zip(written, proposals, strict=True) if proposal.lines != proposals[0].lines
     ]
     if differing:
         to_do[f"CHECK the columns of {', '.join(differing)}: they are not those of {written[0]}."] = None
-    typer.echo("\n".join(["To do:", *(f"  - {line}" for line in to_do)]) if to_do else "Nothing to fill in.")
+    say("\n".join(["To do:", *(f"  - {line}" for line in to_do)]) if to_do else "Nothing to fill in.")
     if any(proposal.record is None for proposal in proposals):
         raise typer.Exit(INCOMPLETE)
-    typer.echo(f"Then: fdbench diagnose --model {model} {' '.join(map(str, written))}")
+    say(f"Then: fdbench diagnose --model {model} {' '.join(map(str, written))}")

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from fdbench.commands._options import DEFAULT_OUT, existing, file_to_write
+from fdbench.commands._say import say
 from fdbench.files import write_text
 
 
@@ -29,5 +30,5 @@ def leaderboard(
         return
     difference = rankings.difference(text, output)
     if difference:
-        typer.echo(difference)
+        say(difference)
         raise typer.Exit(1)

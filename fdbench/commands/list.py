@@ -7,6 +7,7 @@ import typer
 
 from fdbench.commands._json import echo_json
 from fdbench.commands._options import Json
+from fdbench.commands._say import say
 
 
 class Listed(StrEnum):
@@ -46,7 +47,7 @@ def list_(
     cells = [[str(value) for value in row.values()] for row in rows]
     widths = [max((len(cell) for cell in column), default=0) for column in zip(*cells, strict=True)]
     for *first, last in cells:
-        typer.echo("  ".join([*(f"{cell:{width}}" for cell, width in zip(first, widths, strict=False)), last]))
+        say("  ".join([*(f"{cell:{width}}" for cell, width in zip(first, widths, strict=False)), last]))
 
 
 def _kind_row(kind: Listed) -> dict[str, str | int]:

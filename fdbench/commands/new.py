@@ -13,6 +13,7 @@ from typing import Annotated
 
 import typer
 
+from fdbench.commands._say import say
 from fdbench.errors import FdbenchError, UnknownName, did_you_mean
 
 NAME, CLASS = "my_plugin", "MyPlugin"
@@ -39,9 +40,9 @@ def new(
             raise FdbenchError(f"{path}: is there already, and nothing is overwritten. Give another name or folder.")
     for path, text in texts.items():
         write_text(path, text, folders=True)
-    typer.echo(f"Written: {', '.join(map(str, texts))}")
+    say(f"Written: {', '.join(map(str, texts))}")
     plugin = next(path for path in texts if path.stem.removesuffix("-v0") == name.removesuffix("-v0"))
-    typer.echo(f"Next: fdbench check {plugin}")
+    say(f"Next: fdbench check {plugin}")
 
 
 def kinds() -> list[str]:

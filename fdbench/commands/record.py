@@ -7,6 +7,7 @@ import typer
 
 from fdbench.checks.plugin_files import add_effects
 from fdbench.commands._options import SCENARIO, Effects, file_to_write, names_of
+from fdbench.commands._say import say
 from fdbench.errors import SpecError
 
 
@@ -19,11 +20,14 @@ def record(
     effect: Effects = None,
 ) -> None:
     """Simulate a scenario and write its record, what a logger on the machine would have written."""
+    from fdbench.convergence import integration_doubt
     from fdbench.scenario import load_scenario
 
     add_effects(effect)
     chosen = load_scenario(scenario)
     try:
         chosen.record(seed).save(output)
+        if Path(scenario).suffix == ".toml" and (doubt := integration_doubt(chosen)):
+            say(f"fdbench: {doubt}", is_aside=True)
     except ArithmeticError as error:
         raise SpecError(f"{scenario}: these values cannot be computed with: {error}.") from error

@@ -8,6 +8,7 @@ import typer
 
 from fdbench.benchmark.suite import SEEDS, Suite
 from fdbench.commands._options import DEFAULT_OUT, SCENARIO, Effects, MemoryLimit, Scheduler, TimeLimit, names_of
+from fdbench.commands._say import say
 from fdbench.errors import FdbenchError
 
 
@@ -108,19 +109,17 @@ def run(
     if trouble is not None:
         screen.print(trouble)
     if traceback:
-        typer.echo(console.tracebacks_text(Store(out), summary.keys), err=True)
+        say(console.tracebacks_text(Store(out), summary.keys), is_aside=True)
     counts = ", ".join(f"{count} {status}" for status, count in summary.statuses.items())
     reasons = f" Why runs were skipped: {out}/leaderboard.md." if summary.statuses[SKIPPED] else ""
-    typer.echo(f"{summary.computed} runs done, {summary.reused} kept from before ({counts}).{reasons}")
+    say(f"{summary.computed} runs done, {summary.reused} kept from before ({counts}).{reasons}")
     if summary.others:
-        typer.echo(
-            f"The files hold {summary.others} other {'run' if summary.others == 1 else 'runs'} of this folder too."
-        )
+        say(f"The files hold {summary.others} other {'run' if summary.others == 1 else 'runs'} of this folder too.")
     if summary.stale:
-        typer.echo(console.stale_text(summary.stale))
-    typer.echo(f"Written: {', '.join(f'{out}/{name}' for name in ('scores.parquet', *result.written))}")
+        say(console.stale_text(summary.stale))
+    say(f"Written: {', '.join(f'{out}/{name}' for name in ('scores.parquet', *result.written))}")
     if result.unchanged:
-        typer.echo(f"As before: {', '.join(f'{out}/{name}' for name in result.unchanged)}")
+        say(f"As before: {', '.join(f'{out}/{name}' for name in result.unchanged)}")
     if text := console.nothing_good_text(scores):
-        typer.echo(text)
+        say(text)
         raise typer.Exit(1)

@@ -7,6 +7,7 @@ import typer
 
 from fdbench.commands._json import echo_json
 from fdbench.commands._options import Json, Scheduler, names_of, writable
+from fdbench.commands._say import say
 from fdbench.errors import SpecError, did_you_mean
 
 trial = typer.Typer(
@@ -41,7 +42,7 @@ def trial_make(
         raise SpecError(f"tier: unknown tier '{tier}'.{did_you_mean(tier.upper(), list(Tier))}")
     with Console(stderr=True).status("making") as status:
         manifest = make(folder, key, Tier(tier.upper()), count, nonce, status.update)
-    typer.echo(f"{len(manifest['cases'])} cases of tier {manifest['tier']} in {folder}; key in {key}.")
+    say(f"{len(manifest['cases'])} cases of tier {manifest['tier']} in {folder}; key in {key}.")
 
 
 @trial.command("answer")
@@ -62,7 +63,7 @@ def trial_answer(
     with Console(stderr=True).status("answering") as status:
         found = answer(folder, diagnosers.resolve(diagnoser), output, status.update, scheduler)
     failed = sum(case["status"] != "ok" for case in found["cases"].values())
-    typer.echo(f"{len(found['cases'])} cases answered by {found['diagnoser']}, {failed} failed: {output}")
+    say(f"{len(found['cases'])} cases answered by {found['diagnoser']}, {failed} failed: {output}")
 
 
 @trial.command("score")
@@ -79,7 +80,7 @@ def trial_score(
     if json_:
         echo_json(found)
     else:
-        typer.echo(text(found))
+        say(text(found))
 
 
 @trial.command("learn")
@@ -99,4 +100,4 @@ def trial_learn(
         found = learn(list(zip(folders, key, strict=True)), output, status.update)
     for kind in KINDS:
         own = [claim.right for claim in found if claim.kind == kind]
-        typer.echo(f"{kind}: {len(own)} claims, {sum(own)} right")
+        say(f"{kind}: {len(own)} claims, {sum(own)} right")

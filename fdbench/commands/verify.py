@@ -7,6 +7,7 @@ import typer
 
 from fdbench.checks.plugin_files import add_effects
 from fdbench.commands._options import DEFAULT_OUT, Effects, existing
+from fdbench.commands._say import say
 
 
 def verify(
@@ -39,11 +40,11 @@ def verify(
         )
     for line in found.differences:
         where = f"{line.key.scenario}, {line.key.estimator}, seed {line.key.seed}"
-        typer.echo(f"{where}: {line.metric} was {line.stored:.6g}, is {'missing' if line.now is None else line.now}")
+        say(f"{where}: {line.metric} was {line.stored:.6g}, is {'missing' if line.now is None else line.now}")
     for name in found.changed:
-        typer.echo(f"{name} has changed since these results were made")
+        say(f"{name} has changed since these results were made")
     word = "the same" if found.is_same else "not the same"
-    typer.echo(
+    say(
         f"{found.runs} runs made again, {found.scores} scores: {word}; largest relative difference {found.largest:.1e}."
     )
     if not found.is_same:

@@ -1,12 +1,12 @@
 """What a diagnosis says: the one place of its shape, in Python, as JSON, on the terminal and on the page."""
 
 import dataclasses
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
+from fdbench.documents import LARGEST_JSON, json_value, read_file
 from fdbench.errors import SpecError
 from fdbench.rotary import LINEAR
 from fdbench.specification import read
@@ -555,9 +555,9 @@ def read_answer(path: str | Path) -> Answer:
     """
     file = Path(path)
     try:
-        table = json.loads(file.read_text("utf-8"))
+        table = json_value(read_file(file, LARGEST_JSON), is_finite=False)
     except OSError as error:
         raise SpecError(f"{file}: cannot be read: {error.strerror}.") from error
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise SpecError(f"{file}: not JSON: {error}.") from error
     return from_json(table, file.name)

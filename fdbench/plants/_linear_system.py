@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.errors import SpecError
 from fdbench.record import FloatArray
 from fdbench.simulate.stability import check_loop, gain_margin, is_stable
 
@@ -74,6 +75,11 @@ class LinearSystem:
     closed : control.StateSpace or None
         From the commanded position, velocity and acceleration to the position that closes the loop.
 
+    Raises
+    ------
+    SpecError
+        If a matrix holds what is no number.
+
     Examples
     --------
     2 kg on a spring of 200 N/m with a damper of 2 N s/m: 10 rad/s and a damping ratio of 0.05, 5 mm for one newton.
@@ -91,6 +97,11 @@ class LinearSystem:
     delay_s: float = 0.0
     loops: Mapping[str, "control.StateSpace"] = field(default_factory=dict)
     closed: "control.StateSpace | None" = None
+
+    def __post_init__(self) -> None:
+        for name, system in {"plant": self.plant, **self.loops, "closed loop": self.closed}.items():
+            if system is not None and not all(np.isfinite(m).all() for m in (system.A, system.B, system.C, system.D)):
+                raise SpecError(f"{name}: the values of this machine are too large or too small to compute with.")
 
     @property
     def frequencies_Hz(self) -> FloatArray:

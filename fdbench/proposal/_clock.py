@@ -1,22 +1,31 @@
 """The clock of a log: its column of times, or the sampling time, and the part of the log that is whole."""
 
-import json
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdbench.errors import RecordError
+from fdbench.json_text import toml_value
 from fdbench.proposal._data import jumps, longest_whole
 from fdbench.proposal._names import LogColumn, column
 from fdbench.proposal._units import time_unit
 from fdbench.reading.formats import Format, Raw, on_clock
-from fdbench.record import FloatArray, check_clock
+from fdbench.record import LONGEST_S, SHORTEST_S, FloatArray, check_clock
 from fdbench.units import si_unit, time_text
 
 SLOWEST_S = 0.05  # of a clock whose columns are looked at
+LARGEST = 1e100  # number that can be computed with
 FEWEST_FINITE = 0.5  # share of the values of a column
+
+
+def _numbers(values: NDArray[Any]) -> FloatArray:
+    """Return a column, not a number where it is beyond what can be computed with."""
+    column = np.asarray(values, dtype=np.float64)
+    return np.where(np.abs(column) <= LARGEST, column, np.nan)
 
 
 class Clock:
@@ -52,7 +61,7 @@ class Clock:
         else:
             self._at_slowest = raw.columns
             self._find_time(raw)
-        columns = {name: np.asarray(values, dtype=np.float64) for name, values in self._at_slowest.items()}
+        columns = {name: _numbers(values) for name, values in self._at_slowest.items()}
         share = {name: float(np.isfinite(values).mean()) for name, values in columns.items()}
         self.left_out = [*raw.left_out, *(name for name in raw.columns if share.get(name, 0.0) < FEWEST_FINITE)]
         self.columns = {name: values for name, values in columns.items() if name not in self.left_out}
@@ -68,6 +77,11 @@ class Clock:
             self.step_s = float(np.median(np.diff(seconds[self.whole.start : self.whole.stop])))
         else:
             self._assume(kind, sampling_time_s)
+        if not SHORTEST_S <= self.step_s <= LONGEST_S:
+            raise RecordError(
+                f"{file}: a sampling time of {self.step_s:g} s; allowed: {SHORTEST_S:g} to {LONGEST_S:g} s. "
+                f"{f'Check the times in {self._time!r}.' if self._time else ''}"
+            )
 
     def samples(self, used: set[str], position: str) -> tuple[range, int]:
         """Return the longest whole part of the used columns as the mapping will read them, and how many there are.
@@ -77,7 +91,7 @@ class Clock:
         raw = self._raw
         kept = {name: values for name, values in raw.columns.items() if name in used}
         columns = on_clock(replace(raw, columns=kept), self._time or None, str(self._file)).columns
-        values = {name: np.asarray(column, dtype=np.float64) for name, column in columns.items()}
+        values = {name: _numbers(column) for name, column in columns.items()}
         lost = jumps(values[position]) if np.isfinite(values[position]).all() else []
         if lost:
             self.found.append(f"'{position}' jumps at sample {lost[0]} ({len(lost)} in all): samples were lost there")
@@ -113,7 +127,7 @@ class Clock:
             mean_s = float((part[-1] - part[0]) / (len(part) - 1))
             return [], {"sampling_time_s": float(f"{mean_s:.9g}")}
         found.append(f"time_s is '{self._time}' in {self._unit}, a step of {time_text(step_s)}")
-        return [f'time_s = {{ from = {json.dumps(self._time, ensure_ascii=False)}, unit = "{self._unit}" }}'], {}
+        return [f'time_s = {{ from = {toml_value(self._time)}, unit = "{self._unit}" }}'], {}
 
     def _find_time(self, raw: Raw) -> None:
         for name, values in raw.columns.items():

@@ -1,16 +1,16 @@
 """The proposal: what was found in a log, why, what is left to fill in, and the files that say so."""
 
 import dataclasses
-import json
 import os
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from fdbench.errors import FdbenchError, RecordError
+from fdbench.documents import toml_tables
+from fdbench.errors import FdbenchError, RecordError, printable
+from fdbench.json_text import toml_value
 from fdbench.proposal._clock import Clock
 from fdbench.proposal._data import balance
 from fdbench.proposal._names import LogColumn, column, turns
@@ -161,8 +161,8 @@ def propose(file: Path, kind: type[Format], mapping: Path, sampling_time_s: floa
     proposal.mapping = _mapping_text(proposal, settings | time_settings)
     if not missing:
         try:
-            proposal.record = read_mapped(tomllib.loads(proposal.mapping), mapping.parent, str(mapping))
-        except FdbenchError as error:
+            proposal.record = read_mapped(toml_tables(proposal.mapping), mapping.parent, str(mapping))
+        except (FdbenchError, ValueError) as error:
             proposal.to_do.append(f"The mapping does not read yet: {error}")
     return proposal
 
@@ -181,7 +181,7 @@ def _columns(found: dict[str, Role], step_s: float, kind: type[Format], proposal
 
     def add(target: str, role: Role, keys: str, why: str) -> None:
         name = rotary_name(target) if proposal.axis == ROTARY else target
-        lines.append(f"{name} = {{ from = {json.dumps(role.column.name, ensure_ascii=False)}, {keys} }}")
+        lines.append(f"{name} = {{ from = {toml_value(role.column.name)}, {keys} }}")
         proposal.found.append(f"{name} is '{role.column.name}': {role.why}; {why}")
         if role.why.startswith("GUESS"):
             proposal.to_do.append(f"CHECK {name}: {role.why.removeprefix('GUESS: ')} is a guess.")
@@ -222,8 +222,8 @@ def _mapping_text(proposal: Proposal, settings: dict[str, object]) -> str:
     said = [*proposal.found, *proposal.to_do]
     head = [
         "# Proposed by `fdbench import`; correct what is wrong.",
-        *(f"# {' '.join(line.split())}" for line in said),
+        *(f"# {' '.join(printable(line).split())}" for line in said),
         "",
     ]
-    record = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in settings.items()]
+    record = [f"{key} = {toml_value(value)}" for key, value in settings.items()]
     return "\n".join([*head, "[record]", *record, "", "[columns]", *proposal.lines, ""])

@@ -4,7 +4,6 @@ import dataclasses
 import difflib
 import math
 import os
-import tomllib
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -12,7 +11,9 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.documents import LARGEST_TOML, read_file, toml_tables
 from fdbench.errors import MissingData, RecordError, SpecError, did_you_mean
+from fdbench.files import is_utf_8
 from fdbench.reading.formats import Format, Raw, formats, on_clock, origin
 from fdbench.record import FloatArray, Record, check_clock, check_finite, name_fault
 from fdbench.units import factor_to_si, si_unit
@@ -79,8 +80,6 @@ def format_of(file: Path) -> type[Format]:
         If the file does not exist, is empty, or is of no known format.
     """
     _must_exist(file)
-    if file.stat().st_size == 0:
-        raise RecordError(f"{file}: the file is empty.")
     with file.open("rb") as stream:
         head = stream.read(HEAD_BYTES)
     kinds = [formats.get(name) for name in formats.names()]
@@ -92,6 +91,7 @@ def format_of(file: Path) -> type[Format]:
             f"{file}: records are not read from '{suffix}' files, and this one does not begin like one of "
             f"{', '.join(formats.names())}. Allowed: {suffixes}."
         )
+    _check_size(file, found[0])
     return found[0]
 
 
@@ -181,8 +181,8 @@ def _checked(columns: Mapping[str, NDArray[Any]], raw: Raw, provenance: dict[str
 def _read_toml(file: Path) -> dict[str, Any]:
     _must_exist(file)
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        return toml_tables(read_file(file, LARGEST_TOML))
+    except ValueError as error:
         raise SpecError(f"{file}: not valid TOML: {error}.") from error
 
 
@@ -237,8 +237,7 @@ def _keys_of(kind: type[Format]) -> list[str]:
 
 def _read(file: Path, reader: Format, wanted: Collection[str] | None) -> Raw:
     _must_exist(file)
-    if file.stat().st_size == 0:
-        raise RecordError(f"{file}: the file is empty.")
+    _check_size(file, type(reader))
     try:
         return reader.read(file, wanted)
     except OSError as error:
@@ -266,14 +265,28 @@ def _part(raw: Raw, settings: Mapping[str, Any], where: str, file: Path) -> Raw:
 
 
 def _must_exist(file: Path) -> None:
+    if not is_utf_8(file):
+        raise RecordError(f"{file}: the name of the file is not UTF-8. Rename it.")
     if file.is_file():
+        if file.stat().st_size == 0:
+            raise RecordError(f"{file}: the file is empty.")
         return
+    if file.exists() and not file.is_dir():
+        raise RecordError(f"{file}: a pipe or a device, not a file.")
     if file.is_dir():
         raise RecordError(f"{file}: a folder, not a file.")
     if not file.parent.is_dir():
         raise RecordError(f"{file}: no such file; the folder {file.parent} does not exist either.")
     nearest = difflib.get_close_matches(file.name, [other.name for other in file.parent.iterdir()], n=1, cutoff=0.0)
     raise RecordError(f"{file}: no such file. Nearest in that folder: {nearest[0] if nearest else 'nothing'}.")
+
+
+def _check_size(file: Path, kind: type[Format]) -> None:
+    size = file.stat().st_size
+    if size > kind.largest_bytes:
+        raise RecordError(
+            f"{file}: {size} bytes; of format {kind.name}, at most {kind.largest_bytes} are read. Split the file."
+        )
 
 
 def _rule(name: str, targets: Mapping[str, Any], where: str) -> _ColumnRule:

@@ -7,10 +7,15 @@ import numpy as np
 
 from fdbench.errors import RecordError, did_you_mean
 from fdbench.reading import read_record
+from fdbench.reading.formats import EVERYTHING
+from fdbench.reading.formats.csv import Csv
 from fdbench.record import FloatArray, Record
+from fdbench.report.record import check_sizes
 
 FREQUENCY = "frequency_Hz"
 COLUMNS = (FREQUENCY, "magnitude", "magnitude_dB", "phase_rad", "phase_deg")
+LONGEST_HEAD = 4096  # letters
+LARGEST = 1e9  # number in a table
 SEGMENTS = 8  # of a record, whose spectra are averaged
 COHERENT = 0.9  # squared coherence from which on an estimate is drawn
 EXCITED = 1e-8  # share of the largest power of the command
@@ -36,34 +41,37 @@ def read_response(path: Path) -> MeasuredResponse:
     """
     if path.suffix.lower() == ".csv" and path.is_file():
         with path.open(encoding="utf-8", errors="replace") as file:
-            head = file.readline()
+            head = file.readline(LONGEST_HEAD)
         if "frequency" in head.lower() and "time_s" not in head:
             return _of_table(path)
     return of_record(read_record(path))
 
 
 def _of_table(path: Path) -> MeasuredResponse:
-    import pandas as pd
-
-    try:
-        table = pd.read_csv(path, dtype=np.float64, skipinitialspace=True)
-    except ValueError as error:
-        raise RecordError(f"{path}: a table of numbers, separated by commas, is expected: {error}.") from error
-    for name in table.columns:
+    raw = Csv().read(path, EVERYTHING)
+    table = {name: column.astype(np.float64) for name, column in raw.columns.items()}
+    for name in (*table, *raw.left_out):
         if name not in COLUMNS:
-            raise RecordError(f"{path}: unknown column '{name}'.{did_you_mean(str(name), COLUMNS)}")
+            raise RecordError(f"{path}: unknown column '{name}'.{did_you_mean(name, COLUMNS)}")
+    if raw.left_out:
+        raise RecordError(
+            f"{path}: column {next(iter(raw.left_out))} of a table of numbers holds empty cells, or what is no number."
+        )
     for names in ((FREQUENCY,), COLUMNS[1:3]):
         if sum(name in table for name in names) != 1:
             raise RecordError(f"{path}: one column {' or '.join(names)} is needed.")
     if "phase_rad" in table and "phase_deg" in table:
         raise RecordError(f"{path}: phase_rad and phase_deg are one column too many.")
-    frequency = table[FREQUENCY].to_numpy()
-    if not np.isfinite(table.to_numpy()).all() or not (frequency > 0.0).all() or len(frequency) < 2:
-        raise RecordError(f"{path}: two or more rows of finite numbers with a positive {FREQUENCY} are needed.")
+    frequency = table[FREQUENCY]
+    largest = max(float(np.abs(column).max()) for column in table.values()) if len(frequency) else np.nan
+    if not largest <= LARGEST or not (frequency > 0.0).all() or len(frequency) < 2:
+        raise RecordError(
+            f"{path}: two or more rows of numbers up to {LARGEST:g} with a positive {FREQUENCY} are needed."
+        )
     decibels = "magnitude_dB" in table
-    magnitude = 10.0 ** (table["magnitude_dB"].to_numpy() / 20.0) if decibels else table["magnitude"].to_numpy()
-    phase = np.radians(table["phase_deg"].to_numpy()) if "phase_deg" in table else None
-    phase = table["phase_rad"].to_numpy() if "phase_rad" in table else phase
+    magnitude = 10.0 ** (np.clip(table["magnitude_dB"], -2e3, 2e3) / 20.0) if decibels else table["magnitude"]
+    phase = np.radians(table["phase_deg"]) if "phase_deg" in table else None
+    phase = table.get("phase_rad", phase)
     return MeasuredResponse(name=path.name, frequency_Hz=frequency, magnitude=magnitude, phase_rad=phase)
 
 
@@ -77,13 +85,14 @@ def of_record(record: Record) -> MeasuredResponse:
     Raises
     ------
     RecordError
-        If fewer than 2 frequencies are left.
+        If fewer than 2 frequencies are left, or a position is too large to compute with.
     """
     from scipy.signal import csd, welch
 
+    check_sizes(record, ("reference_position_m", "position_m"))
     rate_Hz = 1.0 / record.sampling_time_s
     command, moved = np.diff(record["reference_position_m"]), np.diff(record["position_m"])
-    length = max(16, len(command) // SEGMENTS)
+    length = min(max(16, len(command) // SEGMENTS), len(command))
     frequency, cross = csd(command, moved, rate_Hz, nperseg=length)
     of_command, of_moved = (welch(values, rate_Hz, nperseg=length)[1] for values in (command, moved))
     kept = (frequency > 0.0) & (of_command > EXCITED * of_command.max()) & (of_moved > 0.0)

@@ -16,6 +16,7 @@ from fdbench.report._templates import Html
 from fdbench.wording import quantity, scaled, si_text
 
 TIME, REFERENCE = "time_s", "reference_"
+LARGEST = 1e100
 FORMATS = (".html", ".svg")
 
 
@@ -33,10 +34,13 @@ def write_plot(records: Sequence[Record], output: Path, columns: Sequence[str] =
     Raises
     ------
     FdbenchError
-        If no record has such a column, the format is another one, or the file cannot be written.
+        If no record has such a column, a number is too large to be drawn, the format is another one, or the file cannot
+        be written.
     """
     if output.suffix.lower() not in FORMATS:
         raise SpecError(f"{output}: a plot is written as {' or '.join(FORMATS)}.")
+    for record in records:
+        check_sizes(record, _chosen(records, columns))
     drawn = figure(records, columns)
     if output.suffix.lower() == ".svg":
         write_text(output, svg_file(drawn))
@@ -47,6 +51,16 @@ def write_plot(records: Sequence[Record], output: Path, columns: Sequence[str] =
     )
     sections = [Section("Columns over time", [drawn]), Section("Sizes", [_sizes(records, _chosen(records, columns))])]
     write_page(output, "fdbench: records", [note(counts)], sections)
+
+
+def check_sizes(record: Record, names: Sequence[str]) -> None:
+    """Raise a RecordError where a column of these names holds a number that is too large to be drawn."""
+    for name in names:
+        place = int(np.argmax(np.abs(record[name]))) if name in record else 0
+        if name in record and abs(record[name][place]) > LARGEST:
+            raise RecordError(
+                f"{record.source}: {name} is {record[name][place]:g} at sample {place}, too large to draw."
+            )
 
 
 def figure(records: Sequence[Record], columns: Sequence[str] = ()) -> Figure:

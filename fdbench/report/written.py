@@ -9,8 +9,11 @@ from fdbench.benchmark.leaderboard import leaderboard
 from fdbench.benchmark.provenance import PACKAGE, digest
 from fdbench.benchmark.seal import FILE
 from fdbench.benchmark.store import Store
+from fdbench.documents import LARGEST_JSON, json_value, read_file
+from fdbench.errors import SpecError
 from fdbench.files import replaced, write_text
 from fdbench.report.results import write_report
+from fdbench.specification import convert
 from fdbench.trials.board import board, published
 
 MADE_OF = "made_of.json"
@@ -86,7 +89,7 @@ def _state(sources: str, file: Path) -> str:
 def _known(file: Path) -> dict[str, str]:
     """Return the states that were written last; a list that cannot be read only means that all is written anew."""
     try:
-        found = json.loads(file.read_text("utf-8"))
-    except (OSError, ValueError):
+        known: dict[str, str] = convert(Mapping[str, str], json_value(read_file(file, LARGEST_JSON)), MADE_OF)
+    except (OSError, ValueError, SpecError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return known

@@ -9,9 +9,9 @@ by side run as vectors where the rows are known to the compiler, so their steppe
 """
 
 import hashlib
-import importlib.util
 import inspect
 import os
+import stat
 import sys
 import tempfile
 import textwrap
@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from fdbench.compilation import closure_digest
 from fdbench.effects import Effect, Port
 from fdbench.effects import effects as registry
+from fdbench.errors import FdbenchError, SpecError
 from fdbench.files import write_text
 from fdbench.simulate import integrator, layout
 
@@ -48,6 +49,8 @@ LANES = {lanes}
 {constants}
 '''
 
+MOST_EFFECTS = 64  # on one axis
+
 _PORT_ARGUMENTS = {
     Port.COMMAND: "u",
     Port.TRANSMISSION: "u, total",
@@ -61,15 +64,27 @@ _PORT_ARGUMENTS = {
 
 
 def cache_folder() -> Path:
-    """Return the folder of generated modules: ``FDBENCH_CACHE``, else the user's cache folder, else a temporary one."""
+    """Return the folder of generated modules: ``FDBENCH_CACHE``, else the user's cache folder, else a temporary one.
+
+    Raises
+    ------
+    FdbenchError
+        If anyone may write there.
+    """
     base = os.environ.get("FDBENCH_CACHE")
     folder = Path(base) if base else Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "fdbench"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
-            return folder
+            pass
     except OSError:
         return Path(tempfile.mkdtemp(prefix="fdbench-"))
+    if folder.stat().st_mode & stat.S_IWOTH:
+        raise FdbenchError(
+            f"{folder}: anyone may write there, and machine code that is kept there is run. `chmod o-w` it, or name "
+            "another folder by the environment variable FDBENCH_CACHE."
+        )
+    return folder
 
 
 @dataclass(frozen=True)
@@ -175,16 +190,23 @@ def load(text: str, effects: Sequence[type[Effect]]) -> ModuleType:
         digest.update(closure_digest(effect.kernel).encode())
     name = f"stepper_{digest.hexdigest()[:24]}"
     path = cache_folder() / f"{name}.py"
-    if not path.exists():
+    if not _holds(path, text):
         write_text(path, text)
-    specification = importlib.util.spec_from_file_location(f"{GENERATED}{name}", path)
-    if specification is None or specification.loader is None:
-        raise ImportError(f"{path}: the generated stepper cannot be loaded.")
-    module = importlib.util.module_from_spec(specification)
+    module = ModuleType(f"{GENERATED}{name}")
+    module.__file__ = str(path)
     vars(module)["KERNELS"] = [effect.kernel for effect in effects]
-    sys.modules[specification.name] = module
-    specification.loader.exec_module(module)
+    sys.modules[module.__name__] = module
+    # From the text, not from the folder: what others may have left there, compiled or not, is not run.
+    exec(compile(text, path, "exec"), vars(module))
     return module
+
+
+def _holds(path: Path, text: str) -> bool:
+    """Return whether a file has this very text."""
+    try:
+        return path.read_bytes() == text.encode()
+    except OSError:
+        return False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -217,7 +239,15 @@ class Stepper:
 
 @lru_cache(maxsize=64)
 def compose(effects: tuple[type[Effect], ...], lanes: int) -> Stepper:
-    """Return the stepper for blocks with these effects and this many lanes side by side."""
+    """Return the stepper for blocks with these effects and this many lanes side by side.
+
+    Raises
+    ------
+    SpecError
+        If there are more than `MOST_EFFECTS`.
+    """
+    if len(effects) > MOST_EFFECTS:
+        raise SpecError(f"effects: {len(effects)} on one axis; at most {MOST_EFFECTS} are simulated.")
     kinds: tuple[type[Effect], ...] = effects
     if lanes == 1:
         own = tuple(dict.fromkeys(effect.declared for effect in effects))

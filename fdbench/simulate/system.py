@@ -15,6 +15,8 @@ from fdbench.specification import bounded, check_bounds, nonnegative, positive
 
 FloatArray = NDArray[np.float64]
 
+MOST_SAMPLES, MOST_SUBSTEPS = 10**7, 10**9  # of an episode
+
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
@@ -36,6 +38,11 @@ class Timing:
         if self.n_samples < 3:
             raise SpecError(
                 f"duration_s: {self.duration_s:g} s hold fewer than 3 samples of {self.sampling_time_s:g} s."
+            )
+        if self.n_samples > MOST_SAMPLES or self.n_samples * self.substeps > MOST_SUBSTEPS:
+            raise SpecError(
+                f"duration_s: {self.duration_s:g} s are {self.n_samples:.3g} samples of {self.substeps} substeps; at "
+                f"most {MOST_SAMPLES:.0e} samples and {MOST_SUBSTEPS:.0e} substeps are simulated."
             )
 
     @property

@@ -19,6 +19,7 @@ from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.trials import seal
 from fdbench.trials.diagnoser import CaseAnswer, Diagnoser, diagnosers
+from fdbench.trials.forms import check_answers
 from fdbench.trials.make import MANIFEST, MODEL, read_manifest
 
 OK, FAILED = "ok", "failed"
@@ -146,8 +147,11 @@ def _kept(path: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     if not path.exists():
         return {}
     found = seal.read_json(path, "answers that were interrupted")
-    same = all(found.get(name) == value for name, value in content.items())
-    return dict(found["cases"]) if same else {}
+    if any(found.get(name) != value for name, value in content.items()):
+        return {}
+    check_answers(found, f"{path}: not answers to a trial")
+    whole = {"status", "message", "effects", "unknown", "none", "closure", "seconds"}
+    return {name: dict(case) for name, case in found["cases"].items() if case.keys() == whole}
 
 
 def read_case(place: Path, files: Sequence[str]) -> tuple[Nominal, list[Record], list[Record]]:

@@ -17,6 +17,7 @@ from fdbench.files import write_text
 from fdbench.record import FloatArray
 from fdbench.trials import seal
 from fdbench.trials.answer import read_case
+from fdbench.trials.forms import check_features
 from fdbench.trials.make import read_manifest
 from fdbench.trials.score import check_key
 
@@ -145,7 +146,8 @@ def learn(
         If there is no trial in a folder, a key is not its key, or a kind of claim is always right or always wrong.
     """
     kept = output.with_name(f"{output.name}.claims.json")
-    done: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
+    done: dict[str, Any] = seal.read_json(kept, "what was learned before") if kept.exists() else {}
+    check_features(done.values(), f"{kept}: not what was learned before; remove it")
     found: list[Claim] = []
     sources = []
     for folder, key in trials:

@@ -7,11 +7,11 @@ mean, from which the machine's own cases move them.
 import dataclasses
 import hashlib
 import inspect
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,11 +25,13 @@ from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.records.runs import COMMAND, DEFLECTION, SIDES, Run, merged
 from fdbench.diagnosis.repaired import table_of, toml_lines
+from fdbench.documents import LARGEST_JSON, json_value, read_file
 from fdbench.errors import FdbenchError, SpecError
 from fdbench.record import FloatArray, Record
 from fdbench.rotary import LINEAR
 from fdbench.simulate.compose import cache_folder
 from fdbench.trials import seal
+from fdbench.trials.forms import check_learned
 from fdbench.trials.learn import Claim, claims, fitted
 from fdbench.trials.make import MOST_ATTEMPTS
 from fdbench.virtual_axes import cases as tiers
@@ -263,7 +265,7 @@ def calibrated_models(
     """
     setup = recording_setup(nominal, records, holdouts)
     kept = cache_folder() / f"calibration-{setup.digest}.json"
-    cases: list[Any] = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else []
+    cases: list[Any] = _kept_cases(kept) if kept.exists() else []
     noises = setup.noises() if len(cases) < count else USUAL
     while len(cases) < count:
         if progress is not None:
@@ -274,6 +276,21 @@ def calibrated_models(
     return adapted(
         found, confidence.models(), f"machine-specific calibration, {count} cases of this machine and its motions"
     )
+
+
+def _kept_cases(path: Path) -> list[Any]:
+    """Return the cases in a file of the cache."""
+    where = f"{path}: not the cases of a calibration; remove it"
+    try:
+        cases: list[Any] = json_value(read_file(path, LARGEST_JSON))
+    except (OSError, ValueError) as error:
+        raise SpecError(f"{where}: {error}.") from error
+    check_learned(cases, where)
+    for kind in MOVED:
+        names = {*getattr(confidence.models(), kind).features}
+        if not all(names <= own.keys() for case in cases for own in case["features"][kind].values()):
+            raise SpecError(f"{where}: other features of {kind} than those of this version.")
+    return cases
 
 
 def _case(setup: RecordingSetup, noises: Noises, number: int) -> dict[str, Any]:

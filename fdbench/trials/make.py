@@ -11,6 +11,7 @@ from fdbench.files import write_text
 from fdbench.nonce import check_nonce, new_nonce
 from fdbench.specification import load_toml, read
 from fdbench.trials import seal
+from fdbench.trials.forms import check_manifest
 from fdbench.version import __version__
 from fdbench.virtual_axes.cases import AXIS, Case, Tier, draw_case
 from fdbench.virtual_axes.foreign.bench import draw_foreign_case
@@ -124,8 +125,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         If there is no trial in the folder, or a file is missing or not the one that was made.
     """
     manifest: dict[str, Any] = seal.read_json(folder / MANIFEST, "the manifest of a trial")
-    if not {"cases", "effects", "nonce_sha256", "tier"} <= set(manifest):
-        raise SpecError(f"{folder / MANIFEST}: not the manifest of a trial.")
+    check_manifest(manifest, f"{folder / MANIFEST}: not the manifest of a trial")
     for name, case in manifest["cases"].items():
         for file, digest in case["files"].items():
             if seal.file_digest(folder / name / file) != digest:

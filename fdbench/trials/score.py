@@ -13,7 +13,7 @@ from fdbench.errors import SpecError, did_you_mean
 from fdbench.nonce import check_nonce
 from fdbench.record import FloatArray
 from fdbench.statistics import drawn_rows, percentile_interval
-from fdbench.trials import seal
+from fdbench.trials import forms, seal
 from fdbench.trials.answer import FAILED
 from fdbench.trials.make import MANIFEST, read_manifest
 from fdbench.virtual_axes.oracle import oracle_closure
@@ -191,6 +191,7 @@ def score(folder: Path, answers: Path, key: Path) -> dict[str, Any]:
     given = seal.read_json(answers, "answers to a trial")
     check_key(folder, manifest, opened, key)
     seal.check_digest(answers)
+    forms.check_answers(given, f"{answers}: not answers to a trial")
     if given.get("manifest_sha256") != seal.file_digest(folder / MANIFEST):
         raise SpecError(f"{answers}: answers to another trial than the one in {folder}.")
     table = table_of(manifest, opened, given, answers)
@@ -215,8 +216,7 @@ def score(folder: Path, answers: Path, key: Path) -> dict[str, Any]:
 
 def check_key(folder: Path, manifest: Mapping[str, Any], opened: Mapping[str, Any], key: Path) -> None:
     """Raise a SpecError unless each truth is the one that was committed to."""
-    if not {"nonce", "cases"} <= set(opened):
-        raise SpecError(f"{key}: not a key; a trial's key has its nonce and its cases.")
+    forms.check_key(opened, f"{key}: not a key of a trial")
     if manifest["nonce_sha256"] != seal.commitment(check_nonce(opened["nonce"]), "nonce"):
         raise SpecError(f"{key}: not the key of the trial in {folder}; its nonce has another SHA-256.")
     if set(opened["cases"]) != set(manifest["cases"]):

@@ -8,9 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from fdbench.documents import LARGEST_JSON, check_is_file, json_value, read_file
 from fdbench.errors import SpecError
 from fdbench.files import write_text
 from fdbench.nonce import derived
+
+LARGEST_DIGEST = 4096  # bytes of a file that holds one
 
 
 def generator(nonce: str, label: str) -> np.random.Generator:
@@ -46,9 +49,13 @@ def file_digest(path: Path) -> str:
         If it cannot be read.
     """
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        check_is_file(path)
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise SpecError(f"{path}: cannot be read: {error.strerror}.") from error
+    except ValueError as error:
+        raise SpecError(f"{path}: cannot be read: {error}.") from error
 
 
 def write_digest(path: Path) -> str:
@@ -63,7 +70,11 @@ def check_digest(path: Path) -> None:
     beside = path.with_suffix(".sha256")
     if not beside.is_file():
         raise SpecError(f"{path}: no {beside.name} beside it; `fdbench trial answer` writes both.")
-    if beside.read_text(encoding="utf-8").split()[:1] != [file_digest(path)]:
+    try:
+        sealed = read_file(beside, LARGEST_DIGEST).split()[:1]
+    except (OSError, ValueError) as error:
+        raise SpecError(f"{beside}: cannot be read: {error}.") from error
+    if sealed != [file_digest(path).encode()]:
         raise SpecError(f"{path}: changed since it was handed in; its SHA-256 is not that of {beside.name}.")
 
 
@@ -87,7 +98,7 @@ def read_json(path: Path, what: str) -> Any:
         If it cannot be read or is no JSON object; ``what`` says what was expected.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json_value(read_file(path, LARGEST_JSON))
     except OSError as error:
         raise SpecError(f"{path}: {what} cannot be read: {error.strerror}.") from error
     except ValueError as error:

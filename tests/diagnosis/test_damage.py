@@ -67,6 +67,13 @@ def spike(columns: Columns, size_m: float = 0.02) -> Columns:
     return changed(columns, slice(PLACE, PLACE + 1), **shifted)
 
 
+def many_spikes(columns: Columns) -> Columns:
+    for place in range(50, 2950, 50):
+        shifted = {name: float(columns[name][place]) + 0.02 for name in ("position_m", "motor_position_m")}
+        columns = changed(columns, slice(place, place + 1), **shifted)
+    return columns
+
+
 def force_spike(columns: Columns) -> Columns:
     peak = 10.0 * float(np.quantile(np.abs(columns["motor_torque_Nm"]), 0.99))
     return changed(columns, slice(PLACE, PLACE + 1), motor_torque_Nm=peak)
@@ -78,6 +85,7 @@ DAMAGES: Mapping[str, tuple[Callable[[Columns], Columns], str]] = {
     "zeros at the end": (zeroed, "position are zero for 900 samples at its end, from sample 2100"),
     "frozen within": (frozen, "position are constant for 200 samples within it, from sample 1500"),
     "position spike of 20 mm": (spike, r"position_m jumps by 0.0[12].* after sample 1499.* damaged sample: cut it out"),
+    "58 position spikes": (many_spikes, r"position_m has 58 spikes of one sample, the largest of 0.02.* m at sample"),
     "force spike": (force_spike, "motor_force_N is .* N at sample 1500 .* did not feel it"),
     "block written twice, clock renewed": (lambda c: renewed(doubled(c)), "repeat those 100 samples before"),
     "block written twice, clock kept": (doubled, "time_s does not increase at sample 1500"),

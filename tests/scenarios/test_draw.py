@@ -159,7 +159,7 @@ def test_a_faulty_draw_is_told(tmp_path, text: str, message: str) -> None:  # ty
 
 def test_a_file_extends_another(tmp_path) -> None:  # type: ignore[no-untyped-def]
     base = load_scenario("ShakerConstant-v0")
-    own = load_scenario(written(tmp_path, "[timing]\nduration_s = 6.0\n"))
+    own = load_scenario(written(tmp_path, "[timing]\nduration_s = 6.0\n[estimation]\nwindow_s = [2.4, 5.9]\n"))
     assert own.timing is not None
     assert base.timing is not None
     assert own.timing == dataclasses.replace(base.timing, duration_s=6.0)

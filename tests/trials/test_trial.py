@@ -436,7 +436,7 @@ def test_missing_cases_and_impossible_probabilities_are_refused(trial: Path, han
         (lambda cases: cases["002"].update(none=1.5), "outside"),
         (lambda cases: cases["002"].pop("unknown"), "probability of unknown is None"),
         (lambda cases: cases["002"]["effects"].update(backlsh=0.5), "Did you mean backlash"),
-        (lambda cases: cases.update({"000": []}), "are expected"),
+        (lambda cases: cases.update({"000": []}), "a table is expected"),
     ):
         copy = json.loads(json.dumps(given))
         change(copy["cases"])

@@ -13,6 +13,7 @@ from fdbench.record import FloatArray
 from fdbench.units import time_text
 
 FORCE, POSITION = "motor_force_N", "position_m"
+SPIKE_SHAPE = 0.3  # of its height, by which what lies before and after a spike may differ
 
 
 def check_damage(run: Run, drive: FeedDrive, noise_m: float) -> None:
@@ -28,7 +29,9 @@ def check_damage(run: Run, drive: FeedDrive, noise_m: float) -> None:
     """
     position, force = run.channels[POSITION], run.channels[FORCE]
     _refuse_copies(run, position, force)
-    jumps = _jumps(run, drive, noise_m)
+    least = _least_bend(run, drive, noise_m)
+    _refuse_many_spikes(run, least)
+    jumps = _jumps(run, least)
     _refuse_frozen(run, position, force, jumps, noise_m)
     if 0 < jumps.size <= PLAUSIBLE.rare * run.n_samples:
         steps = np.abs(np.diff(position))
@@ -51,22 +54,46 @@ def _place(run: Run, sample: int) -> str:
     return f"sample {sample} ({time_text(sample * run.period_s)})"
 
 
-def _jumps(run: Run, drive: FeedDrive, noise_m: float) -> NDArray[np.intp]:
-    """Return the samples after which the position bends as no force could bend it; those held by the logger do not."""
+def _least_bend(run: Run, drive: FeedDrive, noise_m: float) -> float:
+    """Return the second difference of the position that no force, noise or encoder could make, m."""
     position, h = run.channels[POSITION], run.period_s
     steps = np.abs(np.diff(position))
     quantum = float(steps[steps > 0.0].min(initial=math.inf)) if steps.any() else 0.0
     strongest = float(np.quantile(np.abs(run.channels[FORCE]), 0.999))
-    least = max(
+    return max(
         PLAUSIBLE.impossible_force * strongest * h**2 / drive.motor.mass_kg,
         PLAUSIBLE.bend_noise * math.sqrt(6.0) * noise_m,
         PLAUSIBLE.encoder_steps * quantum,
     )
-    bent = np.abs(np.diff(position, 2)) > least
+
+
+def _jumps(run: Run, least: float) -> NDArray[np.intp]:
+    """Return the samples after which the position bends as no force could bend it; those held by the logger do not."""
+    bent = np.abs(np.diff(run.channels[POSITION], 2)) > least
     if run.held is not None:
         near = np.convolve(run.held, np.ones(5), "same") > 0.0
         bent &= ~near[1:-1]
     return np.asarray(np.flatnonzero(bent), dtype=np.intp)
+
+
+def _refuse_many_spikes(run: Run, least: float) -> None:
+    """Refuse spikes of one sample, however many: the position bends away and back, by s, -2 s and s.
+
+    A sample that the logger held bends so too, but repeats its neighbour.
+    """
+    steps = np.diff(run.channels[POSITION])
+    bends = np.diff(steps)
+    middle = bends[1:-1]
+    odd = np.maximum(np.abs(bends[:-2] + 0.5 * middle), np.abs(bends[2:] + 0.5 * middle))
+    repeats = (steps[1:-2] == 0.0) | (steps[2:-1] == 0.0)
+    spikes = np.flatnonzero((np.abs(middle) > 2.0 * least) & (odd < SPIKE_SHAPE * np.abs(middle)) & ~repeats)
+    if spikes.size > PLAUSIBLE.spike_samples:
+        largest = int(spikes[np.argmax(np.abs(middle[spikes]))])
+        raise RecordError(
+            f"{run.name}: {POSITION} has {spikes.size} spikes of one sample, the largest of "
+            f"{0.5 * abs(float(middle[largest])):.3g} m at {_place(run, largest + 2)}, which no force of this axis "
+            "could make. Damaged samples: check encoder and logger, and record again."
+        )
 
 
 def _stretches(inside: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -1,10 +1,15 @@
 """Cells of a line of text, and what is a number."""
 
+import contextlib
 import csv
 import itertools
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
+from fdbench.errors import RecordError
+
+LONGEST_LINE = 2**20  # bytes
 NUMBERS = {
     decimal: re.compile(rf"[+-]?((\d+({point}\d*)?|{point}\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
     for decimal, point in ((".", r"\."), (",", ","))
@@ -20,6 +25,21 @@ def is_number(text: str, decimal: str = ".") -> bool:
     return NUMBERS[decimal].fullmatch(text) is not None
 
 
+def number_in(cell: str) -> float:
+    """Return the number in a cell, written as in C: what Python alone takes for one is none.
+
+    >>> number_in("1e3")
+    1000.0
+    >>> number_in("1_0")
+    Traceback (most recent call last):
+    ValueError: '1_0' is not a number
+    """
+    if "_" not in cell and cell.isascii():
+        with contextlib.suppress(ValueError):
+            return float(cell)
+    raise ValueError(f"'{cell}' is not a number")
+
+
 def cells_of(text: str, delimiter: str) -> list[str]:
     """Return the cells of a line."""
     return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter), [])]
@@ -32,8 +52,25 @@ def numbers_in(row: str, delimiter: str, decimal: str) -> int:
     return numbers if numbers >= 2 and 2 * numbers >= len(cells) else 0
 
 
+def bounded_lines(file: Path) -> Iterator[bytes]:
+    """Yield the lines of a file.
+
+    Raises
+    ------
+    RecordError
+        If one is longer than `LONGEST_LINE`, as a binary file's may be.
+    """
+    with file.open("rb") as stream:
+        number = 0
+        while line := stream.readline(LONGEST_LINE + 1):
+            number += 1
+            if len(line) > LONGEST_LINE:
+                raise RecordError(f"{file}: line {number} is longer than {LONGEST_LINE} bytes: no table of samples.")
+            yield line
+
+
 def line_of(file: Path, header_line: int, sample: int) -> int:
     """Return the line of a sample; blank lines do not count as samples."""
-    with file.open("rb") as lines:
-        filled = (number for number, line in enumerate(lines, 1) if number > header_line and line.strip(b"\r\n"))
-        return next(itertools.islice(filled, sample, None))
+    lines = enumerate(bounded_lines(file), 1)
+    filled = (number for number, line in lines if number > header_line and line.strip(b"\r\n"))
+    return next(itertools.islice(filled, sample, None))

@@ -3,7 +3,6 @@
 import difflib
 import hashlib
 import importlib
-import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -13,10 +12,12 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.errors import RecordError
+from fdbench.documents import json_value
+from fdbench.errors import LONGEST_LIST, LONGEST_NAME, RecordError
 from fdbench.record import check_column_name, nth_sample
 from fdbench.registry import Registry
 
+MOST_COLUMNS = 2000  # of a file
 CLOCK_SLACK = 1e-3  # of a sampling time, by which the times of two clocks may differ
 
 
@@ -81,6 +82,7 @@ class Format(ABC):
 
     name: ClassVar[str]
     suffixes: ClassVar[tuple[str, ...]]  # files that are of this format, whatever they begin with
+    largest_bytes: ClassVar[int] = 2**32  # of a file
     has_our_names: ClassVar[bool] = False  # files may be read without a mapping
     usual_sampling_time_s: ClassVar[float | None] = None  # of its producer, where files do not say
     usual_position_unit: ClassVar[str] = ""  # likewise
@@ -129,22 +131,24 @@ def choose(names: list[str], wanted: Collection[str] | None, file: Path) -> list
     Raises
     ------
     RecordError
-        If a wanted name is missing, two columns have one name, or a name is not ours and none is wanted.
+        If a wanted name is missing, two columns have one name, there are more than `MOST_COLUMNS`, or a name is not
+        ours and none is wanted.
     """
-    for index, name in enumerate(names):
-        if name in names[:index]:
-            raise RecordError(f"{file}: two columns are named '{name}'. Rename one of them.")
+    if len(names) > MOST_COLUMNS:
+        raise RecordError(f"{file}: {len(names)} columns; at most {MOST_COLUMNS} are read. Split the file.")
+    if len(set(names)) < len(names):
+        twice = next(name for index, name in enumerate(names) if name in names[:index])
+        raise RecordError(f"{file}: two columns are named '{twice}'. Rename one of them.")
     if wanted is None:
         for name in names:
             check_column_name(name, str(file))
         return names
     for name in sorted(wanted):
         if name not in names:
-            nearest = difflib.get_close_matches(name, names, n=1)
+            nearest = difflib.get_close_matches(name[:LONGEST_NAME], names, n=1)
             hint = f" Did you mean {nearest[0]}?" if nearest else ""
-            raise RecordError(
-                f"{file}: no column '{name}', which the mapping names. The file has: {', '.join(names)}.{hint}"
-            )
+            listed = ", ".join(names) if len(names) <= LONGEST_LIST else f"{len(names)} columns"
+            raise RecordError(f"{file}: no column '{name}', which the mapping names. The file has: {listed}.{hint}")
     return [name for name in names if name in wanted]
 
 
@@ -175,8 +179,8 @@ def stored_provenance(text: str | bytes, file: Path) -> dict[str, Any]:
         If it is damaged.
     """
     try:
-        stored = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        stored = json_value(text, is_finite=False)
+    except ValueError as error:
         raise RecordError(
             f"{file}: the provenance of fdbench is damaged ({error}). Remove it to read the file."
         ) from error
@@ -208,7 +212,7 @@ def unique(names: list[str]) -> list[str]:
 def _with_equal_clocks_as_one(raw: Raw) -> Raw:
     clocks = list(dict.fromkeys(raw.clocks.values()))
     first = {
-        name: next(other for other in clocks if np.array_equal(raw.columns[other], raw.columns[name]))
+        name: next(other for other in clocks if np.array_equal(raw.columns[other], raw.columns[name], equal_nan=True))
         for name in clocks
     }
     columns = {name: column for name, column in raw.columns.items() if first.get(name, name) == name}

@@ -12,6 +12,7 @@ from fdbench.reading.formats._format import Raw
 
 LONGEST_ARRAY = 64
 DEEPEST = 16
+LATEST_S = 2.0**33  # beyond what 32 bits hold, signed or not
 
 
 def numbers_of(message: Any, path: str = "", depth: int = 0) -> Iterator[tuple[str, float]]:
@@ -54,6 +55,8 @@ class Topics:
         """Add a message."""
         numbers = dict(numbers_of(message))
         seconds, rest = numbers.pop("header.stamp.sec", 0.0), numbers.pop("header.stamp.nanosec", 0.0)
+        if not 0.0 <= seconds <= LATEST_S or not 0.0 <= rest < 1e9:
+            raise RecordError(f"{topic}: the time of a header is {seconds:g} s and {rest:g} ns.")
         time_ns = int(seconds) * 10**9 + int(rest)
         self._topics.setdefault(topic, []).append((time_ns or log_time_ns, numbers))
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self, final
 
 from fdbench.errors import RecordError, SpecError
-from fdbench.reading.formats._cells import cells_of, is_number, line_of, numbers_in
+from fdbench.reading.formats._cells import LONGEST_LINE, bounded_lines, cells_of, is_number, line_of, numbers_in
 from fdbench.reading.formats._format import EVERYTHING, Format, Raw, choose, stored_provenance, unique
 from fdbench.units import spelt_unit
 
@@ -21,6 +21,7 @@ ENCODINGS = ("utf-8", "cp1252")
 _CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f]")
 LONGEST_NAME, LONGEST_CELL = 200, 60
 LONGEST_PREAMBLE = 100  # lines
+_OURS = b"# fdbench "
 
 
 class _Header(NamedTuple):
@@ -83,12 +84,18 @@ class Csv(Format):
     @classmethod
     def survey(cls, file: Path) -> tuple[Self, Raw]:
         """Return how a file is written, by the layout in which most cells are numbers, and all columns of numbers."""
-        content = file.read_bytes()
         try:
-            encoding, rows = "utf-8", content.decode("utf-8-sig").splitlines()
-        except UnicodeDecodeError:
-            encoding, rows = "cp1252", content.decode("cp1252", errors="replace").splitlines()
-        head = rows[: 2 * LONGEST_PREAMBLE]
+            reader = cls._found(file)
+        except csv.Error as error:
+            raise RecordError(f"{file}: no CSV file: {error}.") from error
+        return reader, reader.read(file, EVERYTHING)
+
+    @classmethod
+    def _found(cls, file: Path) -> Self:
+        encoding = "utf-8" if all(map(_is_utf_8, bounded_lines(file))) else "cp1252"
+        lines = itertools.islice(bounded_lines(file), 2 * LONGEST_PREAMBLE)
+        codec = "utf-8-sig" if encoding == "utf-8" else encoding
+        head = b"".join(lines).decode(codec, errors="replace").splitlines()[: 2 * LONGEST_PREAMBLE]
         layouts = [(mark, decimal) for mark in DELIMITERS for decimal in ".," if mark != decimal]
         found = max(layouts, key=lambda layout: sum(numbers_in(row, *layout) for row in head))
         plain = cls(*found, encoding=encoding)
@@ -107,8 +114,7 @@ class Csv(Format):
         # Of two such lines the lower one has the units.
         header = above[-2] if len(above) > 1 and above[-2:] == [first - 2, first - 1] else above[-1]
         is_first = not any(row.strip() for row in head[:header]) and not head[header].startswith("#")
-        reader = cls(*found, skip_lines=None if is_first else header, encoding=encoding)
-        return reader, reader.read(file, EVERYTHING)
+        return cls(*found, skip_lines=None if is_first else header, encoding=encoding)
 
     def _read(self, file: Path, wanted: Collection[str] | None) -> Raw:
         import pyarrow
@@ -119,8 +125,11 @@ class Csv(Format):
             chosen = self._numeric(file, header)
         try:
             table = self._table(file, header, chosen)
+        except UnicodeDecodeError as error:
+            raise RecordError(f"{file}: a character that {self.encoding} has not: {error}.") from error
         except pyarrow.ArrowInvalid as error:
             raise self._fault(file, header, chosen, str(error)) from error
+        self._check_end(file)
         if wanted is EVERYTHING:
             chosen = [name for name in chosen if not table.column(name).null_count]
         elif any(column.null_count for column in table.columns):
@@ -149,6 +158,25 @@ class Csv(Format):
             ),
         )
 
+    def _check_end(self, file: Path) -> None:
+        """Refuse a file that was cut within its last number, where that can be told.
+
+        fdbench ends each line; elsewhere the last one need not have an end (RFC 4180), but has as many decimals as the
+        others where these all have as many.
+        """
+        with file.open("rb") as stream:
+            is_ours = stream.read(len(_OURS)) == _OURS
+            stream.seek(max(0, file.stat().st_size - LONGEST_LINE))
+            rows = stream.read().split(b"\n")
+        if rows[-1].strip() == b"":
+            return
+        mark = re.escape(self.decimal.encode())
+        decimals = [re.search(mark + rb"(\d+)\s*$", row) for row in rows[1:]]
+        digits = {0 if found is None else len(found[1]) for found in decimals[:-1]}
+        last = 0 if not decimals or decimals[-1] is None else len(decimals[-1][1])
+        if is_ours or (len(digits) == 1 and last < max(digits)):
+            raise RecordError(f"{file}: the last line has no end. The file was cut there: remove the line.")
+
     def _numeric(self, file: Path, header: _Header) -> list[str]:
         """Return the columns that hold a number, or nothing, in each of the first rows."""
         rows = [self._cells(text) for _, text in itertools.islice(self._lines(file, header.line), LONGEST_PREAMBLE)]
@@ -166,8 +194,8 @@ class Csv(Format):
         skipped = self.skip_lines or 0
         for line in self._lines(file, skipped):
             number, text = line
-            if text.startswith("# fdbench "):
-                stored = stored_provenance(text.removeprefix("# fdbench "), file)
+            if text.startswith(_OURS.decode()):
+                stored = stored_provenance(text.removeprefix(_OURS.decode()), file)
             if text.strip() and (self.skip_lines is not None or not text.startswith("#")):
                 break
         else:
@@ -203,10 +231,9 @@ class Csv(Format):
 
     def _lines(self, file: Path, above: int) -> Iterator[tuple[int, str]]:
         """Yield number and text of the lines below line ``above``."""
-        with file.open("rb") as lines:
-            for number, line in enumerate(lines, 1):
-                if number > above:
-                    yield number, self._text(line, number, file)
+        for number, line in enumerate(bounded_lines(file), 1):
+            if number > above:
+                yield number, self._text(line, number, file)
 
     def _text(self, line: bytes, number: int, file: Path) -> str:
         try:
@@ -232,20 +259,21 @@ class Csv(Format):
     def _below_preamble(self, file: Path, number: int, text: str) -> tuple[int, str]:
         """Return the header: the first line, or below lines of another width the first as wide as the numbers."""
         seen, width = [(number, text)], len(self._cells(text))
-        with file.open("rb") as lines:
-            for place, line in enumerate(itertools.islice(lines, number, number + LONGEST_PREAMBLE), number + 1):
-                row = line.decode(self.encoding, errors="replace").rstrip("\r\n")
-                cells = self._cells(row)
-                if cells and all(is_number(cell, self.decimal) for cell in cells):
-                    alike = [item for item in seen if len(self._cells(item[1])) == len(cells)]
-                    is_header = bool(alike) and len(cells) != width and all(self._cells(alike[0][1]))
-                    return alike[0] if is_header else (number, text)
-                seen.append((place, row))
+        lines = itertools.islice(bounded_lines(file), number, number + LONGEST_PREAMBLE)
+        for place, line in enumerate(lines, number + 1):
+            row = line.decode(self.encoding, errors="replace").rstrip("\r\n")
+            cells = self._cells(row)
+            if cells and all(is_number(cell, self.decimal) for cell in cells):
+                alike = [item for item in seen if len(self._cells(item[1])) == len(cells)]
+                is_header = bool(alike) and len(cells) != width and all(self._cells(alike[0][1]))
+                return alike[0] if is_header else (number, text)
+            seen.append((place, row))
         return number, text
 
     def _fault(self, file: Path, header: _Header, chosen: list[str], message: str) -> RecordError:
         """Return what is wrong with a file that the fast reader refused, found by a slow second look."""
         names, empty = header.names, True
+        places = {name: names.index(name) for name in chosen}
         with file.open(encoding="utf-8-sig", errors="replace", newline="") as lines:
             reader = csv.reader(lines, delimiter=self.delimiter)
             for row in reader:
@@ -262,8 +290,8 @@ class Csv(Format):
                     return RecordError(
                         f"{where} has {len(cells)} cells, the header has {len(names)}.{self._hint(names)}"
                     )
-                for name in chosen:
-                    cell = cells[names.index(name)]
+                for name, place in places.items():
+                    cell = cells[place]
                     if not cell:
                         return RecordError(
                             f"{where}, column {name}: the cell is empty. A record has no holes: cut the part out."
@@ -288,3 +316,11 @@ class Csv(Format):
         if not any(is_number(other) for other in cells):
             return " A line of units does not belong in the file: remove it, and name the units in a mapping file."
         return " Correct or remove it."
+
+
+def _is_utf_8(line: bytes) -> bool:
+    try:
+        line.decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return True

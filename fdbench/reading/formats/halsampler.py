@@ -7,6 +7,7 @@ from typing import final
 import numpy as np
 
 from fdbench.errors import RecordError
+from fdbench.reading.formats._cells import number_in
 from fdbench.reading.formats._format import Log, Raw
 
 _ROW = re.compile(rb"overrun|[-+\d.naif]+( [-+\d.naif]+)* ?")
@@ -28,6 +29,7 @@ class Halsampler(Log):
     """
 
     suffixes = ()
+    largest_bytes = 2**28
     usual_sampling_time_s = 1e-3
     usual_position_unit = "mm"
 
@@ -48,23 +50,25 @@ class Halsampler(Log):
         lines: list[int] = []
         gaps: list[int] = []
         text = file.read_text("ascii", errors="replace")
+        if not text.endswith("\n"):
+            raise RecordError(f"{file}: the last line has no end. The file was cut there: remove the line.")
         for number, line in enumerate(text.splitlines(), 1):
             if line.strip() == "overrun":
                 gaps.append(len(rows))
                 continue
             try:
-                row = [float(cell) for cell in line.split()]
+                row = [number_in(cell) for cell in line.split()]
             except ValueError as error:
                 raise RecordError(f"{file}: line {number}: {error}. halsampler writes numbers or 'overrun'.") from error
             if not row:
                 continue
             if rows and len(row) != len(rows[0]):
-                ends = number == text.count("\n") + 1 and not text.endswith("\n")
-                why = " The file was cut there: remove the line." if ends else ""
-                raise RecordError(f"{file}: line {number} has {len(row)} numbers, the first row {len(rows[0])}.{why}")
+                raise RecordError(f"{file}: line {number} has {len(row)} numbers, the first row {len(rows[0])}.")
             rows.append(row)
             lines.append(number)
-        values = np.array(rows).reshape(len(rows), -1)
+        if not rows:
+            raise RecordError(f"{file}: no row of numbers.")
+        values = np.array(rows)
         steps = np.diff(values[:, 0])
         within = np.delete(steps, [gap - 1 for gap in gaps if gap > 0]) if len(rows) > 1 else steps
         is_tagged = len(within) > 0 and bool((within == 1.0).all())

@@ -1,10 +1,11 @@
 """MCAP logs (extra ``logs``): topics of JSON or ROS 2 messages."""
 
-import json
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, final
+from typing import IO, Any, final
 
-from fdbench.errors import RecordError
+from fdbench.documents import json_value
+from fdbench.errors import FdbenchError, RecordError
 from fdbench.reading.formats._format import Log, Raw, library
 from fdbench.reading.formats._messages import Topics
 
@@ -26,17 +27,24 @@ class Mcap(Log):
 
     def read_all(self, file: Path) -> Raw:
         """Return all numbers of all topics."""
-        reader = library("mcap.reader", file)
         topics, decode = Topics(), _Decoder(file)
-        try:
-            with file.open("rb") as stream:
-                for schema, channel, message in reader.make_reader(stream).iter_messages():
-                    topics.add(channel.topic, message.log_time, decode(schema, channel, message))
-        except (library("mcap.exceptions", file).McapError, EOFError, OSError) as error:
-            raise RecordError(f"{file}: not an MCAP file, or a damaged one: {error!r}.") from error
-        except (ValueError, RecursionError) as error:
-            raise RecordError(f"{file}: a message cannot be decoded: {error}.") from error
+        with file.open("rb") as stream:
+            for topic, time_ns, message in _decoded(stream, decode, file):
+                topics.add(topic, time_ns, message)
         return topics.raw(file)
+
+
+def _decoded(stream: IO[bytes], decode: "_Decoder", file: Path) -> Iterator[tuple[str, int, Any]]:
+    """Yield topic, time and content of each message."""
+    reader = library("mcap.reader", file)
+    try:
+        for schema, channel, message in reader.make_reader(stream).iter_messages():
+            yield channel.topic, message.log_time, decode(schema, channel, message)
+    except FdbenchError:
+        raise
+    except Exception as error:  # mcap, rosbags and the unpackers have no common base for what damaged files raise
+        words = str(error) or type(error).__name__
+        raise RecordError(f"{file}: not an MCAP file, or a damaged one: {words}.") from error
 
 
 class _Decoder:
@@ -49,7 +57,7 @@ class _Decoder:
 
     def __call__(self, schema: Any, channel: Any, message: Any) -> Any:
         if channel.message_encoding == "json":
-            return json.loads(message.data)
+            return json_value(message.data)
         if channel.message_encoding != "cdr" or schema is None or schema.encoding != "ros2msg":
             raise RecordError(
                 f"{self._file}: topic {channel.topic} is encoded as {channel.message_encoding}; read are json and, "

@@ -6,6 +6,7 @@ from typing import Any, final
 
 from numpy.typing import NDArray
 
+from fdbench.documents import parquet_table
 from fdbench.errors import RecordError
 from fdbench.reading.formats._format import EVERYTHING, Format, Raw, choose, stored_provenance
 from fdbench.record import nth_sample
@@ -25,36 +26,45 @@ class Parquet(Format):
 
     def read(self, file: Path, wanted: Collection[str] | None) -> Raw:
         """Return columns; see `Format.read`."""
-        import pyarrow
-        from pyarrow import parquet
+        from pyarrow import types
+
+        def is_text(kind: Any) -> bool:
+            return bool(types.is_string(kind) or types.is_large_string(kind) or types.is_string_view(kind))
+
+        names: list[str] = []
+
+        def chosen(found: list[str]) -> list[str]:
+            names.extend(found)
+            return choose(found, wanted, file)
 
         try:
-            content = parquet.ParquetFile(file)
-        except pyarrow.ArrowInvalid as error:
+            table = parquet_table(file, chosen)
+        except (OSError, ValueError) as error:
             raise RecordError(f"{file}: not a Parquet file, or a damaged one: {error}") from error
-        schema = content.schema_arrow
-        chosen = choose(schema.names, wanted, file)
-        stored = (schema.metadata or {}).get(b"fdbench")
+        stored = (table.schema.metadata or {}).get(b"fdbench")
         columns: dict[str, NDArray[Any]] = {}
-        for name, column in zip(chosen, content.read(columns=chosen).select(chosen).columns, strict=True):
+        for name, column in zip(table.column_names, table.columns, strict=True):
+            is_number = types.is_floating(column.type) or types.is_integer(column.type) or types.is_boolean(column.type)
+            if not is_number and wanted is EVERYTHING:
+                continue
+            if not is_number:
+                texts = column.drop_null().to_pylist() if is_text(column.type) else []
+                hint = next((f", such as {text!r}" for text in texts if not _is_number(text)), "")
+                raise RecordError(f"{file}: column {name} holds {column.type}, not numbers{hint}.")
             if column.null_count and wanted is not EVERYTHING:
                 hole = column.is_null().to_pylist().index(True)
                 raise RecordError(
                     f"{file}: column {name} has {column.null_count} empty cells, the first at {nth_sample(hole)}."
                 )
-            values = column.to_numpy()
-            if values.dtype.kind not in "biuf" and wanted is not EVERYTHING:
-                first = next((text for text in column.to_pylist() if not _is_number(text)), column[0])
-                raise RecordError(f"{file}: column {name} holds {column.type}, not numbers, such as {str(first)!r}.")
-            if values.dtype.kind in "biuf" and not column.null_count:
-                columns[name] = values
-        left_out = [name for name in schema.names if name not in columns]
+            if not column.null_count:
+                columns[name] = column.to_numpy()
+        left_out = [name for name in names if name not in columns]
         return Raw(columns=columns, provenance=stored_provenance(stored, file) if stored else {}, left_out=left_out)
 
 
-def _is_number(cell: object) -> bool:
+def _is_number(cell: str) -> bool:
     try:
-        float(str(cell))
+        float(cell)
     except ValueError:
         return False
     return True

@@ -7,7 +7,9 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.documents import MOST_VALUES
 from fdbench.errors import RecordError
+from fdbench.reading.formats._cells import number_in
 from fdbench.reading.formats._format import Log, Raw, unique
 
 # What the kinds of signals are measured in; positions and speeds are in mm or degrees, which the file does not say.
@@ -15,7 +17,15 @@ UNITS = {"current": "A", "torque": "Nm", "force": "N"}
 
 # Values from here on are the bit pattern of an invalid number, written as an integer.
 INVALID = 9.2e18
+SHORTEST_S, LONGEST_S = 1e-7, 1e6  # of intervals and times
 CLOCK_DIGITS = 6  # of the times in the file, s
+
+
+def _within(text: str, low: float, high: float) -> float:
+    number = number_in(text)
+    if not low <= number <= high:
+        raise ValueError(f"{text} is outside {low:g} to {high:g}")
+    return number
 
 
 class _Signal:
@@ -25,7 +35,7 @@ class _Signal:
         self.name = attributes["name"]
         self.label = attributes.get("description", "")
         self.unit = UNITS.get(attributes.get("unitsType", ""), "")
-        self.interval_s = float(attributes["interval"])
+        self.interval_s = float(f"{_within(attributes['interval'], SHORTEST_S, LONGEST_S):.6g}")
         self.times: list[float] = []
         self.values: list[float] = []
 
@@ -45,6 +55,7 @@ class SinumerikTrace(Log):
     """
 
     suffixes = ()
+    largest_bytes = 2**28
     usual_position_unit = "mm"
 
     @classmethod
@@ -58,11 +69,15 @@ class SinumerikTrace(Log):
         names = unique([signal.name for signal in signals])
         columns: dict[str, NDArray[Any]] = {}
         clocks: dict[str, str] = {}
+        total = 0
         for interval in sorted({signal.interval_s for signal in signals}):
             group = [(name, one) for name, one in zip(names, signals, strict=True) if one.interval_s == interval]
             start = max(one.times[0] for _, one in group)
             clock = f"time {1e3 * interval:g} ms"
             count = int((end_s - start) / interval + 1e-3) + 1
+            total += count * (len(group) + 1)
+            if total > MOST_VALUES:
+                raise RecordError(f"{file}: more than {MOST_VALUES} values at intervals of {interval:g} s and others.")
             columns[clock] = np.round(start + interval * np.arange(count), CLOCK_DIGITS)
             for name, one in group:
                 stored = np.searchsorted(np.array(one.times), columns[clock] + 1e-3 * interval, side="right") - 1
@@ -90,13 +105,15 @@ def _parsed(file: Path) -> tuple[list[_Signal], float]:
             if tag == "dataFrame":
                 frames[0] += 1
             elif tag == "frameHeader":
-                end[0] = float(attributes.get("stopInc", 0.0))
+                end[0] = _within(attributes.get("stopInc", "0"), 0.0, LONGEST_S)
             elif tag == "dataSignal":
                 signals[attributes["id"]] = _Signal(attributes)
             elif tag == "rec":
-                time = float(attributes.pop("time"))
+                time = _within(attributes.pop("time"), -LONGEST_S, LONGEST_S)
                 for key, value in attributes.items():
-                    number = float(value)
+                    number = number_in(value)
+                    if signals[key].times and time < signals[key].times[-1]:
+                        raise ValueError(f"its time {time:g} s is before the one above")
                     signals[key].times.append(time)
                     signals[key].values.append(number if abs(number) < INVALID else np.nan)
                 end[0] = max(end[0], time)
@@ -113,7 +130,9 @@ def _parsed(file: Path) -> tuple[list[_Signal], float]:
     parser.StartDoctypeDeclHandler = refuse
     try:
         with file.open("rb") as stream:
-            parser.ParseFile(stream)
+            parser.Parse(
+                stream.read(), True
+            )  # in one piece: in small ones, a long value takes the square of its length
     except expat.ExpatError as error:
         cut = " The file was cut there." if "no element found" in str(error) or "unclosed" in str(error) else ""
         raise RecordError(f"{file}: not valid XML: {error}.{cut}") from error

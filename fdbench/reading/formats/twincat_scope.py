@@ -1,5 +1,6 @@
 """TwinCAT Scope's text export: a head of several lines for each channel, times beside the values."""
 
+import re
 from pathlib import Path
 from typing import Any, NamedTuple, final
 
@@ -7,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.errors import RecordError
+from fdbench.reading.formats._cells import number_in
 from fdbench.reading.formats._format import Log, Raw, unique
 
 FILETIME_S = 1e-7  # one tick of the times of Windows
 EARLIEST_FILETIME = 1e15  # as milliseconds, thirty thousand years
-DELIMITERS = b"\t;|"
+LONGEST_HEAD = 1000  # lines
+_FILETIME = re.compile("[0-9]{1,19}")
 
 
 class _Head(NamedTuple):
@@ -39,6 +42,7 @@ class TwincatScope(Log):
     """
 
     suffixes = ()
+    largest_bytes = 2**28
     usual_position_unit = "mm"
 
     @classmethod
@@ -85,14 +89,18 @@ class TwincatScope(Log):
 
 
 def _head(lines: list[str], file: Path) -> _Head:
-    delimiter = lines[0][4]
+    delimiter = lines[0][4:5] if lines and lines[0].startswith("Name") else ""
+    if not delimiter:
+        raise RecordError(f"{file}: no TwinCAT Scope export, which begins with 'Name'.")
     if delimiter not in "\t;|":
         raise RecordError(f"{file}: cells between {delimiter!r} cannot be told from decimals. Export with tabs.")
-    rows = [line.split(delimiter) for line in lines]
+    rows = [line.split(delimiter) for line in lines[:LONGEST_HEAD]]
     starts = [place for place, row in enumerate(rows) if row[0] == "Name"]
     if len(starts) < 2:
         raise RecordError(f"{file}: a TwinCAT Scope export without a line of channel names.")
     stop = next((place for place in range(starts[1], len(rows)) if not lines[place].strip()), len(rows))
+    if stop == LONGEST_HEAD:
+        raise RecordError(f"{file}: no blank line below the head within {LONGEST_HEAD} lines.")
     above = {row[0].lower(): row for row in rows[: starts[1]]}
     about = {row[0].lower(): row for row in rows[starts[1] : stop]}
     names = [None if cell == "Name" else cell for cell in rows[starts[1]]]
@@ -105,9 +113,11 @@ def _head(lines: list[str], file: Path) -> _Head:
         return [row[place].strip() if place < len(row) else "" for place in places]
 
     start, end = (
-        next((row[1] for key, row in above.items() if key.startswith(word)), "0") for word in ("start", "end")
+        next((row[1] for key, row in above.items() if key.startswith(word) and len(row) > 1), "0")
+        for word in ("start", "end")
     )
-    span_s = FILETIME_S * (int(end) - int(start)) if start.isdecimal() and end.isdecimal() else 0.0
+    are_filetimes = all(_FILETIME.fullmatch(text) for text in (start, end))
+    span_s = FILETIME_S * (int(end) - int(start)) if are_filetimes else 0.0
     scales = [*of_channels("scalefactor"), *of_channels("unit scalefactor")]
     units = [unit.partition(" (")[0] if unit != "(None)" else "" for unit in of_channels("unit")]
     return _Head(names, units, span_s, any(scale not in ("", "1") for scale in scales), stop + 1, delimiter)
@@ -127,7 +137,7 @@ def _values(lines: list[str], head: _Head, file: Path) -> list[list[float]]:
         for column, cell in zip(columns, row, strict=False):
             if cell := cell.strip():
                 try:
-                    column.append(float(cell.replace(",", ".")))
+                    column.append(number_in(cell.replace(",", ".")))
                 except ValueError:
                     raise RecordError(f"{file}: line {number}: {cell[:60]!r} is not a number.") from None
     return columns
