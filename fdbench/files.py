@@ -12,6 +12,7 @@ from fdbench.errors import FdbenchError
 # Names that are parts of paths, of tables in Markdown and of what is printed.
 LONGEST_NAME = 100
 PLAIN_NAME = re.compile(rf"\w[\w .-]{{0,{LONGEST_NAME - 1}}}")
+VARIANT_NAME = re.compile(rf"{PLAIN_NAME.pattern}(\[[\w.,=+-]{{1,200}}\])?")  # of an estimator with arguments
 
 # Folders of devices and of what is open already, such as standard output.
 DEVICES = {Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd")}

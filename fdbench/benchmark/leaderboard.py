@@ -26,7 +26,7 @@ from fdbench.benchmark.statistics import (
 )
 from fdbench.benchmark.store import OK, SKIPPED, Store
 from fdbench.errors import FdbenchError
-from fdbench.files import PLAIN_NAME
+from fdbench.files import VARIANT_NAME
 from fdbench.metrics import metrics
 from fdbench.scenario import TRACKS
 from fdbench.units import TIMES, time_text, unit_of
@@ -108,7 +108,7 @@ def leaderboard(store: Store) -> str:
     parameters = store.parameters()
     for column in ("scenario", "estimator", "plant", "metric", "parameter"):
         table = parameters if column == "parameter" else scores
-        if wrong := [name for name in table[column].unique() if not PLAIN_NAME.fullmatch(name)]:
+        if wrong := [name for name in table[column].unique() if not VARIANT_NAME.fullmatch(name)]:
             raise FdbenchError(f"{store.folder}: column {column} holds '{wrong[0]}', which is no name.")
     return "\n".join(_lines(scores, parameters, read_seal(store.folder))) + "\n"
 

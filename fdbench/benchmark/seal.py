@@ -12,7 +12,7 @@ from pathlib import Path
 
 from fdbench.documents import LARGEST_JSON, json_value, read_file
 from fdbench.errors import FdbenchError, SpecError
-from fdbench.files import PLAIN_NAME, write_text
+from fdbench.files import VARIANT_NAME, write_text
 from fdbench.nonce import check_nonce, new_nonce
 from fdbench.specification import read
 
@@ -76,7 +76,7 @@ def read_seal(folder: Path) -> Seal | None:
         if found.nonce:
             check_nonce(found.nonce)
         pairs = [*found.estimators.items(), *found.scenarios.items(), (found.code_digest, found.commit)]
-        if not all(text == "" or PLAIN_NAME.fullmatch(text) for pair in pairs for text in pair):
+        if not all(text == "" or VARIANT_NAME.fullmatch(text) for pair in pairs for text in pair):
             raise ValueError("names and digests are expected")
     except (OSError, ValueError, SpecError) as error:
         raise FdbenchError(f"{path}: not a seal ({error}).") from error

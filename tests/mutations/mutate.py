@@ -261,7 +261,7 @@ def widened(data: bytes, random: Random) -> bytes:
     """Each line is repeated, so that the table has many columns."""
     times = int(random.choice([2, 10, 1000, 20_000]))
     lines = data.split(b"\n")[:8]
-    return b"\n".join(b",".join([line] * times)[: LARGEST // 8] for line in lines) + b"\n"
+    return b"\n".join(b",".join([line] * min(times, 1 + LARGEST // (8 + 8 * len(line)))) for line in lines) + b"\n"
 
 
 def renamed_and_widened(data: bytes, random: Random) -> bytes:
