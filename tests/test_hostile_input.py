@@ -407,3 +407,11 @@ def test_a_damaged_calibration_is_refused(tmp_path: Path) -> None:
 def test_a_machine_that_cannot_be_computed_with_is_refused() -> None:
     with pytest.raises(SpecError, match="too large or too small to compute with"):
         continuous(np.array([[np.nan]]), np.array([[1.0]]), np.array([[1.0]]), ["force_N"], ["position_m"], 1e-3)
+
+
+def test_an_answer_without_a_nominal_gap_is_shown(tmp_path: Path) -> None:
+    targets._make_answer(tmp_path)
+    answer = json.loads((tmp_path / "answer.json").read_text())
+    answer["shrinkage"]["on_paper"] = 0.0
+    (tmp_path / "answer.json").write_text(json.dumps(answer))
+    assert targets._page(tmp_path, "answer.json", True) == ""

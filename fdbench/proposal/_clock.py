@@ -65,6 +65,8 @@ class Clock:
         share = {name: float(np.isfinite(values).mean()) for name, values in columns.items()}
         self.left_out = [*raw.left_out, *(name for name in raw.columns if share.get(name, 0.0) < FEWEST_FINITE)]
         self.columns = {name: values for name, values in columns.items() if name not in self.left_out}
+        if not self.columns:
+            raise RecordError(f"{file}: no column of which at least half the values are numbers.")
         self.times = {*self._clocks} | ({self._time} - {""})
         seconds = self._seconds(self.columns[self._time]) if self._time else None
         found = [place for values in self.columns.values() if np.isfinite(values).all() for place in jumps(values)]

@@ -242,7 +242,7 @@ def _doubts(answer: Answer) -> Iterator[str]:
             "[uncertainty] is doubtful."
         )
     nominal, size = answer.sizes()
-    if size > 1.05 * nominal:
+    if size > 1.05 * nominal > 0.0:
         yield (
             f"Re-calibration enlarges the gap that is judged on ({less(1.0 - size / nominal)}): the effects are "
             "measured from there, not from the nominal model."
