@@ -48,7 +48,7 @@ MESSAGES = {
     "returns_a_million_names": "PluginError: parameters has 1000000 names; at most 1000 are allowed.",
     "returns_complex": "PluginError: output is a ndarray of type complex128, expected real numbers.",
     "returns_gigabytes": "needed more than 1024 MB of memory",
-    "returns_nan": "PluginError: parameters['beta_1'] is nan, expected a finite number.",
+    "returns_nan": "PluginError: parameters['beta_1'] is nan, expected a finite number up to 1e+100.",
     "returns_objects": "PluginError: output is a ndarray of type object, expected real numbers.",
     "returns_poison": "returns_poison.py:11: RuntimeError: poisoned",
     "returns_unprintable_names": "its answer cannot be used: the names of its parameters are too long or cannot be",
