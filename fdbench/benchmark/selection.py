@@ -30,10 +30,7 @@ def select(names_or_files: Sequence[str]) -> tuple[str, ...]:
 
 def _row(text: str) -> str:
     """Return the name of a row: a file is called by its stem."""
-    name = registry.declare(registered(text))
-    if registered(name) != name:
-        raise PluginError(f"{text}: brackets at the end of a name hold arguments. Rename the file.")
-    return variant(name, arguments(text))
+    return variant(registry.declare(registered(text)), arguments(text))
 
 
 def construct_variants(

@@ -158,5 +158,7 @@ def test_names_that_cannot_be_variants_are_refused(tmp_path: Path, scenario: str
             run([scenario], [text], 1, tmp_path / "out")
     file = tmp_path / "tells[1].py"
     file.write_text(TELLS, "utf-8")
-    with pytest.raises(PluginError, match=r"brackets at the end of a name hold arguments\. Rename the file"):
+    with pytest.raises(
+        PluginError, match=r"the name of the file, without .py, is that of the plug-in; allowed: up to 100"
+    ):
         run([scenario], [str(file)], 1, tmp_path / "out")

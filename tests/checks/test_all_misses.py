@@ -26,11 +26,11 @@ def test_all_misses_of_an_estimate_are_named() -> None:
     with pytest.raises(PluginError) as caught:
         check_estimate(Estimate(parameters={"beta_1": np.nan, "beta1": 1.0}, **claims), REGRESSION)
     assert str(caught.value).splitlines() == [
-        "parameters['beta_1'] is nan, expected a finite number. "
+        "parameters['beta_1'] is nan, expected a finite number up to 1e+100. "
         "parameters['beta1']: the model has no such parameter. Did you mean beta_1? "
         "output has shape (3,), expected (4,), one value for each row of the regression. "
         "output_variance holds -1.0 in row 0: no variance; a variance is at least 0 (4 of 4). "
-        "covariance holds inf in row (0, 0): not finite (4 of 4)."
+        "covariance holds inf in row (0, 0): not finite, or beyond 1e+100 (4 of 4)."
     ]
 
 
