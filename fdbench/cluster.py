@@ -3,6 +3,7 @@
 import atexit
 import shutil
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -104,6 +105,21 @@ def _connected(scheduler: str) -> Iterator[Any]:
         ) from error
     with client:
         yield client
+
+
+_alone = threading.Lock()
+
+
+@contextmanager
+def alone() -> Iterator[Path]:
+    """Yield an empty folder to one task of this process at a time, whose arithmetic is that of one thread.
+
+    A process registers plug-ins once for all its threads.
+    """
+    from threadpoolctl import threadpool_limits
+
+    with _alone, threadpool_limits(1, user_api="blas"), tempfile.TemporaryDirectory(prefix="fdbench-task-") as place:
+        yield Path(place)
 
 
 def packed(paths: Iterable[Path], below: Path = Path("/")) -> Files:

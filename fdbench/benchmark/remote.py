@@ -4,17 +4,15 @@ A worker has fdbench and the installed estimators; it has neither the folder of 
 files of the user. The side with the folder writes.
 """
 
-import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from fdbench.benchmark.job import Choice, Job, do, forget_plugins, load_plugin
 from fdbench.benchmark.provenance import digest, digest_of_packages, estimator_source, provenance
 from fdbench.benchmark.store import KeptRun, Store
-from fdbench.cluster import Files, packed, results, unpacked
+from fdbench.cluster import Files, alone, packed, results, unpacked
 from fdbench.errors import FdbenchError
 from fdbench.files import replaced
 from fdbench.sandbox import Source, confinement
@@ -24,7 +22,6 @@ from fdbench.specification import load_toml
 # Of a provenance, what is the worker's own.
 OF_THE_WORKER = ("python", "numpy", "numba", "machine")
 
-_alone = threading.Lock()
 _last: list[Files] = []
 
 
@@ -90,11 +87,7 @@ def _write(job: Job, files: Files) -> None:
 
 def _do(sent: _Sent) -> tuple[list[KeptRun], Files]:
     """Do a job in a folder that goes with it, and return the runs and all that was written."""
-    from threadpoolctl import threadpool_limits
-
-    # A process registers plug-ins once for all its threads, and arithmetic is that of one thread.
-    with _alone, threadpool_limits(1, user_api="blas"), TemporaryDirectory(prefix="fdbench-job-") as place:
-        folder = Path(place)
+    with alone() as folder:
         runs = do(replace(_here(sent), folder=folder))
         return runs, packed((path for path in folder.rglob("*") if path.is_file()), folder)
 

@@ -1,18 +1,14 @@
 """Answer a trial: run a diagnoser on records and model of each case, and hand in its answers with their digest."""
 
 import inspect
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from socket import gethostname
-from tempfile import TemporaryDirectory
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
-from fdbench.cluster import Files, packed, results, unpack, unpacked
+from fdbench.cluster import Files, alone, packed, results, unpack, unpacked
 from fdbench.diagnosis.model.nominal import Nominal, load_nominal
 from fdbench.errors import FdbenchError, SpecError
 from fdbench.reading import read_record
@@ -23,8 +19,6 @@ from fdbench.trials.forms import check_answers
 from fdbench.trials.make import MANIFEST, MODEL, read_manifest
 
 OK, FAILED = "ok", "failed"
-
-_alone = threading.Lock()
 
 
 def answer(
@@ -129,11 +123,11 @@ def _answer_sent(case: _Asked) -> dict[str, Any]:
             f"code: the worker on {gethostname()} has another version of fdbench than this machine. Install the same "
             "everywhere; what was answered is kept."
         )
-    with _alone, threadpool_limits(1, user_api="blas"), TemporaryDirectory(prefix="fdbench-case-") as place:
+    with alone() as place:
         for file, _ in case.diagnoser_file:
             diagnosers.add_file(unpacked(case.diagnoser_file) / file)
-        unpack(case.sent, Path(place))
-        return _timed(case, Path(place))
+        unpack(case.sent, place)
+        return _timed(case, place)
 
 
 def _timed(case: _Asked, folder: Path) -> dict[str, Any]:

@@ -79,8 +79,8 @@ def check_features(found: Iterable[Any], where: str) -> None:
     names: dict[str, set[str]] = {}
     for features in found:
         _check(convert(FEATURES, features, where), dict.fromkeys(CLAIMS, Table), where)
-        for kind, alone in (("unknown", "unknown"), ("none", "none")):
-            _check(features[kind], {alone: Table}, f"{where}: {kind}")
+        for kind in ("unknown", "none"):
+            _check(features[kind], {kind: Table}, f"{where}: {kind}")
         for kind in CLAIMS:
             for claim, own in features[kind].items():
                 if names.setdefault(kind, {*own}) != {*own}:

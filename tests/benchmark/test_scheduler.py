@@ -172,8 +172,8 @@ def test_a_trial_is_answered_as_here(cluster: Cluster, tmp_path: Path) -> None:
         load_scenario("LinearMotorAxis-v0").record(seed).save(place / "run.parquet")
         (place.parent / MODEL).write_bytes(AXIS.read_bytes())
         files = {file: seal.file_digest(place.parent / file) for file in ("records/run.parquet", MODEL)}
-        cases[name] = {"files": files}
-    manifest = {"cases": cases, "effects": ["constant_force"], "nonce_sha256": "", "tier": "A"}
+        cases[name] = {"files": files, "truth_sha256": ""}
+    manifest = {"cases": cases, "commit": "", "effects": ["constant_force"], "nonce_sha256": "", "tier": "A"}
     seal.write_json(folder / MANIFEST, manifest)
     here = answer(folder, "mean_force", tmp_path / "here.json")
     there = answer(folder, "mean_force", tmp_path / "there.json", scheduler=cluster.address)
