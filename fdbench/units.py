@@ -8,6 +8,7 @@
 1.6666666666666667e-05
 """
 
+import functools
 import re
 
 from fdbench.errors import SpecError, did_you_mean
@@ -153,6 +154,7 @@ def time_text(time: float, unit: str = "s") -> str:
     return f"{float(f'{rounded_s / TIMES[suited]:.{DIGITS_OF_A_TIME}g}'):g} {suited}"
 
 
+@functools.lru_cache(maxsize=4096)
 def split_unit(name: str) -> tuple[str, str]:
     """Return what ``name`` is called and its unit suffix, an empty one for a pure number.
 

@@ -99,10 +99,20 @@ def _scaled(item: Parameter, factor: float) -> Parameter:
 
 def _check_signs(effect: Effect) -> None:
     """Raise a SpecError for what no axis of any size has."""
-    for item in effect.declared.parameters():
-        value, unit = getattr(effect, item.name), f" {item.unit}" if item.unit else ""
+    for item, low, high in _signs(effect.declared):
+        value = getattr(effect, item.name)
+        if not (low <= value <= high and abs(value) < math.inf) or (value == 0.0 < item.low):
+            unit = f" {item.unit}" if item.unit else ""
+            raise SpecError(f"{item.name}: {value:g} is outside [{low:g}, {high:g}]{unit}.")
+
+
+@functools.cache
+def _signs(kind: type[Effect]) -> tuple[tuple[Parameter, float, float], ...]:
+    """Return the parameters with their bounds on an axis of any size."""
+    found = []
+    for item in kind.parameters():
         low, high = item.low, item.high
         if _ANOTHER.of(item.unit) != 1.0:
             low, high = (0.0 if low >= 0.0 else -math.inf), math.inf
-        if not (low <= value <= high and abs(value) < math.inf) or (value == 0.0 < item.low):
-            raise SpecError(f"{item.name}: {value:g} is outside [{low:g}, {high:g}]{unit}.")
+        found.append((item, low, high))
+    return tuple(found)
