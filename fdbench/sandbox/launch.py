@@ -5,9 +5,10 @@ import os
 import socket
 import subprocess
 import sys
+import threading
 import weakref
 from collections.abc import Mapping, Sequence
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 from fdbench.errors import FdbenchError
 from fdbench.simulate.compose import cache_folder
@@ -24,31 +25,45 @@ _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 START_S = 120.0
 
 
+class Terms(NamedTuple):
+    """What a server is started with: of which process, what it may import from, and its environment."""
+
+    pid: int
+    path: tuple[str, ...]
+    environment: tuple[tuple[str, str], ...]
+
+    @classmethod
+    def now(cls) -> "Terms":
+        """Return the terms of a server that would be started now."""
+        kept = {name: os.environ[name] for name in _KEPT_VARIABLES if name in os.environ}
+        kept |= {name: value for name, value in os.environ.items() if name.startswith(_KEPT_BEGINNINGS)}
+        kept |= {"FDBENCH_CACHE": str(cache_folder()), **dict.fromkeys(_THREADS, "1")}
+        return cls(os.getpid(), tuple(os.path.abspath(entry) for entry in sys.path), tuple(kept.items()))
+
+
 class ForkServer:
     """The other end of `fdbench.sandbox.server`."""
 
-    def __init__(self) -> None:
+    def __init__(self, terms: Terms) -> None:
+        self.terms = terms
         self._control, theirs = socket.socketpair()
-        kept = {name: os.environ[name] for name in _KEPT_VARIABLES if name in os.environ}
-        kept |= {name: value for name, value in os.environ.items() if name.startswith(_KEPT_BEGINNINGS)}
-        kept |= {"FDBENCH_CACHE": str(cache_folder())}
-        path = [os.path.abspath(entry) for entry in sys.path]
         with theirs:
-            process = subprocess.Popen(
-                [sys.executable, "-I", "-c", _BOOT.format(theirs.fileno()), json.dumps(path)],
+            self._process = subprocess.Popen(
+                [sys.executable, "-I", "-c", _BOOT.format(theirs.fileno()), json.dumps(terms.path)],
                 stdin=subprocess.DEVNULL,
-                env={**kept, **dict.fromkeys(_THREADS, "1")},
+                env=dict(terms.environment),
                 cwd="/",
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,
             )
-        self._close = weakref.finalize(self, _close, self._control, process)
+        self._close = weakref.finalize(self, _close, self._control, self._process)
+        self._asking = threading.Lock()
         self._is_ready = False
 
     @property
     def is_alive(self) -> bool:
-        """Whether it has not been closed."""
-        return self._close.alive
+        """Whether it has neither been closed nor ended by itself."""
+        return self._close.alive and self._process.poll() is None
 
     def fork(self, channel: socket.socket, last_words: IO[bytes]) -> int:
         """Fork a worker that holds these, and return its process."""
@@ -67,11 +82,12 @@ class ForkServer:
 
     def _ask(self, request: Mapping[str, Any], descriptors: Sequence[int] = ()) -> dict[str, Any]:
         try:
-            if not self._is_ready:
-                self._answer()
-                self._is_ready = True
-            socket.send_fds(self._control, [json.dumps(request).encode()], list(descriptors))
-            return self._answer()
+            with self._asking:
+                if not self._is_ready:
+                    self._answer()
+                    self._is_ready = True
+                socket.send_fds(self._control, [json.dumps(request).encode()], list(descriptors))
+                return self._answer()
         except (OSError, EOFError) as error:
             self.close()
             raise FdbenchError(
@@ -92,6 +108,17 @@ class ForkServer:
             content += part
         answer: dict[str, Any] = json.loads(content)
         return answer
+
+
+_kept: dict[str, ForkServer] = {}
+
+
+def fork_server() -> ForkServer:
+    """Return the server of this process: one for all, until it ends or would be started on other terms."""
+    found, terms = _kept.get("server"), Terms.now()
+    if found is None or not found.is_alive or found.terms != terms:
+        found = _kept["server"] = ForkServer(terms)
+    return found
 
 
 def _close(control: socket.socket, process: "subprocess.Popen[bytes]") -> None:

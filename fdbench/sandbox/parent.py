@@ -15,11 +15,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
+from fdbench.errors import FdbenchError
 from fdbench.estimator import Context, Estimate
 from fdbench.record import FloatArray, Record
 from fdbench.sandbox import landlock, seccomp
 from fdbench.sandbox.fault import LONGEST_TEXT, LONGEST_TRACEBACK, is_own
-from fdbench.sandbox.launch import ForkServer
+from fdbench.sandbox.launch import ForkServer, fork_server
 from fdbench.sandbox.memory import PeakMemory
 from fdbench.sandbox.message import Reply, Unreadable, receive_answer, send_request
 from fdbench.sandbox.terms import Declaration, FitResult, Misbehaved, Source, WorkerLimits
@@ -35,7 +36,7 @@ LONGEST_LAST_WORDS = 2**16
 
 
 class Sandbox:
-    """Workers of one process; made when they are needed, and ended with this object or its process.
+    """Workers that are made when they are needed, and ended with this object or its process.
 
     Parameters
     ----------
@@ -47,8 +48,8 @@ class Sandbox:
     def __init__(self, limits: WorkerLimits, plugins: Sequence[tuple[str, Path]] = ()) -> None:
         self.limits = limits
         self._plugins = tuple((kind, str(file)) for kind, file in plugins)
-        self._server: ForkServer | None = None
         self._workers: dict[str, Worker] = {}
+        weakref.finalize(self, _end_all, self._workers).atexit = False  # the server ends them with itself
 
     def worker(self, source: Source) -> "Worker":
         """Return the worker in which an estimator, and no other, is or is to be imported."""
@@ -57,16 +58,12 @@ class Sandbox:
             found.end()
             found = None
         if found is None:
-            if self._server is None or not self._server.is_alive:
-                self._server = ForkServer()
-            found = self._workers[source.name] = Worker(self._server, source, self.limits, self._plugins)
+            found = self._workers[source.name] = Worker(fork_server(), source, self.limits, self._plugins)
         return found
 
     def close(self) -> None:
-        """End the server and all workers."""
-        if self._server is not None:
-            self._server.close()
-        self._server, self._workers = None, {}
+        """End all workers."""
+        _end_all(self._workers)
 
 
 class Worker:
@@ -240,6 +237,13 @@ class Worker:
         places = [(file, line) for file, line in _FRAME.findall(words) if is_own(file, self._own)]
         place = f"{os.path.basename(places[0][0])}:{places[0][1]}: " if places else ""
         return Misbehaved(_clean(f"{place}{message}"), _printable(words)[:LONGEST_TRACEBACK])
+
+
+def _end_all(workers: dict[str, Worker]) -> None:
+    while workers:
+        _, worker = workers.popitem()
+        with suppress(FdbenchError):
+            worker.end()
 
 
 def _close_both(channel: socket.socket, last_words: IO[bytes]) -> None:

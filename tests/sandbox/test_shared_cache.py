@@ -1,5 +1,6 @@
 """Workers have what was compiled before they were forked, and reach nothing that others load."""
 
+import shutil
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -12,6 +13,7 @@ from fdbench.estimator import estimators
 from fdbench.record import FloatArray, Record
 from fdbench.sandbox import Sandbox, Source, WorkerLimits
 from fdbench.scenario import Scenario, load_scenario
+from fdbench.simulate.compose import cache_folder
 
 PLANTS = """
 import os
@@ -62,8 +64,9 @@ def expected(scenario: Scenario, record: Record) -> FloatArray:
 
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory: pytest.TempPathFactory, expected: FloatArray) -> Iterator[Path]:
-    """Return an empty cache; this process has compiled before what it needs."""
-    folder = tmp_path_factory.mktemp("cache")
+    """Return a copy of the cache, which holds what simulated ``expected``."""
+    folder = tmp_path_factory.mktemp("copy") / "cache"
+    shutil.copytree(cache_folder(), folder, ignore=shutil.ignore_patterns("sandbox"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FDBENCH_CACHE", str(folder))
         yield folder
@@ -71,7 +74,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory, expected: FloatArray) -> Ite
 
 @pytest.fixture(scope="module")
 def sandbox(cache: Path) -> Iterator[Sandbox]:
-    """Return a sandbox, the server of which has compiled the nominal machines when it has a worker."""
+    """Return a sandbox, the server of which has loaded the nominal machines when it has a worker."""
     with closing(Sandbox(WorkerLimits())) as sandbox:
         sandbox.worker(estimator_source("least_squares")).load()
         yield sandbox
