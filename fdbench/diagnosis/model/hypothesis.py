@@ -1,6 +1,7 @@
 """A hypothesis: the nominal model, re-calibrated, with some effects added; and how it becomes a drive."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -80,8 +81,9 @@ class Hypothesis:
         freedom = MODEL.freedom
         return float(sum((freedom + 1.0) * math.log1p(shift**2 / freedom) for shift in self.shifts))
 
+    @functools.cached_property
     def far_fetched(self) -> float:
-        """Return what nominal parameters beyond ``MODEL.far_fetched`` deviations add to the prior penalty.
+        """What nominal parameters beyond ``MODEL.far_fetched`` deviations add to the prior penalty.
 
         Only of those that a data sheet has: over which speed friction turns its sign, and where it acts, is in none.
         """
@@ -234,6 +236,7 @@ class NominalParameter:
         return next((kind.name for kind in nominal.library if kind.calibrates == self.kind), "")
 
 
+@functools.lru_cache(maxsize=16)
 def nominal_parameters(nominal: Nominal) -> tuple[NominalParameter, ...]:
     """Return what every hypothesis may re-calibrate: masses, viscous friction, known effects, a force offset."""
     drive, doubt = nominal.drive, nominal.uncertainty

@@ -223,7 +223,7 @@ class Search:
         Nominal parameters that stand in for an effect that is not there yet are far off, and stay there beside it.
         """
         found = self.refine(hypothesis)
-        if base.far_fetched() == 0.0:
+        if base.far_fetched == 0.0:
             return found
         anew = self.refine(dataclasses.replace(hypothesis, shifts=(0.0,) * len(hypothesis.shifts)))
         evidence = gather(self.readings, self.split, base, [found, anew], self.split.fitted, keep=[found, anew])

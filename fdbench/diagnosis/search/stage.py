@@ -93,4 +93,4 @@ def equivalent_misfit(misfit: float, hypothesis: Hypothesis, effective: float) -
 
     with p of `Hypothesis.far_fetched`: up to there values are what data sheets may be wrong by.
     """
-    return misfit * math.exp(hypothesis.far_fetched() / effective)
+    return misfit * math.exp(hypothesis.far_fetched / effective)

@@ -88,7 +88,7 @@ def test_beside_a_far_fetched_base_an_effect_is_also_fitted_from_the_nominal_val
     given = start(NOMINAL)
     names = [item.name for item in nominal_parameters(NOMINAL)]
     far = given.moved([8.0 if name == "motor_viscous" else 0.0 for name in names])
-    assert far.far_fetched() > 0.0 == given.far_fetched()
+    assert far.far_fetched > 0.0 == given.far_fetched
     tried = far.with_effect(true.scaled(0.1))
     found = own.refined_anew(tried, far)
     assert found.prior_penalty() <= own.refine(tried).prior_penalty()
