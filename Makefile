@@ -36,7 +36,7 @@ benchmark: $(RUNTIME)
 	@for script in benchmarks/*_speed.py; do echo; $(BIN)/python $$script || exit; done
 
 test: $(TEST)
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not processors"
 
 # As on other processors: kernels of linear algebra without vectors and with wide ones, machine code for any.
 WIDE := $(shell grep -qw avx512dq /proc/cpuinfo 2>/dev/null && echo OPENBLAS_CORETYPE=SkylakeX || echo OPENBLAS_CORETYPE=Haswell)
@@ -44,6 +44,7 @@ test-processors: $(TEST)
 	@for processor in "OPENBLAS_CORETYPE=Prescott NUMBA_CPU_NAME=generic" "$(WIDE)"; do \
 	  echo "as on $$processor"; env $$processor $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -q -m linear_algebra tests || exit; \
 	done
+	@echo "as on several, one beside the other"; $(BIN)/python -m pytest -q -m processors tests
 
 # On a scheduler and two workers of Dask, which is installed into .venv: 40 MB that nothing else needs.
 test-scheduler: $(TEST)

@@ -9,17 +9,28 @@ import dis
 import enum
 import hashlib
 import inspect
+import time
 from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
-from typing import Any, cast
+from typing import IO, Any, cast
 
 import numba
 import numpy as np
 from numba.core import types
 from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 
 from fdbench.errors import PluginError
+
+try:
+    import fcntl
+except ImportError:  # on Windows each process compiles for itself
+    fcntl = None  # type: ignore[assignment]
+
+LONGEST_WAIT_S, LOOK_AGAIN_S = 60.0, 0.02
 
 FIXED = {"_operator", "builtins", "cmath", "math", "numba", "numpy", "operator"}
 """Packages whose content changes with their version alone."""
@@ -50,9 +61,21 @@ def closure_digest(dispatcher: Any) -> str:
 
 
 def kept(dispatcher: Any) -> Any:
-    """Keep the machine code of a function, compiled by ``njit`` without ``cache``, under its `closure_digest`."""
-    if isinstance(dispatcher, Dispatcher):
-        cast(Any, dispatcher)._cache = _ClosureCache(dispatcher)
+    """Keep the machine code of a function, compiled by ``njit`` without ``cache``, under its `closure_digest`.
+
+    Of several processes that need the same, one compiles and the others wait for it.
+    """
+    if isinstance(dispatcher, Dispatcher) and not isinstance(cast(Any, dispatcher)._cache, _ClosureCache):
+        cache, compile_here = _ClosureCache(dispatcher), dispatcher.compile
+
+        def compile_once(signature: Any) -> Any:
+            if signature in dispatcher.overloads:
+                return compile_here(signature)
+            with global_compiler_lock, cache.alone(signature):
+                return compile_here(signature)
+
+        cast(Any, dispatcher)._cache = cache
+        cast(Any, dispatcher).compile = compile_once
     return dispatcher
 
 
@@ -105,6 +128,23 @@ class _ClosureCache(FunctionCache):
         super().__init__(dispatcher.py_func)
         self._dispatcher = dispatcher
 
+    @contextmanager
+    def alone(self, sig: Any) -> Iterator[None]:
+        """Wait until no other process compiles for these types of arguments, unless that is done or takes too long."""
+        self._follow(self._digest(sig))
+        index = Path(self._cache_file._index_path)
+        if fcntl is None or not isinstance(sig, tuple) or index.is_file():
+            yield
+            return
+        with ExitStack() as stack:
+            with suppress(OSError):  # who may not write here keeps nothing, and waits for nobody
+                index.parent.mkdir(parents=True, exist_ok=True)
+                file = stack.enter_context(index.with_suffix(".lock").open("wb"))
+                deadline = time.monotonic() + LONGEST_WAIT_S
+                while not (_is_locked(file) or index.is_file()) and time.monotonic() < deadline:
+                    time.sleep(LOOK_AGAIN_S)
+            yield
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         self._follow(self._digest(sig))
         return super().load_overload(sig, target_context)
@@ -127,6 +167,15 @@ class _ClosureCache(FunctionCache):
     def _follow(self, digest: str) -> None:
         name = f"{self._impl.filename_base}-{digest[:16]}"
         self._cache_file: Any = IndexDataCacheFile(self._cache_path, name, digest)
+
+
+def _is_locked(file: IO[bytes]) -> bool:
+    """Lock a file for this process, unless another one has it, and return whether it is."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 class _Walk:

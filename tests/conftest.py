@@ -5,6 +5,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from threadpoolctl import threadpool_limits
+
+# As on the command line. Threads of several tests at once would wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+threadpool_limits(1)
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
@@ -18,7 +23,6 @@ LONGEST = (
     "trials/test_small_trials.py",
     "trials/test_machine_calibration.py",
     "diagnosis/test_emps.py",
-    "test_processors.py",
     "sandbox/test_misbehaving.py",
     "diagnosis/model/test_virtual_controller.py",
     "report/test_report.py",

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import NamedTuple
 
@@ -245,6 +246,7 @@ def test_no_function_is_left_to_the_cache_of_numba() -> None:
 
 RENAMED = r"""
 import sys
+import time
 from typing import NamedTuple
 from numba import njit
 from fdbench.compilation import kept
@@ -270,3 +272,26 @@ def test_a_renamed_class_of_an_argument_is_compiled_anew(tmp_path: Path) -> None
         assert done.returncode == 0, done.stderr
         hits.append(int(done.stdout))
     assert hits == [0, 1, 0, 1]
+
+
+ONCE = r"""
+import time
+import numpy as np
+from numba import njit
+from fdbench.compilation import kept
+@kept
+@njit
+def value(given):
+    return np.median(np.sort(given)) + np.argsort(given)[0]
+time.sleep(max(0.0, START - time.time()))
+assert value(np.array([1.0, 2.0, 3.0])) == 2.0
+print(sum(value.stats.cache_misses.values()))
+"""
+
+
+def test_of_processes_that_need_the_same_one_compiles(tmp_path: Path) -> None:
+    variables = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    (tmp_path / "once.py").write_text(ONCE.replace("START", str(time.time() + 5.0)), "utf-8")
+    command = [sys.executable, "-c", "import once"]
+    begun = [subprocess.Popen(command, env=os.environ | variables, stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    assert sorted(process.communicate()[0].strip() for process in begun) == ["0", "0", "1"]

@@ -47,6 +47,7 @@ print(json.dumps(found))
 """
 
 
+@pytest.mark.processors
 def test_records_and_scores_are_the_same_everywhere() -> None:
     found = []
     for processor in PROCESSORS:

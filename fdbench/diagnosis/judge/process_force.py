@@ -124,12 +124,13 @@ def _quiet(run: Run, force: FloatArray) -> float:
 
 def _line(force: FloatArray, period_s: float) -> tuple[float | None, float | None]:
     """Return frequency and amplitude of the strongest line, where it holds a quarter of the squares about the mean."""
-    n = len(force)
-    power = np.abs(np.fft.rfft((force - force.mean()) * np.hanning(n))) ** 2
+    from scipy.signal import periodogram
+
+    frequencies_Hz, power = periodogram(force, 1.0 / period_s, "hann")
     peak = int(np.argmax(power))
     share = float(power[max(0, peak - 2) : peak + 3].sum() / max(power.sum(), 1e-300))
     if peak < JUDGE.force_periods or share < JUDGE.force_line:
         return None, None
     near = slice(max(0, peak - 2), peak + 3)
-    frequency = float(np.average(np.arange(n // 2 + 1)[near], weights=power[near])) / (n * period_s)
+    frequency = float(np.average(frequencies_Hz[near], weights=power[near]))
     return frequency, math.sqrt(2.0 * share * float(np.var(force)))

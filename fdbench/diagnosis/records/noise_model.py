@@ -132,8 +132,7 @@ def spectrum_of(signals: Sequence[FloatArray]) -> FloatArray:
     """
     short, long = RECORDS.piece_samples, RECORDS.long_piece_samples
     length = short if min(len(values) for values in signals) < long else long
-    power = _powers(signals, length).mean(axis=0)
-    power[1:-1] *= 2.0
+    power = _powers(signals, length, without_trend=False).mean(axis=0)
     mean_square = sum(float(values @ values) for values in signals) / sum(len(values) for values in signals)
     return np.asarray(power * (mean_square / max(float(power.sum()), SMALLEST**2)))
 
@@ -148,21 +147,27 @@ def assumed(signals: Sequence[FloatArray]) -> FloatArray:
     mean times :math:`\ln 4/3`.
     """
     piece, beside = RECORDS.piece_samples, RECORDS.neighbouring_frequencies
-    power = _powers(signals, piece, np.linspace(-1.0, 1.0, piece))
+    power = _powers(signals, piece, without_trend=True)
     quiet = np.quantile(power, RECORDS.assumed_quantile, axis=0)[1:-1] / -math.log(1.0 - RECORDS.assumed_quantile)
     smooth = np.median(sliding_window_view(np.pad(quiet, beside, mode="edge"), 2 * beside + 1), axis=1)
-    return np.concatenate(([0.0], 2.0 / piece * smooth, [0.0]))
+    return np.concatenate(([0.0], smooth / piece, [0.0]))
 
 
-def _powers(signals: Sequence[FloatArray], length: int, trend: FloatArray | None = None) -> FloatArray:
-    """Return the squared spectrum of each piece, (n_pieces, length / 2 + 1); without its mean and trend, if given."""
-    window = np.hanning(length)
-    every = [sliding_window_view(_long_enough(values, length), length)[:: length // 2] for values in signals]
-    pieces = np.concatenate(every)
-    if trend is not None:
-        pieces = pieces - pieces.mean(axis=1, keepdims=True)
-        pieces -= np.outer(pieces @ trend / (trend @ trend), trend)
-    return np.asarray(np.abs(np.fft.rfft(pieces * window)) ** 2 / np.sum(window**2))
+def _powers(signals: Sequence[FloatArray], length: int, *, without_trend: bool) -> FloatArray:
+    """Return the one-sided power density of each piece, (n_pieces, length / 2 + 1), for a sampling rate of 1 Hz."""
+    from scipy.signal import detrend, spectrogram
+
+    every = [
+        spectrogram(
+            _long_enough(values, length),
+            window="hann",
+            nperseg=length,
+            noverlap=length // 2,
+            detrend=detrend if without_trend else False,
+        )[2]
+        for values in signals
+    ]
+    return np.asarray(np.concatenate(every, axis=1).T)
 
 
 def _long_enough(values: FloatArray, length: int) -> FloatArray:

@@ -222,6 +222,8 @@ def delay_of(run: Run, simulated: Mapping[str, FloatArray], channel: str) -> flo
     Positions are compared by their speeds. The least mean squared distance of the scaled channels within 1 s, half a
     lap and a quarter of the record gives the delay, a parabola through it the fraction.
     """
+    from scipy.signal import correlate
+
     measured, model = run.channels[channel], simulated[channel]
     if channel == POSITION:
         span = PLAUSIBLE.speed_samples
@@ -232,12 +234,12 @@ def delay_of(run: Run, simulated: Mapping[str, FloatArray], channel: str) -> flo
     if measured.std() == 0.0 or model.std() == 0.0:
         return 0.0
     measured, model = (measured - measured.mean()) / measured.std(), (model - model.mean()) / model.std()
-    products = np.fft.irfft(np.fft.rfft(measured, 2 * n) * np.fft.rfft(model, 2 * n).conj(), 2 * n)
     lags = np.arange(-longest, longest + 1)
+    products = correlate(measured, model, method="fft")[n - 1 + lags]
     late, early = np.maximum(lags, 0), np.maximum(-lags, 0)
     own, other = (np.concatenate(([0.0], np.cumsum(values**2))) for values in (measured, model))
     energy = own[n - early] - own[late] + other[n - late] - other[early]
-    distance = (energy - 2.0 * products[lags]) / (n - np.abs(lags))
+    distance = (energy - 2.0 * products) / (n - np.abs(lags))
     best = int(np.argmin(distance))
     if distance[best] > PLAUSIBLE.delayed * distance[longest] or not 0 < best < 2 * longest:
         return 0.0

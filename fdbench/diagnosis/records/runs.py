@@ -150,13 +150,14 @@ def position_column(record: Record, drive: FeedDrive) -> str:
 
 def lap_length(position: FloatArray, period_s: float, same: float) -> int | None:
     """Return after how many samples a position repeats itself, or None if it does not within the record."""
+    from scipy.signal import correlate
+
     n = len(position)
     span = float(np.ptp(position))
     if span == 0.0:
         return None
     centred = position - position.mean()
-    spectrum = np.fft.rfft(centred, 2 * n)
-    correlation = np.fft.irfft(spectrum * spectrum.conj())[:n]
+    correlation = correlate(centred, centred, method="fft")[n - 1 :]
     energy = np.concatenate(([0.0], np.cumsum(centred**2)))
     lags = np.arange(n)
     distance = (energy[n - lags] + energy[n] - energy[lags] - 2.0 * correlation) / (n - lags)

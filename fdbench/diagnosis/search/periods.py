@@ -102,12 +102,13 @@ def inertia_and_drag(mass_kg: float, viscous: float, x: FloatArray, h: float) ->
 
 def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[float]:
     """Return the lines that stand out of the spectrum of any run, the sharpest first."""
+    from scipy.signal import periodogram
+
     found: list[tuple[float, float, float]] = []
     near, far = SEARCH.line_near, SEARCH.line_far
     for gap, run in zip(gaps, runs, strict=True):
-        centred = gap - gap.mean(axis=1, keepdims=True)
-        power = np.sum(np.abs(np.fft.rfft(centred * np.hanning(run.n_samples))) ** 2, axis=0)
-        frequency = np.asarray(np.fft.rfftfreq(run.n_samples, run.period_s), dtype=np.float64)
+        frequency, powers = periodogram(gap, 1.0 / run.period_s, "hann")
+        power = powers.sum(axis=0)
         power[(frequency < SEARCH.lowest_line_Hz) | (frequency > MODEL.highest_of_nyquist * frequency[-1])] = 0.0
         side = np.lib.stride_tricks.sliding_window_view(np.pad(power, far, mode="edge"), far - near + 1).max(axis=1)
         height = power / np.maximum(np.maximum(side[: len(power)], side[far + near :]), 1e-30)
@@ -147,8 +148,8 @@ def _lines_in_position(
         place = np.minimum(((position - lowest) * (n_bins / travel)).astype(np.intp), n_bins - 1)
         for moving in (speed > 0.0, speed < 0.0):
             visits = np.bincount(place[moving], minlength=n_bins)
-            for signal in gap:
-                sums = np.bincount(place[moving], weights=signal[moving], minlength=n_bins)
+            for own in gap:
+                sums = np.bincount(place[moving], weights=own[moving], minlength=n_bins)
                 profile = sums / np.sqrt(np.maximum(visits, 1))
                 profile -= visits**0.5 * (sums.sum() / max(visits.sum(), 1))
                 power += np.abs(np.fft.rfft(profile, SEARCH.oversampling * n_bins)) ** 2
