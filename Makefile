@@ -4,7 +4,7 @@ BIN := .venv/bin
 RUNTIME := .venv/.installed
 TEST := .venv/.installed-test
 
-.PHONY: run test test-processors test-scheduler check format report leaderboard trial benchmark clean
+.PHONY: run test test-processors test-scheduler check format report leaderboard site trial benchmark clean
 
 run: $(RUNTIME)
 	$(BIN)/fdbench run
@@ -14,6 +14,11 @@ report: $(RUNTIME)
 
 leaderboard: $(RUNTIME)
 	$(BIN)/fdbench leaderboard results
+
+# The documentation as pages for a browser, in build/site.
+site: $(RUNTIME)
+	@$(PYTHON) -m pip --python $(BIN)/python install --quiet --editable ".[docs]"
+	$(BIN)/python docs/make_site.py
 
 # Each effect in its own record, then a trial of the diagnosis beside quick reference rows; what is done is kept.
 TIER ?= B
