@@ -55,10 +55,12 @@ def for_a_browser(page: Path, found: set[Path]) -> str:
     """Return the text of a page with equations as MathML and links to pages alone."""
     text = re.sub(r"\A<!--.*?-->\s*", "", (REPOSITORY / page).read_text("utf-8"), flags=re.S)
     text = _EQUATION.sub(lambda match: f'<div class="equation">{_math(match[1], "block", page)}</div>', text)
+
+    def inline(match: re.Match[str]) -> str:
+        return f"<span>{_math(match[1], 'inline', page)}</span>"
+
     text = _outside(_BLOCK, text, lambda part: _LINK.sub(lambda match: _linked(match, page, found), part))
-    return _outside(
-        _CODE, text, lambda part: _SYMBOL.sub(lambda match: f"<span>{_math(match[1], 'inline', page)}</span>", part)
-    )
+    return _outside(_CODE, text, lambda part: _SYMBOL.sub(inline, part))
 
 
 def _outside(kept: re.Pattern[str], text: str, change: Callable[[str], str]) -> str:
