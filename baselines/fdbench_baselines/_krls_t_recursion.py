@@ -27,6 +27,8 @@ from fdbench.compilation import kept
 
 FloatArray = NDArray[np.float64]
 
+FEWEST = 10  # samples that tell s0^2; fewer may be near 0 by chance, and make beta far too sure
+
 
 class Tracker(NamedTuple):
     """State of the recursion for budget M and inputs of dimension d; changed in place by `track`.
@@ -296,7 +298,8 @@ def track_beside(
 
     with the predictions :math:`\hat y, \hat z` that one tracker makes of target and regressors, all of which it is
     given as if they were readings of f. It whitens them, so that this is generalised least squares, and
-    :math:`\hat f = \hat y - \hat z^T \beta`. P = 0 holds beta where it is.
+    :math:`\hat f = \hat y - \hat z^T \beta`. P = 0 holds beta where it is. As long as :math:`s_0^2` rests on
+    ``FEWEST`` samples or less, the noise in S, its second term, is :math:`e^2` wherever that is larger.
 
     Parameters
     ----------
@@ -379,7 +382,8 @@ def _recursion(
         power[1] += weight
         rows[n, 4] = power[0] / power[1]
 
-        correct(beta, P, Pz, error, doubt, before * sv2)
+        noise = before * sv2 if power[1] > FEWEST else max(before * sv2, error**2)
+        correct(beta, P, Pz, error, doubt, noise)
 
         a, g2 = whitened / sv2, kxx - kq
         for i in range(M):

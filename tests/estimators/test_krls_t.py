@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import shared_file
 from fdbench_baselines._krls_t_recursion import (
+    FEWEST,
     FloatArray,
     empty_tracker,
     locally_periodic_inputs,
@@ -315,6 +316,18 @@ def test_held_parameters_make_it_the_tracker() -> None:
     np.testing.assert_array_equal(held, beta)
 
 
+def test_a_first_error_of_nearly_nothing_makes_nothing_sure() -> None:
+    random = np.random.default_rng(4)
+    x, Z, noise = random.standard_normal((40, 1)), random.standard_normal((40, 2)), random.standard_normal(40)
+    noise[0] = 1e-9
+    beta, P = np.zeros(2), np.eye(2)
+    tracker, learnt = empty_tracker(1, 20, 2), np.ones(40, np.bool_)
+    track_beside(tracker, x, Z, Z @ [0.5, -0.5] + 3.0 * noise, learnt, beta, P, 100.0, 1.0, 0.0, False)
+    deviations = np.sqrt(np.diag(P))
+    assert np.all(deviations > 0.2)
+    assert np.all(np.abs(beta - [0.5, -0.5]) < 3.0 * deviations)
+
+
 def test_linear_part_is_that_of_whitened_rows() -> None:
     """Innovations by Cholesky's factor of the whole kernel matrix, beta by recursion on them."""
     n, s2 = 80, 0.05
@@ -329,7 +342,8 @@ def test_linear_part_is_that_of_whitened_rows() -> None:
         z, error = row[1:], row[0] - row[1:] @ beta
         doubt = z @ P @ z
         numerator += error**2 / (variance + (doubt / scale if seen > 1 else 0.0))
-        S = doubt + variance * (scale if seen > 1 else numerator)
+        noise = variance * (scale if seen > 1 else numerator)
+        S = doubt + max(noise, error**2 if seen <= FEWEST else 0.0)
         beta = beta + P @ z * error / S
         P = P - np.outer(P @ z, z @ P) / S
         scale = numerator / seen
