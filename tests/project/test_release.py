@@ -1,6 +1,8 @@
-"""What a release says of itself agrees with the package: its citation, and its changelog."""
+"""What a release says of itself agrees with the package: citation, changelog, and the workflows in examples/ci."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 from fdbench.catalogue import scenario_ids
@@ -34,3 +36,32 @@ def test_changelog_says_what_differs_between_versions_of_each_scenario() -> None
         for family in re.findall(r"`(\w+)`", families)
     }
     assert told == {family: version for family, version in newest.items() if version > 0}
+
+
+def test_users_install_the_tag_of_this_version() -> None:
+    workflow = (REPOSITORY / "examples" / "ci" / "fdbench.yml").read_text("utf-8")
+    assert re.findall(r"FDBENCH_TAG: (\S+)$", workflow, re.M) == [f"v{__version__}"]
+    (checkout,) = re.findall(
+        r"path: (\w+)\n +repository: \$.*\n +ref: refs/tags/\$\{\{ env\.FDBENCH_TAG \}\}$", workflow, re.M
+    )
+    assert re.findall(r"pip install (\S+)$", workflow, re.M) == [f"./{checkout}"]
+
+
+def test_a_release_is_refused_unless_its_tag_is_the_version() -> None:
+    workflow = (REPOSITORY / "examples" / "ci" / "release.yml").read_text("utf-8")
+    (step,) = re.findall(r"name: The tag is the version\n +run: \|\n((?: {10}.+\n)+)", workflow)
+    script = step.replace("python -c", f"{sys.executable} -c")
+    for tag, code in ((f"v{__version__}", 0), (__version__, 1), (f"v{__version__}.1", 1)):
+        environment = {"GITHUB_REF_NAME": tag, "PATH": "/usr/bin:/bin"}
+        command = ["bash", "-e", "-c", script]
+        done = subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == code, done.stderr
+
+
+def test_only_the_job_that_builds_nothing_may_publish() -> None:
+    workflow = (REPOSITORY / "examples" / "ci" / "release.yml").read_text("utf-8")
+    build, publish = workflow.split("\n  publish:\n")
+    assert "id-token" not in build
+    assert "id-token: write" in publish
+    assert "run:" not in publish
+    assert "secrets." not in workflow
