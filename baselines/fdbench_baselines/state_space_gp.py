@@ -37,7 +37,8 @@ class StateSpaceGp(BatchEstimator):
     :math:`\sigma_2` are those of greatest restricted likelihood; where a force starts or stops all begins anew.
 
     :math:`\beta` is that of ``idim_iv``: instruments that know nothing of the force, and the data sheet. Feedback puts
-    the force into Z too, and a force that the process misses would bias what the filter makes of :math:`\beta`.
+    the force into Z too, and a force that the process misses would bias what the filter makes of :math:`\beta`. As it
+    is found by another row, it is not claimed here.
 
     ``disturbance_N`` is f over the disturbance gain of the mass that :math:`\beta` and sheet make likeliest
     (`_disturbance_gain`); on axes with inverse dynamics without :math:`a_0`, which holds what the friction's model
@@ -90,7 +91,7 @@ class StateSpaceGp(BatchEstimator):
         return declined(context)
 
     def fit(self, context: Context, record: Record) -> Estimate:
-        """Find parameters by instruments, hyperparameters by likelihood, the force by a smoother."""
+        """Find beta by instruments, hyperparameters by likelihood, the force by a smoother."""
         regression, predicted = residual_model(context, context.regression(record))
         Z, y, step_s = regression.regressors, regression.target, regression.sampling_time_s
         n, p = Z.shape
@@ -111,8 +112,6 @@ class StateSpaceGp(BatchEstimator):
         force = found.force / gain
         smoothed = y - found.left if predicted is None else y - found.left + predicted
         return Estimate(
-            parameters=dict(zip(regression.names, beta.tolist(), strict=True)),
-            covariance=covariance if p else None,
             disturbance_N=force,
             disturbance_variance_N2=found.variance / gain**2 + (deviation * force) ** 2,
             output=smoothed,
