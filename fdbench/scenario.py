@@ -22,6 +22,7 @@ from fdbench.motions import Motion
 from fdbench.plants import LinearModel, Plant
 from fdbench.reading import measured_file, read_mapped
 from fdbench.record import FloatArray, Record
+from fdbench.regression import Regression
 from fdbench.simulate.system import Noise, Setup, System, Timing
 from fdbench.specification import check_bounds, load_toml, positive, read
 from fdbench.version import __version__
@@ -146,6 +147,19 @@ class Truth:
     parameters: Mapping[str, float]
     disturbance_N: FloatArray | None
     response: FloatArray | None = None
+
+    def output(self, regression: Regression) -> FloatArray | None:
+        r"""Return what the truth predicts of a regression's target, :math:`Z \beta + g d`, (n_rows,).
+
+        g is the disturbance gain. Without a known disturbance d is left out; without every parameter of the regression
+        nothing is predicted. What remains of the target is noise and what no linear model holds.
+        """
+        if any(name not in self.parameters for name in regression.names):
+            return None
+        predicted = regression.regressors @ np.array([self.parameters[name] for name in regression.names])
+        if self.disturbance_N is not None:
+            predicted = predicted + regression.disturbance_gain * self.disturbance_N[regression.rows]
+        return np.asarray(predicted, dtype=np.float64)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,12 +1,15 @@
 """Power spectral density of the prediction error, and the noise floor that a scenario knows."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
+from fdbench.errors import PluginError
 from fdbench.metrics._metric import Outcome
 from fdbench.metrics._series import claimed, in_window, no_white_floor, not_claimed
+from fdbench.plants.feed_drive import FeedDrive
 from fdbench.regression import FloatArray
 
 LONGEST_SEGMENT = 1024
@@ -106,7 +109,11 @@ def bins(outcome: Outcome) -> Bins:
 
 def residual_density(outcome: Outcome) -> FloatArray:
     """Return the density of target minus output within the scenario's window."""
-    residual = (outcome.regression.target - claimed(outcome, "output"))[in_window(outcome)]
+    return _density_left(outcome, claimed(outcome, "output"))
+
+
+def _density_left(outcome: Outcome, predicted: FloatArray) -> FloatArray:
+    residual = (outcome.regression.target - predicted)[in_window(outcome)]
     return welch(residual, 1.0 / outcome.regression.sampling_time_s)
 
 
@@ -114,11 +121,29 @@ def no_density(outcome: Outcome) -> str | None:
     """Return why there is no density to be compared with a noise floor, or None if there is one."""
     if n_rows_in_window(outcome) < FEWEST_ROWS:
         return f"fewer than {FEWEST_ROWS} rows in the window"
-    return no_white_floor(outcome) or not_claimed(outcome, "output")
+    if no_white_floor(outcome) is not None and not _has_truth(outcome):
+        return "the noise of the model is not known"
+    return not_claimed(outcome, "output")
 
 
-def decibels_above_floor(outcome: Outcome, density: float) -> float:
-    r"""Return a density in dB above that of white equation noise, :math:`2 \sigma^2 T_s`; none at all is -300 dB."""
-    sigma = outcome.scenario.reality.noise.equation_velocity_m_per_s
-    floor = 2.0 * sigma**2 * outcome.regression.sampling_time_s
-    return 10.0 * math.log10(max(density / floor, SMALLEST_RATIO))
+def _has_truth(outcome: Outcome) -> bool:
+    """Return whether what the truth leaves is noise: of a rigid drive's equation, in which the force acts undelayed."""
+    plant, regression = outcome.scenario.plant, outcome.regression
+    is_rigid = isinstance(plant, FeedDrive) and plant.screw is None
+    return is_rigid and len(regression.names) > 0 and outcome.truth.output(regression) is not None
+
+
+def decibels_above_floor(outcome: Outcome, level: Callable[[FloatArray], float]) -> float:
+    r"""Return a level of the prediction error's density in dB above that of the noise; none at all is -300 dB.
+
+    The noise is white equation noise, :math:`2 \sigma^2 T_s`. Where readings are noisy as well, or the equation is one
+    of forces, noise has a colour: there it is what true parameters and force leave of this very record.
+    """
+    if no_white_floor(outcome) is None:
+        floor = 2.0 * outcome.scenario.reality.noise.equation_velocity_m_per_s**2 * outcome.regression.sampling_time_s
+    else:
+        predicted = outcome.truth.output(outcome.regression)
+        if predicted is None:
+            raise PluginError("parameters: asked for although not all true ones are known.")
+        floor = level(_density_left(outcome, predicted))
+    return 10.0 * math.log10(max(level(residual_density(outcome)) / max(floor, 5e-324), SMALLEST_RATIO))

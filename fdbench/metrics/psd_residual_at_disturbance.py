@@ -5,7 +5,7 @@ from typing import final
 import numpy as np
 
 from fdbench.metrics._metric import Metric, Outcome
-from fdbench.metrics._spectrum import bins, decibels_above_floor, no_density, residual_density
+from fdbench.metrics._spectrum import bins, decibels_above_floor, no_density
 
 
 @final
@@ -25,7 +25,10 @@ class PsdResidualAtDisturbance(Metric):
     a smoother in sample such as PL-LSSVM reaches -30 dB and knows no more for it. The value is kept, as differences
     between estimators are what papers print; a ranking takes all below 0 for 0, where no gain is left.
 
-    Validity: velocity loop with white equation noise only. With three segments the noise itself scatters by 2 dB.
+    Where the noise has a colour, as that of noisy readings or of inverse dynamics, what true parameters and force
+    leave of this record in the same bins stands in the place of :math:`2 \sigma^2 T_s`.
+
+    Validity: linear equations of a rigid drive. With three segments the noise itself scatters by 2 dB.
 
     ``worst`` is a residual of 1e5 times the noise's amplitude.
 
@@ -55,5 +58,5 @@ class PsdResidualAtDisturbance(Metric):
         return no_density(outcome)
 
     def score(self, outcome: Outcome) -> float:
-        density = residual_density(outcome)
-        return decibels_above_floor(outcome, float(np.mean(density[bins(outcome).disturbance])))
+        chosen = bins(outcome).disturbance
+        return decibels_above_floor(outcome, lambda density: float(np.mean(density[chosen])))

@@ -5,7 +5,7 @@ from typing import final
 import numpy as np
 
 from fdbench.metrics._metric import Metric, Outcome
-from fdbench.metrics._spectrum import bins, decibels_above_floor, no_density, residual_density
+from fdbench.metrics._spectrum import bins, decibels_above_floor, no_density
 
 
 @final
@@ -52,5 +52,5 @@ class PsdResidualAtHarmonics(Metric):
         return reason
 
     def score(self, outcome: Outcome) -> float:
-        density = residual_density(outcome)
-        return decibels_above_floor(outcome, float(np.mean(density[bins(outcome).harmonics])))
+        chosen = bins(outcome).harmonics
+        return decibels_above_floor(outcome, lambda density: float(np.mean(density[chosen])))

@@ -11,7 +11,6 @@ from fdbench.metrics._spectrum import (
     median_of_mean,
     n_rows_in_window,
     no_density,
-    residual_density,
 )
 
 
@@ -55,5 +54,5 @@ class PsdResidualBroadband(Metric):
         return no_density(outcome)
 
     def score(self, outcome: Outcome) -> float:
-        median = float(np.median(residual_density(outcome)[bins(outcome).others]))
-        return decibels_above_floor(outcome, median / median_of_mean(n_rows_in_window(outcome)))
+        others, share = bins(outcome).others, median_of_mean(n_rows_in_window(outcome))
+        return decibels_above_floor(outcome, lambda density: float(np.median(density[others])) / share)

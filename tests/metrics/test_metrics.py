@@ -350,13 +350,28 @@ def test_cramer_rao_ratio_is_skipped_where_there_is_no_bound() -> None:
     assert why_skipped("cramer_rao_ratio", flat) == "the record does not identify the parameters"
 
 
-@pytest.mark.parametrize("name", ["cramer_rao_ratio", *PSD])
-def test_a_noise_that_is_not_white_equation_noise_is_skipped(name: str) -> None:
+def test_cramer_rao_ratio_is_skipped_where_noise_is_not_white_equation_noise() -> None:
     outcome = made()
     silent = replace(outcome, scenario=scenario(velocity_m_per_s=1e-5))
-    assert why_skipped(name, silent) == "the equation noise of the model is not known"
+    assert why_skipped("cramer_rao_ratio", silent) == "the equation noise of the model is not known"
     noisy = replace(outcome, scenario=scenario(equation_velocity_m_per_s=SIGMA, velocity_m_per_s=1e-5))
-    assert why_skipped(name, noisy) == "noisy readings colour the equation error"
+    assert why_skipped("cramer_rao_ratio", noisy) == "noisy readings colour the equation error"
+
+
+@pytest.mark.parametrize("name", PSD)
+def test_what_the_truth_leaves_is_the_floor_where_noise_has_a_colour(name: str) -> None:
+    outcome = made()
+    noisy = replace(outcome, scenario=scenario(equation_velocity_m_per_s=SIGMA, velocity_m_per_s=1e-5))
+    assert score(name, noisy) == pytest.approx(0.0, abs=1e-9)
+    left = outcome.regression.target - outcome.estimate.output
+    assert score(name, with_residual(noisy, 10.0 * left)) == pytest.approx(20.0, abs=1e-9)
+    without = replace(noisy, truth=Truth(parameters={"beta_1": 0.8}, disturbance_N=None))
+    assert why_skipped(name, without) == "the noise of the model is not known"
+
+
+def test_the_disturbance_that_is_left_under_noisy_readings_is_at_its_own_frequency() -> None:
+    outcome = shaker("null", "ShakerConstant-v2")
+    assert score("psd_residual_at_disturbance", outcome) > 20.0
 
 
 # Output
