@@ -17,7 +17,7 @@ leaderboard: $(RUNTIME)
 
 # The documentation as pages for a browser, in build/site.
 site: $(RUNTIME)
-	@$(PYTHON) -m pip --python $(BIN)/python install --quiet --editable ".[docs]"
+	@$(PYTHON) -m pip --python $(BIN)/python install --quiet --editable ".[site]"
 	$(BIN)/python docs/make_site.py
 
 # Each effect in its own record, then a trial of the diagnosis beside quick reference rows; what is done is kept.

@@ -11,7 +11,7 @@ import logging
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -43,6 +43,12 @@ def pages() -> list[Path]:
     return sorted(found, key=lambda page: (named[page] < 0, named[page], page))
 
 
+def pictures() -> list[Path]:
+    """Return the pictures beside the pages, relative to the repository."""
+    every = (file for folder in ("docs", "examples") for file in (REPOSITORY / folder).rglob("*"))
+    return [file.relative_to(REPOSITORY) for file in every if file.suffix in (".png", ".svg")]
+
+
 def navigation(found: list[Path]) -> list[dict[str, str | list[str]]]:
     """Return titles and pages of the menu."""
     nav: list[dict[str, str | list[str]]] = [{"fdbench": "README.md"}, {"All pages": "docs/README.md"}]
@@ -52,7 +58,7 @@ def navigation(found: list[Path]) -> list[dict[str, str | list[str]]]:
 
 
 def for_a_browser(page: Path, found: set[Path]) -> str:
-    """Return the text of a page with equations as MathML and links to pages alone."""
+    """Return the text of a page with equations as MathML and links to what is ``found`` alone, pages and pictures."""
     text = re.sub(r"\A<!--.*?-->\s*", "", (REPOSITORY / page).read_text("utf-8"), flags=re.S)
     text = _EQUATION.sub(lambda match: f'<div class="equation">{_math(match[1], "block", page)}</div>', text)
 
@@ -78,7 +84,7 @@ def _math(latex: str, display: str, page: Path) -> str:
 
 
 def _linked(match: re.Match[str], page: Path, found: set[Path]) -> str:
-    """Return a link to a page, to the first page of a folder, or the text of a link to anything else."""
+    """Return a link to a page or picture, to the first page of a folder, or the text of a link to anything else."""
     path, _, anchor = match[2].partition("#")
     if urlsplit(path).scheme or not path:
         return match[0]
@@ -87,7 +93,7 @@ def _linked(match: re.Match[str], page: Path, found: set[Path]) -> str:
         return match[1]
     target = target.relative_to(REPOSITORY)
     for candidate in (target, target / "README.md"):
-        if candidate in found or (REPOSITORY / candidate).suffix == ".png":
+        if candidate in found:
             to = Path(*[".."] * len(page.parent.parts), candidate)
             return f"[{match[1]}]({to}{'#' + anchor if anchor else ''})"
     return match[1]
@@ -106,12 +112,12 @@ def site(out: Path) -> None:
     MkDocsException
         If a link leads nowhere.
     """
-    found, source = pages(), out.with_name(f"{out.name}-source")
+    found, shown, source = pages(), pictures(), out.with_name(f"{out.name}-source")
     shutil.rmtree(source, ignore_errors=True)
     for page in found:
         (source / page).parent.mkdir(parents=True, exist_ok=True)
-        (source / page).write_text(for_a_browser(page, set(found)), "utf-8")
-    for picture in pictures():
+        (source / page).write_text(for_a_browser(page, {*found, *shown}), "utf-8")
+    for picture in shown:
         (source / picture).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(REPOSITORY / picture, source / picture)
     (source / STYLE_FILE).write_text(STYLE, "utf-8")
@@ -146,13 +152,6 @@ def site(out: Path) -> None:
     )
     build(config)
     shutil.rmtree(source)
-
-
-def pictures() -> Iterator[Path]:
-    """Yield the pictures beside the pages, relative to the repository."""
-    for folder in ("docs", "examples"):
-        for file in (REPOSITORY / folder).rglob("*.png"):
-            yield file.relative_to(REPOSITORY)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,10 @@
 """Shared fixtures: where the reference data lie, and registries that no module leaves a file in."""
 
+import importlib.util
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from threadpoolctl import threadpool_limits
@@ -42,6 +44,16 @@ def shared_file(*parts: str) -> Path:
     if not path.exists():
         pytest.skip(f"reference data {'/'.join(parts)} not present; set FDBENCH_SHARED to the folder that holds it")
     return path
+
+
+def script_of_docs(name: str) -> ModuleType:
+    """Import a script of the documentation, which is part of no package."""
+    specification = importlib.util.spec_from_file_location(name, REPOSITORY / "docs" / f"{name}.py")
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -246,7 +246,6 @@ def test_no_function_is_left_to_the_cache_of_numba() -> None:
 
 RENAMED = r"""
 import sys
-import time
 from typing import NamedTuple
 from numba import njit
 from fdbench.compilation import kept

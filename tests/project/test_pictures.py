@@ -1,17 +1,16 @@
 """The pictures of docs/papers: the script names them all, every page shows its own, the files are fit to be shown."""
 
-import importlib.util
 import re
 from pathlib import Path
 from types import ModuleType
 from xml.etree import ElementTree
 
 import pytest
+from conftest import script_of_docs
 
 from fdbench import reproduce
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-SCRIPT = REPOSITORY / "docs" / "make_pictures.py"
 PAPERS = REPOSITORY / "docs" / "papers"
 PAGES = sorted(page.name for page in PAPERS.glob("*.md"))
 FILES = sorted(file.name for file in (PAPERS / "pictures").iterdir())
@@ -22,12 +21,7 @@ LINK = re.compile(r"^!\[(.*)\]\((.*)\)$", re.M)
 @pytest.fixture(scope="module")
 def script() -> ModuleType:
     """Import the script, which must not need matplotlib for that."""
-    specification = importlib.util.spec_from_file_location("make_pictures", SCRIPT)
-    assert specification is not None
-    assert specification.loader is not None
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+    return script_of_docs("make_pictures")
 
 
 def links(page: str) -> list[str]:

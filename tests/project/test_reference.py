@@ -1,13 +1,13 @@
 """The pages of docs/reference are what their script writes, and say what the code declares."""
 
 import difflib
-import importlib.util
 import inspect
 import re
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from conftest import script_of_docs
 
 import fdbench.api
 from fdbench.catalogue import scenario_ids
@@ -18,19 +18,13 @@ from fdbench.metrics import metrics
 from fdbench.units import unit_of
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-SCRIPT = REPOSITORY / "docs" / "make_reference.py"
 FILES = ("api.md", "effects.md", "estimators.md", "metrics.md", "scenarios.md")
 MEASURED = ("settings.md",)  # by a benchmark, hours long
 
 
 @pytest.fixture(scope="module")
 def script() -> ModuleType:
-    specification = importlib.util.spec_from_file_location("make_reference", SCRIPT)
-    assert specification is not None
-    assert specification.loader is not None
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+    return script_of_docs("make_reference")
 
 
 @pytest.fixture(scope="module")
