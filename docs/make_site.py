@@ -21,7 +21,13 @@ from mkdocs.config import load_config
 from mkdocs.exceptions import MkDocsException
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-SECTIONS = {"How to": "docs/how-to", "Papers": "docs/papers", "Reference": "docs/reference", "Examples": "examples"}
+SECTIONS = {
+    "Tutorials": "docs/tutorials",
+    "How to": "docs/how-to",
+    "Papers": "docs/papers",
+    "Reference": "docs/reference",
+    "Examples": "examples",
+}
 STYLE_FILE = "fdbench.css"
 STYLE = ".md-typeset td code { white-space: nowrap; }\n.equation { overflow-x: auto; padding-bottom: 0.5em; }\n"
 SINGLE = {"Leaderboard": "leaderboard.md", "Changes": "CHANGELOG.md", "Contributing": "CONTRIBUTING.md"}

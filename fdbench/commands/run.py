@@ -45,7 +45,7 @@ def run(
     ] = None,
     seeds: Annotated[
         int | None,
-        typer.Option(min=1, help="Number of seeds, that is of repeats with other noise; quick: 3, full: 10."),
+        typer.Option(min=1, help="Number of seeds, each another machine with other noise; quick: 3, full: 10."),
     ] = None,
     first_seed: Annotated[int, typer.Option(min=0, help="First seed; the others follow it.")] = 0,
     sealed: Annotated[

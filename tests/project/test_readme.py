@@ -61,22 +61,36 @@ def run(block: Block, folder: Path) -> str:
     return done.stdout
 
 
+def check_text(expected: str, printed: str) -> None:
+    """Compare what a page shows with what was printed; three dots stand for anything."""
+    options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+    checker, example = doctest.OutputChecker(), doctest.Example("", expected)
+    assert checker.check_output(expected, printed, options), checker.output_difference(example, printed, options)
+
+
+def run_in_order(found: list[Block], folder: Path) -> int:
+    """Run blocks as a newcomer would, hold each text against what the block before it printed; return how many."""
+    printed, compared = "", 0
+    for block in found:
+        if block.language in ("python", "sh", "toml"):
+            printed = run(block, folder)
+        elif block.language == "text":
+            check_text(block.text, printed)
+            compared += 1
+    return compared
+
+
 def test_blocks_of_readme_do_what_they_say(tmp_path: Path) -> None:
     for entry in REPOSITORY.iterdir():
         if not entry.name.startswith(".") and entry.name not in ("results", "leaderboard.md"):
             (tmp_path / entry.name).symlink_to(entry)
-    printed, compared = "", 0
-    for block in blocks(README):
-        if block.language in ("python", "sh", "toml") and block.before != SLOW:
-            printed = run(block, tmp_path)
-        elif block.language == "text":
-            options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-            checker, example = doctest.OutputChecker(), doctest.Example("", block.text)
-            assert checker.check_output(block.text, printed, options), checker.output_difference(
-                example, printed, options
-            )
-            compared += 1
-    assert compared >= 3
+    assert run_in_order([block for block in blocks(README) if block.before != SLOW], tmp_path) >= 3
+
+
+def test_blocks_of_the_first_hour_do_what_they_say(tmp_path: Path) -> None:
+    (tmp_path / "scenarios").symlink_to(REPOSITORY / "scenarios")
+    found = [block for block in blocks(REPOSITORY / "docs" / "tutorials" / "first_hour.md") if block.before != SLOW]
+    assert run_in_order(found, tmp_path) == 5
 
 
 def test_blocks_on_environments_run(tmp_path: Path) -> None:
@@ -93,10 +107,7 @@ def test_blocks_on_python_do_what_they_say(tmp_path: Path) -> None:
     """One program, as in a notebook: later blocks use what earlier ones made."""
     found = blocks(REPOSITORY / "docs" / "how-to" / "python.md")
     program, expected = ("".join(b.text for b in found if b.language == kind) for kind in ("python", "text"))
-    printed = run(Block("", "python", program), tmp_path)
-    options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-    checker, example = doctest.OutputChecker(), doctest.Example("", expected)
-    assert checker.check_output(expected, printed, options), checker.output_difference(example, printed, options)
+    check_text(expected, run(Block("", "python", program), tmp_path))
 
 
 def test_blocks_on_evaluation_do_what_they_say(tmp_path: Path) -> None:
@@ -104,22 +115,13 @@ def test_blocks_on_evaluation_do_what_they_say(tmp_path: Path) -> None:
     written, typed, expected = blocks(REPOSITORY / "docs" / "how-to" / "evaluate.md")
     run(written, tmp_path)
     printed = run(typed, tmp_path)
-    options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-    assert doctest.OutputChecker().check_output(expected.text, printed, options), printed
+    check_text(expected.text, printed)
     assert (tmp_path / "evaluation.html").is_file()
 
 
 def test_blocks_on_logs_do_what_they_say(tmp_path: Path) -> None:
     (tmp_path / "scenarios").symlink_to(REPOSITORY / "scenarios")
-    printed, compared = "", 0
-    for block in blocks(REPOSITORY / "docs" / "how-to" / "logs.md"):
-        if block.language in ("python", "sh"):
-            printed = run(block, tmp_path)
-        else:
-            options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-            assert doctest.OutputChecker().check_output(block.text, printed, options), printed
-            compared += 1
-    assert compared == 3
+    assert run_in_order(blocks(REPOSITORY / "docs" / "how-to" / "logs.md"), tmp_path) == 3
 
 
 def test_slow_blocks_are_targets_of_make() -> None:

@@ -48,6 +48,20 @@ class Reductions:
         inside = self.channel == place
         return np.asarray(self.by_segment[inside].sum(axis=0) / self.counts[inside].sum())
 
+    def closed_in_channel(self, place: int) -> dict[tuple[int, ...], float]:
+        """Return what each subset closes of the gap in one channel, between 0 and what all effects close.
+
+        A subset is worth what the best of its own subsets is: an effect of size zero leaves the others as they are.
+        """
+        gaps = self.of_channel(place)
+        most = max(float(gaps[0] - gaps[-1]), 0.0)
+        closed: dict[tuple[int, ...], float] = {}
+        for subset, gap in zip(self.subsets, gaps, strict=True):
+            smaller = (closed[subset[:index] + subset[index + 1 :]] for index in range(len(subset)))
+            closed[subset] = min(max(float(gaps[0] - gap), 0.0, *smaller), most)
+        closed[self.subsets[-1]] = most
+        return closed
+
     def mean(self, draws: FloatArray | None = None) -> FloatArray:
         """Return the mean squared gap of each subset, or of each bootstrap draw and subset."""
         if draws is None:

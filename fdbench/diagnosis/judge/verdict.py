@@ -122,15 +122,9 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         Shares(found.as_given, interpolated).of(np.maximum(repaired - JUDGE.unrepeated, 0.0))
     )
     with_equivalents = found.final.nominal.with_equivalents
-    closed = [reductions.of_channel(place)[0] - reductions.of_channel(place) for place in range(len(noise_models))]
-    by_subset = {
-        subset: np.array([gains[index] for gains in closed]) for index, subset in enumerate(reductions.subsets)
-    }
+    closed = [reductions.closed_in_channel(place) for place in range(len(noise_models))]
     everything = tuple(range(len(found.final.effects)))
-    parts = [
-        shapley({subset: own[c] for subset, own in by_subset.items()}, len(everything))
-        for c in range(len(noise_models))
-    ]
+    parts = [shapley(own, len(everything)) for own in closed]
     bounds = intervals(search, found.final)
     causes: list[Cause] = []
     effect_features_of: dict[str, Features] = {}
@@ -142,14 +136,15 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         effect_features_of[OR.join((effect.name, *same))] = features
         odds = divided(contest, type(effect), same, models.effect.probability(features))
         chances = {name: discount * p for name, p in odds.items()}
-        own = np.maximum([part[index] for part in parts], 0.0)
+        own = np.array([part[index] for part in parts])
+        unique = np.array([values[everything] - values[alone] for values in closed])
         causes.append(
             Cause(
                 effect=effect.name,
                 probability=chances[effect.name],
                 share=shares.of(own),
                 share_of_channel=dict(zip(noise_models, shares.by_channel(own).tolist(), strict=True)),
-                unique_share=min(shares.of(own), shares.of(np.maximum(by_subset[everything] - by_subset[alone], 0.0))),
+                unique_share=min(shares.of(own), shares.of(unique)),
                 parameters=parameters(effect, bounds[index]),
                 indistinguishable_from=tuple(with_equivalents([effect.name, *same])[1:]),
                 alternatives={name: p for name, p in chances.items() if name != effect.name},

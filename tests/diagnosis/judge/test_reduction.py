@@ -51,3 +51,30 @@ def test_shares_of_effects_add_up_and_are_fair() -> None:
         for order in orders
     ]  # fmt: skip
     assert shapley(values, 3) == pytest.approx(np.mean(by_order, axis=0))
+
+
+def test_what_is_worse_alone_still_has_its_share() -> None:
+    """The second effect of itself leaves more than the base, with the first it leaves less than that."""
+    found = Reductions(
+        subsets=[(), (0,), (1,), (0, 1)],
+        by_segment=np.array([[100.0, 10.0, 150.0, 4.0]]),
+        counts=np.array([10.0]),
+        groups=np.array([0.0]),
+        channel=np.array([0]),
+    )
+    closed = found.closed_in_channel(0)
+    assert closed == pytest.approx({(): 0.0, (0,): 9.0, (1,): 0.0, (0, 1): 9.6})
+    assert shapley(closed, 2) == pytest.approx([9.3, 0.3])
+
+
+def test_no_subset_is_credited_with_more_than_all() -> None:
+    gaps = {(): 10.0, (0,): 1.0, (1,): 12.0, (0, 1): 3.0}
+    found = Reductions(
+        subsets=list(gaps),
+        by_segment=np.array([list(gaps.values())]),
+        counts=np.array([1.0]),
+        groups=np.array([0.0]),
+        channel=np.array([0]),
+    )
+    closed = found.closed_in_channel(0)
+    assert closed == {(): 0.0, (0,): 7.0, (1,): 0.0, (0, 1): 7.0}
