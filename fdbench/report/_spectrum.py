@@ -7,7 +7,15 @@ import numpy as np
 from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.metrics import Outcome
 from fdbench.metrics._series import no_white_floor
-from fdbench.metrics._spectrum import FEWEST_ROWS, ORDERS, folded, n_rows_in_window, residual_density, segment_length
+from fdbench.metrics._spectrum import (
+    FEWEST_ROWS,
+    ORDERS,
+    folded,
+    n_rows_in_window,
+    no_density,
+    residual_density,
+    segment_length,
+)
 from fdbench.regression import FloatArray
 from fdbench.report._figures import INK, Curve, Figure, Panel, Style, styles_of
 from fdbench.report._page import Block, note
@@ -65,7 +73,8 @@ def _figure(
         items.append(Curve(name="noise floor", x=frequency_Hz[[1, -1]], y=floor, style=dashed))
         captions.append("Dashed: density of the noise alone; what is below has fitted the noise as well.")
     else:
-        captions.append(f"No noise floor: {reason}.")
+        instead = "" if no_density(first) else "; the metrics take what the truth leaves, the oracle's curve, for it"
+        captions.append(f"No white noise floor: {reason}{instead}.")
     marks: list[tuple[float, str]] = []
     period_s = scenario.estimation.disturbance_period_s
     if period_s is not None:

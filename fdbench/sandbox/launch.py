@@ -110,15 +110,16 @@ class ForkServer:
         return answer
 
 
-_kept: dict[str, ForkServer] = {}
+_server: ForkServer | None = None
 
 
 def fork_server() -> ForkServer:
     """Return the server of this process: one for all, until it ends or would be started on other terms."""
-    found, terms = _kept.get("server"), Terms.now()
-    if found is None or not found.is_alive or found.terms != terms:
-        found = _kept["server"] = ForkServer(terms)
-    return found
+    global _server
+    terms = Terms.now()
+    if _server is None or not _server.is_alive or _server.terms != terms:
+        _server = ForkServer(terms)
+    return _server
 
 
 def _close(control: socket.socket, process: "subprocess.Popen[bytes]") -> None:

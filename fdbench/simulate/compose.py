@@ -78,13 +78,18 @@ def cache_folder() -> Path:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError:
-        return Path(tempfile.mkdtemp(prefix="fdbench-"))
+        return _temporary_folder()
     if folder.stat().st_mode & stat.S_IWOTH:
         raise FdbenchError(
             f"{folder}: anyone may write there, and machine code that is kept there is run. `chmod o-w` it, or name "
             "another folder by the environment variable FDBENCH_CACHE."
         )
     return folder
+
+
+@lru_cache(maxsize=1)
+def _temporary_folder() -> Path:
+    return Path(tempfile.mkdtemp(prefix="fdbench-"))
 
 
 @dataclass(frozen=True)
