@@ -1,4 +1,4 @@
-"""Work on the workers of a Dask scheduler, here or on other machines, which need not share a folder with this one."""
+"""Work in processes of this machine, or on the workers of a Dask scheduler, which need not share a folder with it."""
 
 import atexit
 import shutil
@@ -25,6 +25,27 @@ AHEAD = 4  # tasks handed out for each thread of a worker, so that none waits fo
 CONNECT_S = 20.0
 
 REFRESH_S = 1.0
+
+
+def in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int) -> Iterator[Result]:
+    """Yield the results of tasks as they come from processes on this machine.
+
+    Raises
+    ------
+    FdbenchError
+        If a process dies, or ``function`` raises.
+    """
+    from joblib import Parallel, delayed
+    from joblib.externals.loky.process_executor import BrokenProcessPool
+
+    parallel = Parallel(n_jobs=min(jobs, max(len(tasks), 2)), return_as="generator_unordered")
+    try:
+        yield from parallel(delayed(function)(task) for task in tasks)
+    except BrokenProcessPool as error:
+        raise FdbenchError(
+            "a worker process died, by a crash in compiled code or for want of memory. What was finished is kept; "
+            "start again with --jobs 1 to see where it is."
+        ) from error
 
 
 def results(

@@ -85,6 +85,7 @@ def test_sheets_of_trials_draw_as_before(n: int, monkeypatch: pytest.MonkeyPatch
     rng = np.random.default_rng(n)
     table = score.AnswerTable(
         effects=["a", "b"],
+        types=["x", "y"],
         chances=rng.random((n, 2)),
         present=(rng.random((n, 2)) > 0.5).astype(np.float64),
         unknown=rng.random(n),

@@ -14,6 +14,7 @@ from fdbench.benchmark.selection import choice_of, construct_variants, made_for,
 from fdbench.benchmark.store import DIGESTS, OK, STATUSES, KeptRun, RunKey, Store
 from fdbench.benchmark.variant import arguments, registered
 from fdbench.catalogue import scenario_ids
+from fdbench.cluster import in_processes
 from fdbench.convergence import integration_doubt
 from fdbench.errors import FdbenchError, MissingData, SpecError, did_you_mean
 from fdbench.estimator import estimators as registry
@@ -195,7 +196,7 @@ def run(
     report = progress or (lambda _: None)
     report(Progress(done=0, total=len(waiting)))
     if waiting:
-        work = remote.work(waiting, scheduler) if scheduler else _work(waiting, jobs)
+        work = remote.work(waiting, scheduler) if scheduler else in_processes(do, waiting, jobs)
         for done, runs in enumerate(work, start=1):
             report(Progress(done=done, total=len(waiting), runs=tuple(runs)))
     with store.alone():
@@ -326,18 +327,3 @@ def _lasting(scenario: str | Path) -> str:
 def _plugins() -> tuple[tuple[int, Path], ...]:
     """Return the plug-in files that another process has to register: number of the registry and path."""
     return tuple((n, path.resolve()) for n, kind in enumerate(SIMULATION) for path in plugin_files(kind).values())
-
-
-def _work(waiting: Sequence[Job], jobs: int) -> Iterator[list[KeptRun]]:
-    """Do jobs in processes on this machine, and yield the runs of each."""
-    from joblib import Parallel, delayed
-    from joblib.externals.loky.process_executor import BrokenProcessPool
-
-    parallel = Parallel(n_jobs=min(jobs, max(len(waiting), 2)), return_as="generator_unordered")
-    try:
-        yield from parallel(delayed(do)(job) for job in waiting)
-    except BrokenProcessPool as error:
-        raise FdbenchError(
-            "a worker process died, by a crash in compiled code or for want of memory. Finished runs are kept; "
-            "start again with --jobs 1 to see which run it is."
-        ) from error

@@ -83,6 +83,8 @@ TimeLimit = Annotated[
 MemoryLimit = Annotated[
     float, typer.Option(min=512.0, metavar="MB", help="What memory an estimator may have; beyond it, as above.")
 ]
+Jobs = Annotated[int | None, typer.Option(min=1, help="Processes; default: one for each core.")]
+
 Scheduler = Annotated[
     str,
     typer.Option(

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from fdbench.benchmark.suite import SEEDS, Suite
-from fdbench.commands._options import DEFAULT_OUT, SCENARIO, Effects, MemoryLimit, Scheduler, TimeLimit, names_of
+from fdbench.commands._options import DEFAULT_OUT, SCENARIO, Effects, Jobs, MemoryLimit, Scheduler, TimeLimit, names_of
 from fdbench.commands._say import say
 from fdbench.errors import FdbenchError
 
@@ -56,7 +56,7 @@ def run(
         str, typer.Option(metavar="HEX", help="Repeat the seeds of a sealed run: the nonce of its leaderboard.")
     ] = "",
     effect: Effects = None,
-    jobs: Annotated[int | None, typer.Option(min=1, help="Processes; default: one for each core.")] = None,
+    jobs: Jobs = None,
     scheduler: Scheduler = "",
     out: Annotated[
         Path,

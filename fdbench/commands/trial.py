@@ -1,12 +1,13 @@
 """``fdbench trial``."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from fdbench.commands._json import echo_json
-from fdbench.commands._options import Json, Scheduler, names_of, writable
+from fdbench.commands._options import Jobs, Json, Scheduler, names_of, writable
 from fdbench.commands._say import say
 from fdbench.errors import SpecError, did_you_mean
 
@@ -52,6 +53,7 @@ def trial_answer(
     diagnoser: Annotated[
         str, typer.Option(autocompletion=names_of("diagnoser"), help="Name of a diagnoser, or its Python file.")
     ] = "fdbench",
+    jobs: Jobs = None,
     scheduler: Scheduler = "",
 ) -> None:
     """Diagnose every case from its records and model alone; write the answers and their SHA-256."""
@@ -61,7 +63,9 @@ def trial_answer(
     from fdbench.trials.diagnoser import diagnosers
 
     with Console(stderr=True).status("answering") as status:
-        found = answer(folder, diagnosers.resolve(diagnoser), output, status.update, scheduler)
+        found = answer(
+            folder, diagnosers.resolve(diagnoser), output, status.update, scheduler, jobs or os.cpu_count() or 1
+        )
     failed = sum(case["status"] != "ok" for case in found["cases"].values())
     say(f"{len(found['cases'])} cases answered by {found['diagnoser']}, {failed} failed: {output}")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from socket import gethostname
 from typing import Any
 
-from fdbench.cluster import Files, alone, packed, results, unpack, unpacked
+from fdbench.cluster import Files, alone, in_processes, packed, results, unpack, unpacked
 from fdbench.diagnosis.model.nominal import Nominal, load_nominal
 from fdbench.errors import FdbenchError, SpecError
 from fdbench.reading import read_record
@@ -27,6 +27,7 @@ def answer(
     output: Path,
     progress: Callable[[str], None] | None = None,
     scheduler: str = "",
+    jobs: int = 1,
 ) -> dict[str, Any]:
     """Run a diagnoser on every case, write its answers and their SHA-256, and return them.
 
@@ -41,7 +42,9 @@ def answer(
         all cases are answered, those that are lie in ``<output>.partial``, from which an interrupted run goes on.
     progress : callable, optional
     scheduler : str
-        Address of a Dask scheduler, whose workers answer; see `fdbench.cluster`.
+        Address of a Dask scheduler, whose workers answer in place of processes here; see `fdbench.cluster`.
+    jobs : int
+        Processes.
 
     Raises
     ------
@@ -69,7 +72,7 @@ def answer(
         for name, case in manifest["cases"].items()
         if name not in cases
     ]
-    answered = _elsewhere(waiting, folder, scheduler) if scheduler else _here(waiting, folder)
+    answered = _elsewhere(waiting, folder, scheduler) if scheduler else _here(waiting, folder, jobs)
     total = len(manifest["cases"])
     if progress is not None:
         progress(f"{len(cases)} of {total} cases answered")
@@ -101,9 +104,20 @@ class _Asked:
     diagnoser_file: Files = ()
 
 
-def _here(waiting: Sequence[_Asked], folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    for case in waiting:
-        yield case.name, _timed(case, folder)
+def _here(waiting: Sequence[_Asked], folder: Path, jobs: int) -> Iterator[tuple[str, dict[str, Any]]]:
+    if min(jobs, len(waiting)) < 2:
+        yield from ((case.name, _timed(case, folder)) for case in waiting)
+    else:
+        by_path = diagnosers.files()
+        yield from in_processes(_answer_beside, [(case, folder, by_path.get(case.diagnoser)) for case in waiting], jobs)
+
+
+def _answer_beside(task: tuple[_Asked, Path, Path | None]) -> tuple[str, dict[str, Any]]:
+    """Answer a case in a process of its own, which has to register a diagnoser that is a file."""
+    case, folder, file = task
+    if file is not None and case.diagnoser not in diagnosers.names():
+        diagnosers.add_file(file)
+    return case.name, _timed(case, folder)
 
 
 def _elsewhere(waiting: Sequence[_Asked], folder: Path, scheduler: str) -> Iterator[tuple[str, dict[str, Any]]]:

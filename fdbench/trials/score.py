@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.effects import effects
 from fdbench.errors import SpecError, did_you_mean
 from fdbench.nonce import check_nonce
 from fdbench.record import FloatArray
@@ -30,7 +31,8 @@ class AnswerTable:
 
     Attributes
     ----------
-    effects : list of str
+    effects, types : list of str
+        What may be claimed, and of which type of cause each is.
     chances, present : (n_cases, n_effects) arrays
         Probability of each effect, and 1 where it is injected.
     unknown, none, has_unknown : (n_cases,) arrays
@@ -40,6 +42,7 @@ class AnswerTable:
     """
 
     effects: list[str]
+    types: list[str]
     chances: FloatArray
     present: FloatArray
     unknown: FloatArray
@@ -51,7 +54,9 @@ class AnswerTable:
     def rows(self, index: NDArray[np.intp]) -> "AnswerTable":
         """Return a table of chosen cases."""
         names = ("chances", "present", "unknown", "none", "has_unknown", "closure", "oracle_closure")
-        return AnswerTable(effects=self.effects, **{name: getattr(self, name)[index] for name in names})
+        return AnswerTable(
+            effects=self.effects, types=self.types, **{name: getattr(self, name)[index] for name in names}
+        )
 
     @property
     def named(self) -> NDArray[np.bool_]:
@@ -81,6 +86,17 @@ def top(table: AnswerTable, depth: int) -> float:
     own = np.sum(chances * table.present[single], axis=1, keepdims=True)
     others = np.sum(chances >= own, axis=1) - 1
     return float(np.mean((others < depth) & (own[:, 0] > 0.0)))
+
+
+def type_top(table: AnswerTable) -> float:
+    """Return how often the type of the injected effect is most probable: the sum over its effects; ties are wrong."""
+    single = table.is_single
+    if not single.any():
+        return float("nan")
+    member = np.array([[float(kind == own) for kind in dict.fromkeys(table.types)] for own in table.types])
+    chances, present = table.chances[single] @ member, table.present[single] @ member
+    own = np.sum(chances * present, axis=1, keepdims=True)
+    return float(np.mean((np.sum(chances >= own, axis=1) == 1) & (own[:, 0] > 0.0)))
 
 
 def exact_set(table: AnswerTable) -> float:
@@ -164,6 +180,7 @@ def known_against_unknown(table: AnswerTable) -> float:
 QUANTITIES: Mapping[str, tuple[str, Callable[[AnswerTable], float]]] = {
     "top_1": ("top-1, one effect", lambda table: top(table, 1)),
     "top_3": ("top-3, one effect", lambda table: top(table, 3)),
+    "type_top_1": ("type of cause first, one effect", type_top),
     "exact_set": ("exact set", exact_set),
     "micro_f1": ("micro F1", micro_f1),
     "probability_of_truth": ("mean probability on the true set", probability_of_truth),
@@ -237,18 +254,19 @@ def table_of(
     SpecError
         If a case is missing, or a probability is not between 0 and 1.
     """
-    names, effects = list(manifest["cases"]), list(manifest["effects"])
+    names, listed = list(manifest["cases"]), list(manifest["effects"])
     missing = sorted(set(names) ^ set(given.get("cases", ())))
     if missing:
         raise SpecError(f"{answers}: case {missing[0]} is missing or not one of the trial; every case is answered.")
     truths = [opened["cases"][name]["truth"] for name in names]
-    cases = [checked(given["cases"][name], effects, f"{answers}: case {name}") for name in names]
+    cases = [checked(given["cases"][name], listed, f"{answers}: case {name}") for name in names]
     present = [
-        [float(any(item["name"] == effect for item in truth["listed"])) for effect in effects] for truth in truths
+        [float(any(item["name"] == effect for item in truth["listed"])) for effect in listed] for truth in truths
     ]
     return AnswerTable(
-        effects=effects,
-        chances=np.array([[case["effects"].get(effect, 0.0) for effect in effects] for case in cases]),
+        effects=listed,
+        types=[effects.get(name).type_of() for name in listed],
+        chances=np.array([[case["effects"].get(effect, 0.0) for effect in listed] for case in cases]),
         present=np.array(present),
         unknown=np.array([case["unknown"] for case in cases]),
         none=np.array([case["none"] for case in cases]),
@@ -305,7 +323,7 @@ def sheet(table: AnswerTable) -> dict[str, dict[str, Any]]:
 
 def bearing(table: AnswerTable, name: str) -> int:
     """Return how many cases bear on a quantity."""
-    if name in ("top_1", "top_3"):
+    if name in ("top_1", "top_3", "type_top_1"):
         return int(table.is_single.sum())
     if name == "false_alarms":
         return int(table.is_empty.sum())

@@ -349,7 +349,7 @@ def command(*arguments: object) -> tuple[int, str]:
 @pytest.mark.parametrize("name", ["null", "random", "largest_correlation", "recalibration_only"])
 def test_reference_diagnosers_answer_and_are_scored(trial: Path, tmp_path: Path, name: str) -> None:
     output = tmp_path / "answers.json"
-    code, text = command("answer", trial / "trial", "--diagnoser", name, "-o", output)
+    code, text = command("answer", trial / "trial", "--diagnoser", name, "-o", output, "--jobs", 1)
     assert code == 0, text
     assert "0 failed" in text
     assert (tmp_path / "answers.sha256").read_text("utf-8").split()[0] == seal.file_digest(output)
@@ -475,7 +475,7 @@ class Faulty(Diagnoser):
 def test_a_diagnoser_from_a_file_sees_records_and_model_and_may_fail(trial: Path, tmp_path: Path) -> None:
     (tmp_path / "faulty.py").write_text(FAULTY, "utf-8")
     output = tmp_path / "answers.json"
-    code, text = command("answer", trial / "trial", "--diagnoser", tmp_path / "faulty.py", "-o", output)
+    code, text = command("answer", trial / "trial", "--diagnoser", tmp_path / "faulty.py", "-o", output, "--jobs", 1)
     assert code == 0, text
     assert "1 failed" in text
     cases = json.loads(output.read_text("utf-8"))["cases"]
@@ -484,6 +484,30 @@ def test_a_diagnoser_from_a_file_sees_records_and_model_and_may_fail(trial: Path
     code, text = command("score", trial / "trial", output, "--key", trial / "key.json")
     assert code == 0, text
     assert "1 failed" in text
+
+
+ALIKE = """
+from fdbench.trials.diagnoser import CaseAnswer, Diagnoser
+
+class Alike(Diagnoser):
+    def diagnose(self, nominal, records, holdouts):
+        return CaseAnswer(none=1.0 / (1.0 + abs(float(records[0]["position_m"][-1]))))
+"""
+
+
+def test_processes_side_by_side_answer_as_one_does(trial: Path, tmp_path: Path) -> None:
+    (tmp_path / "alike.py").write_text(ALIKE, "utf-8")
+    found = []
+    for jobs in (1, 2):
+        output = tmp_path / f"answers_{jobs}.json"
+        code, text = command(
+            "answer", trial / "trial", "--diagnoser", tmp_path / "alike.py", "-o", output, "--jobs", jobs
+        )
+        assert code == 0, text
+        found.append(json.loads(output.read_text("utf-8"))["cases"])
+    assert [*found[0]] == [*found[1]]
+    assert [case["none"] for case in found[0].values()] == [case["none"] for case in found[1].values()]
+    assert len({case["none"] for case in found[0].values()}) == len(found[0])
 
 
 def test_registered_diagnosers() -> None:
@@ -584,7 +608,13 @@ def table(
     columns = {name: np.zeros(n) for name in ("unknown", "none", "has_unknown")}
     columns |= {name: np.full(n, np.nan) for name in ("closure", "oracle_closure")}
     columns |= {name: np.array(values) for name, values in others.items()}
-    return AnswerTable(effects=["a", "b", "c", "d"], chances=np.array(chances), present=np.array(present), **columns)
+    return AnswerTable(
+        effects=["a", "b", "c", "d"],
+        types=["x", "y", "y", "x"],
+        chances=np.array(chances),
+        present=np.array(present),
+        **columns,
+    )
 
 
 SHEET = table(
@@ -603,6 +633,7 @@ SHEET = table(
     [
         ("top_1", 1 / 2, 2),
         ("top_3", 1.0, 2),
+        ("type_top_1", 1.0, 2),
         ("exact_set", 3 / 5, 5),
         ("micro_f1", 2 * 3 / (5 + 4), 5),
         ("probability_of_truth", (0.9 + 0.2 + 0.75 + 0.4 + 0.9) / 5, 5),

@@ -299,6 +299,7 @@ def test_trial_of_foreign_axes_from_making_to_the_sheet(tmp_path: Path) -> None:
 def test_table_of_kinds_by_hand() -> None:
     table = AnswerTable(
         effects=["a", "b"],
+        types=["x", "y"],
         chances=np.array([[0.9, 0.0], [0.8, 0.1], [0.0, 0.7]]),
         present=np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]),
         unknown=np.zeros(3),
