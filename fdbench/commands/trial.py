@@ -32,6 +32,7 @@ def trial_make(
     nonce: Annotated[
         str | None, typer.Option(help="Hexadecimal digits of an opened key, to make a trial again.")
     ] = None,
+    jobs: Jobs = None,
 ) -> None:
     """Draw axes with withheld effects, record them, and seal what was injected."""
     from rich.console import Console
@@ -42,7 +43,7 @@ def trial_make(
     if tier.upper() not in list(Tier):
         raise SpecError(f"tier: unknown tier '{tier}'.{did_you_mean(tier.upper(), list(Tier))}")
     with Console(stderr=True).status("making") as status:
-        manifest = make(folder, key, Tier(tier.upper()), count, nonce, status.update)
+        manifest = make(folder, key, Tier(tier.upper()), count, nonce, status.update, jobs or os.cpu_count() or 1)
     say(f"{len(manifest['cases'])} cases of tier {manifest['tier']} in {folder}; key in {key}.")
 
 

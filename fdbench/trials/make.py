@@ -2,8 +2,9 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from fdbench.cluster import in_processes
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.repaired import toml_lines
 from fdbench.errors import SimulationDiverged, SpecError, UnstableLoop
@@ -33,6 +34,7 @@ def make(
     count: int,
     nonce: str | None = None,
     progress: Callable[[str], None] | None = None,
+    jobs: int = 1,
 ) -> dict[str, Any]:
     """Draw and record the cases of a trial, and return its manifest.
 
@@ -52,6 +54,8 @@ def make(
         Hexadecimal digits from which everything is drawn; without, a new secret. The same nonce and code give the same
         trial.
     progress : callable, optional
+    jobs : int
+        Processes.
 
     Raises
     ------
@@ -67,28 +71,14 @@ def make(
     if folder.exists() and any(folder.iterdir()):
         raise SpecError(f"{folder}: not empty; a trial is made in a new folder.")
     effects = listed_effects()
-    cases: dict[str, dict[str, Any]] = {}
-    truths: dict[str, dict[str, Any]] = {}
-    for number in range(count):
-        name = f"{number:03d}"
+    plans = [_Plan(tier, effects, nonce, f"{number:03d}", folder) for number in range(count)]
+    done = in_processes(_made, plans, jobs) if min(jobs, count) > 1 else map(_made, plans)
+    made: dict[str, _Made] = {}
+    for case in done:
+        made[case.name] = case
         if progress is not None:
-            progress(f"case {number + 1} of {count}")
-        drawn = _case(tier, effects, nonce, name)
-        place = folder / name
-        place.mkdir(parents=True)
-        write_text(place / MODEL, "\n".join(toml_lines(drawn.model)).lstrip() + "\n")
-        for part, records in (("records", drawn.records), ("holdouts", drawn.holdouts)):
-            (place / part).mkdir()
-            for title, record in records.items():
-                record.save(place / part / f"{title}.{drawn.file_format}")
-        files = sorted(path for path in place.rglob("*") if path.is_file())
-        salt = seal.salt(nonce, name)
-        truth = {"case": name, **drawn.truth}
-        truths[name] = {"salt": salt, "truth": truth}
-        cases[name] = {
-            "truth_sha256": seal.commitment(salt, truth),
-            "files": {path.relative_to(place).as_posix(): seal.file_digest(path) for path in files},
-        }
+            progress(f"{len(made)} of {count} cases")
+    cases = {name: made[name].public for name in sorted(made)}
     manifest = {
         "fdbench_version": __version__,
         "commit": seal.code_commit(),
@@ -98,9 +88,48 @@ def make(
         "effects": effects,
         "cases": cases,
     }
+    truths = {name: made[name].secret for name in cases}
     seal.write_json(folder / MANIFEST, manifest)
     seal.write_json(key, {"nonce": nonce, "manifest_sha256": seal.file_digest(folder / MANIFEST), "cases": truths})
     return manifest
+
+
+class _Plan(NamedTuple):
+    """A case to be made."""
+
+    tier: Tier
+    effects: list[str]
+    nonce: str
+    name: str
+    folder: Path
+
+
+class _Made(NamedTuple):
+    """What the manifest says of a case, and what the key does."""
+
+    name: str
+    public: dict[str, Any]
+    secret: dict[str, Any]
+
+
+def _made(plan: _Plan) -> _Made:
+    """Write model and records of a case."""
+    drawn = _case(plan.tier, plan.effects, plan.nonce, plan.name)
+    place = plan.folder / plan.name
+    place.mkdir(parents=True)
+    write_text(place / MODEL, "\n".join(toml_lines(drawn.model)).lstrip() + "\n")
+    for part, records in (("records", drawn.records), ("holdouts", drawn.holdouts)):
+        (place / part).mkdir()
+        for title, record in records.items():
+            record.save(place / part / f"{title}.{drawn.file_format}")
+    files = sorted(path for path in place.rglob("*") if path.is_file())
+    salt = seal.salt(plan.nonce, plan.name)
+    truth = {"case": plan.name, **drawn.truth}
+    public = {
+        "truth_sha256": seal.commitment(salt, truth),
+        "files": {path.relative_to(place).as_posix(): seal.file_digest(path) for path in files},
+    }
+    return _Made(plan.name, public, {"salt": salt, "truth": truth})
 
 
 def _case(tier: Tier, effects: list[str], nonce: str, name: str) -> Case:
