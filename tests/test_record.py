@@ -328,8 +328,8 @@ def test_csv_faults(tmp_path: Path, text: str, words: list[str]) -> None:
 def test_other_encodings_are_named(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("time_s,Temperatur °C\n0,1\n", encoding="latin-1")
     assert "line 1 is not UTF-8" in message(RecordError, read_record, tmp_path / "a.csv")
-    (tmp_path / "b.csv").write_text(HEADER + "0,1\n", encoding="utf-16")
-    assert "line 1 is not UTF-8" in message(RecordError, read_record, tmp_path / "b.csv")
+    (tmp_path / "b.csv").write_bytes((HEADER + "0,1\n").encode("utf-16-le"))
+    assert "UTF-16 without a byte order mark" in message(RecordError, read_record, tmp_path / "b.csv")
 
 
 # ---- files ----

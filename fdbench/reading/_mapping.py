@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fdbench.documents import LARGEST_TOML, read_file, toml_tables
 from fdbench.errors import MissingData, RecordError, SpecError, did_you_mean
 from fdbench.files import is_utf_8
-from fdbench.reading.formats import Format, Raw, formats, on_clock, origin
+from fdbench.reading.formats import Format, Raw, formats, in_utf_8, on_clock, origin
 from fdbench.record import FloatArray, Record, check_clock, check_finite, name_fault
 from fdbench.units import factor_to_si, si_unit
 
@@ -81,7 +81,7 @@ def format_of(file: Path) -> type[Format]:
     """
     _must_exist(file)
     with file.open("rb") as stream:
-        head = stream.read(HEAD_BYTES)
+        head = in_utf_8(stream.read(HEAD_BYTES))
     kinds = [formats.get(name) for name in formats.names()]
     suffix = file.suffix.lower()
     found = [kind for kind in kinds if kind.recognises(head)] or [kind for kind in kinds if suffix in kind.suffixes]

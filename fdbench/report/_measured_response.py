@@ -7,7 +7,7 @@ import numpy as np
 
 from fdbench.errors import RecordError, did_you_mean
 from fdbench.reading import read_record
-from fdbench.reading.formats import EVERYTHING
+from fdbench.reading.formats import EVERYTHING, open_text
 from fdbench.reading.formats.csv import Csv
 from fdbench.record import FloatArray, Record
 from fdbench.report.record import check_sizes
@@ -40,8 +40,8 @@ def read_response(path: Path) -> MeasuredResponse:
         If the file is neither, or its record moves at too few frequencies.
     """
     if path.suffix.lower() == ".csv" and path.is_file():
-        with path.open(encoding="utf-8", errors="replace") as file:
-            head = file.readline(LONGEST_HEAD)
+        with open_text(path) as file:
+            head = file.readline(LONGEST_HEAD).decode("utf-8", errors="replace")
         if "frequency" in head.lower() and "time_s" not in head:
             return _of_table(path)
     return of_record(read_record(path))

@@ -12,5 +12,7 @@ from fdbench.reading.formats._format import (
     origin,
     unique,
 )
+from fdbench.reading.formats._text import in_utf_8, open_text
 
-__all__ = ["EVERYTHING", "Format", "Log", "Raw", "choose", "formats", "library", "on_clock", "origin", "unique"]
+__all__ = ["EVERYTHING", "Format", "Log", "Raw"]
+__all__ += ["choose", "formats", "in_utf_8", "library", "on_clock", "open_text", "origin", "unique"]

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fdbench.errors import RecordError
+from fdbench.reading.formats._text import open_text
 
 LONGEST_LINE = 2**20  # bytes
 NUMBERS = {
@@ -53,14 +54,14 @@ def numbers_in(row: str, delimiter: str, decimal: str) -> int:
 
 
 def bounded_lines(file: Path) -> Iterator[bytes]:
-    """Yield the lines of a file.
+    """Yield the lines of a file, as `open_text` has them.
 
     Raises
     ------
     RecordError
         If one is longer than `LONGEST_LINE`, as a binary file's may be.
     """
-    with file.open("rb") as stream:
+    with open_text(file) as stream:
         number = 0
         while line := stream.readline(LONGEST_LINE + 1):
             number += 1

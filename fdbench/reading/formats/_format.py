@@ -89,7 +89,7 @@ class Format(ABC):
 
     @classmethod
     def recognises(cls, head: bytes) -> bool:
-        """Return whether a file that begins with ``head``, up to 64 KiB, is of this format, whatever its name."""
+        """Return whether a file that begins with ``head``, up to 64 KiB, of text in UTF-8, is of this format."""
         return False
 
     @abstractmethod

@@ -1,6 +1,7 @@
 """Text of cells between commas, semicolons, tabs or bars, below a line of names."""
 
 import csv
+import io
 import itertools
 import json
 import re
@@ -12,6 +13,7 @@ from typing import Any, NamedTuple, Self, final
 from fdbench.errors import RecordError, SpecError
 from fdbench.reading.formats._cells import LONGEST_LINE, bounded_lines, cells_of, is_number, line_of, numbers_in
 from fdbench.reading.formats._format import EVERYTHING, Format, Raw, choose, stored_provenance, unique
+from fdbench.reading.formats._text import marked_encoding, open_text
 from fdbench.units import spelt_unit
 
 DELIMITERS = ";\t|,"
@@ -50,7 +52,7 @@ class Csv(Format):
     skip_lines : int or None
         Lines above the names.
     encoding : str
-        ``utf-8``, or ``cp1252`` (Windows in western Europe).
+        Of files without a byte order mark: ``utf-8``, or ``cp1252`` (Windows in western Europe). UTF-16 has a mark.
     """
 
     suffixes = (".csv", ".txt", ".tsv", ".dat", ".log")
@@ -72,10 +74,14 @@ class Csv(Format):
                 "another one of '.' or ','."
             )
         if self.encoding not in ENCODINGS:
-            raise SpecError(f"encoding is {self.encoding!r}; allowed: {' or '.join(ENCODINGS)}.")
+            raise SpecError(f"encoding is {self.encoding!r}; allowed: {' or '.join(ENCODINGS)}; UTF-16 needs none.")
 
     def read(self, file: Path, wanted: Collection[str] | None) -> Raw:
         """Return columns; see `Format.read`."""
+        with file.open("rb") as stream:
+            marked = marked_encoding(stream.read(len("\ufeff".encode())))
+        if marked and self.encoding != "utf-8":
+            raise RecordError(f"{file}: its byte order mark says {marked}. Leave out encoding = '{self.encoding}'.")
         try:
             return self._read(file, wanted)
         except csv.Error as error:
@@ -94,8 +100,7 @@ class Csv(Format):
     def _found(cls, file: Path) -> Self:
         encoding = "utf-8" if all(map(_is_utf_8, bounded_lines(file))) else "cp1252"
         lines = itertools.islice(bounded_lines(file), 2 * LONGEST_PREAMBLE)
-        codec = "utf-8-sig" if encoding == "utf-8" else encoding
-        head = b"".join(lines).decode(codec, errors="replace").splitlines()[: 2 * LONGEST_PREAMBLE]
+        head = b"".join(lines).decode(encoding, errors="replace").splitlines()[: 2 * LONGEST_PREAMBLE]
         layouts = [(mark, decimal) for mark in DELIMITERS for decimal in ".," if mark != decimal]
         found = max(layouts, key=lambda layout: sum(numbers_in(row, *layout) for row in head))
         plain = cls(*found, encoding=encoding)
@@ -146,17 +151,18 @@ class Csv(Format):
         import pyarrow
         from pyarrow import csv as arrow_csv
 
-        return arrow_csv.read_csv(
-            file,
-            arrow_csv.ReadOptions(column_names=header.names, skip_rows=header.line, encoding=self.encoding),
-            arrow_csv.ParseOptions(delimiter=self.delimiter),
-            arrow_csv.ConvertOptions(
-                column_types=dict.fromkeys(chosen, pyarrow.float64()),
-                include_columns=chosen,
-                null_values=[""],
-                decimal_point=self.decimal,
-            ),
-        )
+        with open_text(file) as stream:
+            return arrow_csv.read_csv(
+                stream,
+                arrow_csv.ReadOptions(column_names=header.names, skip_rows=header.line, encoding=self.encoding),
+                arrow_csv.ParseOptions(delimiter=self.delimiter),
+                arrow_csv.ConvertOptions(
+                    column_types=dict.fromkeys(chosen, pyarrow.float64()),
+                    include_columns=chosen,
+                    null_values=[""],
+                    decimal_point=self.decimal,
+                ),
+            )
 
     def _check_end(self, file: Path) -> None:
         """Refuse a file that was cut within its last number, where that can be told.
@@ -164,9 +170,9 @@ class Csv(Format):
         fdbench ends each line; elsewhere the last one need not have an end (RFC 4180), but has as many decimals as the
         others where these all have as many.
         """
-        with file.open("rb") as stream:
+        with open_text(file) as stream:
             is_ours = stream.read(len(_OURS)) == _OURS
-            stream.seek(max(0, file.stat().st_size - LONGEST_LINE))
+            stream.seek(max(0, stream.seek(0, io.SEEK_END) - LONGEST_LINE))
             rows = stream.read().split(b"\n")
         if rows[-1].strip() == b"":
             return
@@ -237,7 +243,7 @@ class Csv(Format):
 
     def _text(self, line: bytes, number: int, file: Path) -> str:
         try:
-            text = line.decode("utf-8-sig" if self.encoding == "utf-8" else self.encoding).rstrip("\r\n")
+            text = line.decode(self.encoding).rstrip("\r\n")
         except UnicodeDecodeError:
             raise RecordError(
                 f"{file}: line {number} is not UTF-8 text. Save the file as CSV in UTF-8, or use a mapping file with "
@@ -274,7 +280,7 @@ class Csv(Format):
         """Return what is wrong with a file that the fast reader refused, found by a slow second look."""
         names, empty = header.names, True
         places = {name: names.index(name) for name in chosen}
-        with file.open(encoding="utf-8-sig", errors="replace", newline="") as lines:
+        with io.TextIOWrapper(open_text(file), self.encoding, errors="replace", newline="") as lines:
             reader = csv.reader(lines, delimiter=self.delimiter)
             for row in reader:
                 if reader.line_num <= header.line or not row:

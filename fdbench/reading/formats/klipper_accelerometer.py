@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import final
 
 from fdbench.reading.formats._format import Format, Raw
+from fdbench.reading.formats._text import open_text
 from fdbench.reading.formats.csv import Csv
 
 UNITS = {"time": "s", "accel_x": "mm/s^2", "accel_y": "mm/s^2", "accel_z": "mm/s^2"}
@@ -30,6 +31,6 @@ class KlipperAccelerometer(Format):
 
     def read(self, file: Path, wanted: Collection[str] | None) -> Raw:
         """Return columns; see `Format.read`."""
-        with file.open("rb") as lines:
+        with open_text(file) as lines:
             above = int(lines.readline().startswith(b"##"))
         return replace(Csv(skip_lines=above).read(file, wanted), units=UNITS)

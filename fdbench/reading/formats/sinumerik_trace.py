@@ -2,7 +2,6 @@
 
 from pathlib import Path
 from typing import Any, final
-from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from fdbench.documents import MOST_VALUES
 from fdbench.errors import RecordError
 from fdbench.reading.formats._cells import number_in
 from fdbench.reading.formats._format import Log, Raw, unique
+from fdbench.reading.formats._xml import parse_xml, xml_parser
 
 # What the kinds of signals are measured in; positions and speeds are in mm or degrees, which the file does not say.
 UNITS = {"current": "A", "torque": "Nm", "force": "N"}
@@ -122,20 +122,9 @@ def _parsed(file: Path) -> tuple[list[_Signal], float]:
         except ValueError as error:
             raise RecordError(f"{where}: <{tag}>: {error}.") from error
 
-    def refuse(*_: Any) -> None:
-        raise RecordError(f"{file}: line {parser.CurrentLineNumber}: a document type; SINUMERIK writes none.")
-
-    parser = expat.ParserCreate()
+    parser = xml_parser(file)
     parser.StartElementHandler = start
-    parser.StartDoctypeDeclHandler = refuse
-    try:
-        with file.open("rb") as stream:
-            parser.Parse(
-                stream.read(), True
-            )  # in one piece: in small ones, a long value takes the square of its length
-    except expat.ExpatError as error:
-        cut = " The file was cut there." if "no element found" in str(error) or "unclosed" in str(error) else ""
-        raise RecordError(f"{file}: not valid XML: {error}.{cut}") from error
+    parse_xml(parser, file)
     if frames[0] > 1:
         raise RecordError(f"{file}: {frames[0]} recordings (dataFrame) in one file. Save them one by one.")
     found = [signal for signal in signals.values() if signal.times]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fdbench.errors import RecordError
 from fdbench.reading.formats._cells import number_in
 from fdbench.reading.formats._format import Log, Raw, unique
+from fdbench.reading.formats._text import text_of
 
 FILETIME_S = 1e-7  # one tick of the times of Windows
 EARLIEST_FILETIME = 1e15  # as milliseconds, thirty thousand years
@@ -48,12 +49,11 @@ class TwincatScope(Log):
     @classmethod
     def recognises(cls, head: bytes) -> bool:
         """Return whether the file begins with the name of the project, and a channel has a sampling time."""
-        text = head.removeprefix(b"\xef\xbb\xbf")
-        return text[:4] == b"Name" and text[4:5] in (b"\t", b";", b"|", b",", b" ") and b"\nSampleTime" in text
+        return head[:4] == b"Name" and head[4:5] in (b"\t", b";", b"|", b",", b" ") and b"\nSampleTime" in head
 
     def read_all(self, file: Path) -> Raw:
         """Return all channels on their clocks."""
-        lines = file.read_text("utf-8-sig", errors="replace").splitlines()
+        lines = text_of(file).splitlines()
         head = _head(lines, file)
         cells = _values(lines, head, file)
         names = unique([name for name in head.names if name is not None])
