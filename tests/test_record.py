@@ -309,7 +309,8 @@ HEADER = "time_s,position_m\n"
         ("position_m,force_N\n1,1\n2,2\n4,4\n", ["time_s is missing", "sampling_time_s"]),
         ("# fdbench {seed\n" + HEADER, ["provenance", "damaged"]),
         ("# fdbench 3\n" + HEADER, ["provenance"]),
-        ("PK\x03\x04\x14\x00,\x1b[2J\n" + HEADER, ["line 1 holds control characters: a binary file"]),
+        ("PK\x03\x04\x14\x00,\x1b[2J\n" + HEADER, ["a ZIP archive or an Excel workbook"]),
+        ("\x02\x03\x04\x14\x00,\x1b[2J\n" + HEADER, ["line 1 holds control characters: a binary file"]),
         ("time_s,\x9bposition_m\n", ["line 1 holds control characters"]),
         (HEADER + "0,\x1b[2J\n", ["line 2", r"'\x1b[2J' is not a number"]),
         (HEADER + "0," + "x" * 1000 + "\n", ["line 2", "'" + "x" * 60 + "...' is not a number"]),
@@ -342,8 +343,8 @@ def test_file_faults(tmp_path: Path) -> None:
     assert "folder" in message(RecordError, read_record, tmp_path / "no" / "run.csv")
     (tmp_path / "a.csv").mkdir()
     assert "a folder, not a file" in message(RecordError, read_record, tmp_path / "a.csv")
-    (tmp_path / "a.xlsx").write_text("x")
-    assert "Allowed: .csv, " in message(RecordError, read_record, tmp_path / "a.xlsx")
+    (tmp_path / "a.unknown").write_text("x")
+    assert "Allowed: .bag, .csv, " in message(RecordError, read_record, tmp_path / "a.unknown")
     assert "mapping files" in message(RecordError, read_record, tmp_path / "run_17.csv", tmp_path)
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fdbench.documents import LARGEST_TOML, read_file, toml_tables
 from fdbench.errors import MissingData, RecordError, SpecError, did_you_mean
 from fdbench.files import is_utf_8
+from fdbench.reading._unread import told_by_head, told_by_suffix
 from fdbench.reading.formats import Format, Raw, formats, in_utf_8, on_clock, origin
 from fdbench.record import FloatArray, Record, check_clock, check_finite, name_fault
 from fdbench.units import factor_to_si, si_unit
@@ -84,7 +85,12 @@ def format_of(file: Path) -> type[Format]:
         head = in_utf_8(stream.read(HEAD_BYTES))
     kinds = [formats.get(name) for name in formats.names()]
     suffix = file.suffix.lower()
-    found = [kind for kind in kinds if kind.recognises(head)] or [kind for kind in kinds if suffix in kind.suffixes]
+    found = [kind for kind in kinds if kind.recognises(head)]
+    if not found and (told := told_by_head(head)):
+        raise RecordError(f"{file}: not read: it is {told}")
+    found = found or [kind for kind in kinds if suffix in kind.suffixes]
+    if not found and (told := told_by_suffix(suffix)):
+        raise RecordError(f"{file}: not read: by its name it is {told}")
     if not found:
         suffixes = ", ".join(sorted(known for kind in kinds for known in kind.suffixes))
         raise RecordError(

@@ -118,7 +118,7 @@ def _make_logs(folder: Path) -> list[str]:
     own, names = record(), []
     logs = {name.replace(", ", "_").replace(" ", "_").replace("-", ""): of for name, of in log_writers.WRITERS.items()}
     logs |= {"sinumerik": ("a.xml", log_writers.sinumerik), "klipper": ("a.csv", log_writers.klipper)}
-    logs |= {"odrive": ("a.csv", log_writers.odrive_csv)}
+    logs |= {"odrive": ("a.csv", log_writers.odrive_csv), "utf_16": ("a.csv", log_writers.utf_16_csv)}
     for key, (file, write) in logs.items():
         place = folder / key / file
         (folder / key).mkdir()

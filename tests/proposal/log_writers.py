@@ -1,6 +1,7 @@
 """A record as logs of several controllers would have it; each writer follows the layout that its reader documents."""
 
 import json
+import struct
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -35,6 +36,12 @@ def bracket_csv(record: Record, file: Path) -> None:
     values = (1e-3 * columns["time"], columns["command"], columns["position"], speed, columns["torque"])
     lines += [",".join(f"{value:.8f}" for value in row) for row in zip(*values, strict=True)]
     file.write_text("\n".join(lines) + "\n")
+
+
+def utf_16_csv(record: Record, file: Path) -> None:
+    """The German table as PowerShell would copy it."""
+    german_csv(record, file)
+    file.write_bytes(file.read_text("cp1252").encode("utf-16"))
 
 
 def halsampler(record: Record, file: Path, tag: bool = False, lost: int = 0) -> None:
@@ -194,6 +201,62 @@ def ros2_bag(record: Record, file: Path, storage: str = "SQLITE3") -> None:
                 writer.write(topic, time_ns + 12345, store.serialize_cdr(said, state.__msgtype__))
 
 
+def ros1_bag(record: Record, file: Path) -> None:
+    """One topic of joint states whose effort is the torque, and one of commands, by rosbags."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    state, header = store.types["sensor_msgs/msg/JointState"], store.types["std_msgs/msg/Header"]
+    stamp = store.types["builtin_interfaces/msg/Time"]
+    with Writer(file) as writer:
+        topics = [
+            writer.add_connection(name, state.__msgtype__, typestore=store) for name in ("/joint_states", "/command")
+        ]
+        for number, (time_s, command, position, torque) in enumerate(
+            zip(record["time_s"], *_rows(record), strict=True)
+        ):
+            time_ns = 1_700_000_000_000_000_000 + round(1e9 * time_s)
+            head = header(number, stamp(time_ns // 10**9, time_ns % 10**9), "")
+            none = np.zeros(0)
+            for topic, place, effort in ((topics[0], position, [torque]), (topics[1], command, [])):
+                said = state(head, ["slide"], np.array([1e-3 * place]), none, np.array(effort))
+                writer.write(topic, time_ns + 12345, store.serialize_ros1(said, state.__msgtype__))
+
+
+def twincat_svb(record: Record, file: Path, has_times: bool = True, start_ticks: int = 0) -> None:
+    """A head, a header for each channel, then times, in 32 bits, and values of each channel."""
+    columns = in_file_units(record)
+    ticks = 132959733843760000
+    sample = round(1e7 * record.sampling_time_s)
+    channels = [("SetPos", "command"), ("ActPos", "position"), ("SetTorque", "torque")]
+    kind = np.dtype([("time", "<u4"), ("value", "<f8")] if has_times else [("value", "<f8")])
+
+    def text(words: str) -> bytes:
+        return struct.pack("<i", len(words.encode())) + words.encode()
+
+    def header(name: str, start: int) -> bytes:
+        body = text(name) + text("5.1.2.3.1.1") + struct.pack("<iq?", 851, sample, True)
+        body += text(f"MAIN.{name}") + text("") + struct.pack("<qq", 16448, 608) + text("REAL64")
+        body += struct.pack("<iiqqqddq", 5, 8, record.n_samples, kind.itemsize * record.n_samples, start, 0.0, 1.0, -1)
+        return struct.pack("<q", 8 + len(body)) + body
+
+    def head(size: int) -> bytes:
+        body = text("Scope µ") + struct.pack("<qqi", ticks, ticks + sample * record.n_samples, len(channels))
+        for place, (name, _) in enumerate(channels):
+            body += header(name, size + place * kind.itemsize * record.n_samples)
+        return struct.pack("<q", 8 + len(body)) + body
+
+    content = head(len(head(0)))
+    for _, column in channels:
+        rows = np.zeros(record.n_samples, kind)
+        rows["value"] = columns[column]
+        if has_times:
+            rows["time"] = (start_ticks + sample * np.arange(record.n_samples)) % 2**32
+        content += rows.tobytes()
+    file.write_bytes(content)
+
+
 def _rows(record: Record) -> list[np.ndarray]:
     columns = in_file_units(record)
     return [columns[key] for key in ("command", "position", "torque")]
@@ -209,5 +272,8 @@ WRITERS: dict[str, tuple[str, Callable[[Record, Path], None]]] = {
     "mdf": ("a.mf4", mdf),
     "mcap, JSON": ("a.mcap", mcap_json),
     "ROS 2 bag": ("bag/bag.db3", ros2_bag),
+    "ROS 1 bag": ("a.bag", ros1_bag),
+    "twincat, binary": ("a.svb", twincat_svb),
+    "twincat, binary without times": ("a.dat", lambda record, file: twincat_svb(record, file, has_times=False)),
     "ROS 2 bag in MCAP": ("bag/bag.mcap", lambda record, file: ros2_bag(record, file, "MCAP")),
 }
