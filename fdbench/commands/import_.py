@@ -14,7 +14,10 @@ INCOMPLETE = 1
 def import_(
     files: Annotated[
         list[Path],
-        typer.Argument(help="Logs of one axis as its controller wrote them, or mappings, for a model alone."),
+        typer.Argument(
+            help="Logs of one axis as its controller wrote them; or mappings, or the result of SINUMERIK's Automatic "
+            "Servo Tuning, for a model alone."
+        ),
     ],
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Folder for the files; without it, beside each log.")
@@ -27,9 +30,14 @@ def import_(
     from fdbench.files import write_text
     from fdbench.proposal import of_mapping, propose
     from fdbench.reading import format_of
+    from fdbench.reading.servo_tuning import is_servo_tuning
 
     if output is not None and not output.is_dir():
         raise SpecError(f"--output {output}: no such folder.")
+    tunings = [file for file in files if file.is_file() and is_servo_tuning(_head(file))]
+    if tunings:
+        _import_tuning(files, output)
+        return
     are_mappings = all(file.suffix.lower() == ".toml" for file in files)
     written = [(output or file.parent) / f"{file.stem}.toml" for file in files]
     model = written[0].with_name("model.toml")
@@ -66,3 +74,36 @@ def import_(
     if any(proposal.record is None for proposal in proposals):
         raise typer.Exit(INCOMPLETE)
     say(f"Then: fdbench diagnose --model {model} {' '.join(map(str, written))}")
+
+
+def _head(file: Path) -> bytes:
+    with file.open("rb") as stream:
+        return stream.read(4096)
+
+
+def _import_tuning(files: list[Path], output: Path | None) -> None:
+    """Write the model and the measured response of an axis whose tuning was saved."""
+    from fdbench.files import write_text
+    from fdbench.proposal import of_tuning
+
+    if len(files) > 1:
+        raise SpecError(f"{files[0]}: the result of a servo tuning is imported alone; {len(files)} files were given.")
+    (file,) = files
+    place = output or file.parent
+    model, response = place / "model.toml", place / f"{file.stem}_response.csv"
+    for path in (model, response):
+        if path.exists():
+            raise SpecError(f"{path}: exists already. Remove it, or name another folder by --output.")
+    tuned = of_tuning(file)
+    say(f"{file}: a result of Automatic Servo Tuning")
+    for line in tuned.found:
+        say(f"  {line}")
+    write_text(model, tuned.model)
+    say(f"A model, {tuned.axis}: {model}")
+    say("\n".join(["To do:", *(f"  - {line}" for line in tuned.to_do)]))
+    if tuned.response:
+        write_text(response, tuned.response)
+        say(f"The measured response: {response}")
+    if tuned.response and tuned.axis == "linear":
+        page = place / f"{file.stem}.html"
+        say(f"Then: fdbench show {model} {response} --sampling-time 1e-3 --output {page}")

@@ -32,8 +32,8 @@ def show(
     measured: Annotated[
         list[Path] | None,
         typer.Argument(
-            help="CSV of frequency_Hz, magnitude (or magnitude_dB) and phase_rad (or phase_deg), or a record with a "
-            "broadband motion: drawn beside the model."
+            help="CSV of frequency_Hz, magnitude (or magnitude_dB; of the plant alone magnitude_m_per_N) and phase_rad "
+            "(or phase_deg), or a record with a broadband motion: drawn beside the model."
         ),
     ] = None,
     sampling_time_s: Annotated[

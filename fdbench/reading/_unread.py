@@ -2,24 +2,44 @@
 
 from typing import NamedTuple
 
+from fdbench.reading.servo_tuning import ROOT
+
 _SCOPE = (
     "Export it in TwinCAT Scope as CSV or svb, or by its tool: TC3ScopeExportTool.exe svd=FILE target=FILE.csv silent."
 )
 _UNPACK = "Unpack it first."
 
 
+FIRST_LINES = 4096  # bytes
+
+
 class _Kind(NamedTuple):
-    """A kind of file: how it begins, or what its name ends with."""
+    """A kind of file: how it begins, what its first lines hold, or what its name ends with."""
 
     words: str
     advice: str
     magic: tuple[bytes, ...] = ()
     suffixes: tuple[str, ...] = ()
+    element: bytes = b""
+
+    def begins(self, head: bytes) -> bool:
+        """Return whether a file that begins so is of this kind."""
+        return head.startswith(self.magic) or bool(self.element and self.element in head[:FIRST_LINES])
 
 
 _KINDS = (
     _Kind("a recording of TwinCAT Scope", _SCOPE, suffixes=(".svdx", ".svd", ".svbx")),
     _Kind("a project of TwinCAT Scope", _SCOPE, suffixes=(".tcscopex", ".tcscope", ".tcmproj")),
+    _Kind(
+        "a result of SINUMERIK's Automatic Servo Tuning, which holds no record",
+        "`fdbench import` makes a model of it.",
+        element=ROOT,
+    ),
+    _Kind(
+        "a measurement of SINUMERIK's measuring function",
+        "Save a trace of the same motion (Diagnostics, Trace), or the result of an Automatic Servo Tuning.",
+        element=b"<ResponseTest",
+    ),
     _Kind(
         "TDMS of National Instruments",
         "Write it as CSV, such as in Python by the package npTDMS: "
@@ -60,7 +80,7 @@ def told_by_head(head: bytes) -> str:
     >>> told_by_head(b"\x1f\x8b\x08")
     'compressed by gzip. Unpack it first.'
     """
-    return next((_said(kind) for kind in _KINDS if kind.magic and head.startswith(kind.magic)), "")
+    return next((_said(kind) for kind in _KINDS if kind.begins(head)), "")
 
 
 def told_by_suffix(suffix: str) -> str:

@@ -13,7 +13,8 @@ from fdbench.record import FloatArray, Record
 from fdbench.report.record import check_sizes
 
 FREQUENCY = "frequency_Hz"
-COLUMNS = (FREQUENCY, "magnitude", "magnitude_dB", "phase_rad", "phase_deg")
+MAGNITUDES = ("magnitude", "magnitude_dB", "magnitude_m_per_N")
+COLUMNS = (FREQUENCY, *MAGNITUDES, "phase_rad", "phase_deg")
 LONGEST_HEAD = 4096  # letters
 LARGEST = 1e9  # number in a table
 SEGMENTS = 8  # of a record, whose spectra are averaged
@@ -23,16 +24,19 @@ EXCITED = 1e-8  # share of the largest power of the command
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredResponse:
-    """Frequencies (n,), magnitudes (n,), and phases in rad (n,) where they are known."""
+    """Frequencies (n,), magnitudes (n,), and phases in rad (n,) where they are known; whether of the plant alone."""
 
     name: str
     frequency_Hz: FloatArray
     magnitude: FloatArray
     phase_rad: FloatArray | None
+    is_of_plant: bool = False
 
 
 def read_response(path: Path) -> MeasuredResponse:
     """Return the response in a CSV table of `COLUMNS`, or that of a record: position over commanded position.
+
+    A table with ``magnitude_m_per_N`` is of the plant alone: position over force.
 
     Raises
     ------
@@ -57,7 +61,7 @@ def _of_table(path: Path) -> MeasuredResponse:
         raise RecordError(
             f"{path}: column {next(iter(raw.left_out))} of a table of numbers holds empty cells, or what is no number."
         )
-    for names in ((FREQUENCY,), COLUMNS[1:3]):
+    for names in ((FREQUENCY,), MAGNITUDES):
         if sum(name in table for name in names) != 1:
             raise RecordError(f"{path}: one column {' or '.join(names)} is needed.")
     if "phase_rad" in table and "phase_deg" in table:
@@ -68,11 +72,17 @@ def _of_table(path: Path) -> MeasuredResponse:
         raise RecordError(
             f"{path}: two or more rows of numbers up to {LARGEST:g} with a positive {FREQUENCY} are needed."
         )
-    decibels = "magnitude_dB" in table
-    magnitude = 10.0 ** (np.clip(table["magnitude_dB"], -2e3, 2e3) / 20.0) if decibels else table["magnitude"]
+    (kind,) = (name for name in MAGNITUDES if name in table)
+    magnitude = 10.0 ** (np.clip(table[kind], -2e3, 2e3) / 20.0) if kind == "magnitude_dB" else table[kind]
     phase = np.radians(table["phase_deg"]) if "phase_deg" in table else None
     phase = table.get("phase_rad", phase)
-    return MeasuredResponse(name=path.name, frequency_Hz=frequency, magnitude=magnitude, phase_rad=phase)
+    return MeasuredResponse(
+        name=path.name,
+        frequency_Hz=frequency,
+        magnitude=magnitude,
+        phase_rad=phase,
+        is_of_plant=kind == "magnitude_m_per_N",
+    )
 
 
 def of_record(record: Record) -> MeasuredResponse:

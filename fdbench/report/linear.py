@@ -39,7 +39,7 @@ def write_linear(
     tables : sequence of (title, header, rows)
         As the terminal shows them.
     measured : sequence of MeasuredResponse
-        Drawn beside the tracking, or beside the plant where it has no controller.
+        Drawn beside the tracking, or beside the plant where it has no controller or they are of the plant alone.
     output : path
 
     Raises
@@ -49,11 +49,12 @@ def write_linear(
     """
     at_Hz = np.geomspace(LOWEST, 1.0, POINTS) * 0.5 / system.sampling_time_s
     sections = [Section(title, [table(head, rows, "l" + "r" * (len(head) - 1))]) for title, head, rows in tables]
+    beside_plant = [item for item in measured if item.is_of_plant or system.closed is None]
     sections += [
-        Section("Tracking", list(_tracking(system, at_Hz, measured))),
+        Section("Tracking", list(_tracking(system, at_Hz, [item for item in measured if not item.is_of_plant]))),
         Section("Open loops", list(_loops(system, at_Hz))),
         Section("Step", list(_steps(system))),
-        Section("Plant", list(_plant(system, at_Hz, measured if system.closed is None else ()))),
+        Section("Plant", list(_plant(system, at_Hz, beside_plant))),
     ]
     lead = [
         paragraph(

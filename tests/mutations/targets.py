@@ -1,5 +1,6 @@
 """What is attacked: valid files of each kind, and the functions behind the commands that read them."""
 
+import codecs
 import csv
 import hashlib
 import json
@@ -97,7 +98,8 @@ def _read_record(folder: Path, name: str, is_mutated: bool) -> str:
 
 def _differs_from_plain(read: Record, file: Path) -> str:
     """Return how a record differs from what csv and float make of its file, below lines above the names."""
-    with file.open(encoding="utf-8-sig", newline="") as lines:
+    is_utf_16 = file.read_bytes()[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    with file.open(encoding="utf-16" if is_utf_16 else "utf-8-sig", newline="") as lines:
         rows = [row for row in csv.reader(line for line in lines if not line.startswith("#")) if row]
     places = [place for place, row in enumerate(rows) if [name.strip() for name in row] == list(read)]
     if not places:

@@ -136,13 +136,9 @@ def _channel(reader: _Reader) -> _Channel:
     reader.take("q")  # index offset
     kind = reader.text()
     reader.take("i")  # number of the kind
-    channel = _Channel(
-        name,
-        sample_time,
-        kind.removeprefix("ADST_"),
-        *(reader.take(code) for code in "iqqq"),
-        scale=(reader.take("d"), reader.take("d")),
-    )
+    size_of_value, samples, data_bytes, start = (reader.take(code) for code in "iqqq")
+    scale = reader.take("d"), reader.take("d")
+    channel = _Channel(name, sample_time, kind.removeprefix("ADST_"), size_of_value, samples, data_bytes, start, scale)
     reader.take("q")  # bit mask
     if reader.place - begin != size:
         raise ValueError(f"channel '{name}' has a header of {reader.place - begin} bytes that says it has {size}")
