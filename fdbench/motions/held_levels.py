@@ -39,8 +39,7 @@ class HeldLevels(Motion):
 
     def reference(self, period_s: float, n_samples: int) -> Reference:
         """Return the (n_samples, 3) reference; the levels change at multiples of the rounded hold time."""
-        hold = round(self.hold_s / period_s)
-        rest = round(self.rest_s / period_s)
+        hold, rest = (round(min(time_s / period_s, n_samples)) for time_s in (self.hold_s, self.rest_s))
         index = np.minimum(np.arange(n_samples) // hold, len(self.levels_m_per_s) - 1)
         target = np.asarray(self.levels_m_per_s)[index]
         target[:rest] = 0.0
