@@ -193,6 +193,12 @@ def test_elements_of_no_kind_are_refused(tmp_path: Path) -> None:
                 read_record(tmp_path / "c.mat")
 
 
+def test_a_reader_that_crashes_takes_nothing_with_it() -> None:
+    """One bit is flipped, by which the machine code of asammdf 8 writes where it should not."""
+    with pytest.raises(RecordError, match="not an MDF file, or a damaged one"):
+        Mdf().read_all(REPOSITORY / "tests" / "proposal" / "crashes_asammdf.mf4")
+
+
 def test_blocks_that_follow_themselves_are_refused(tmp_path: Path) -> None:
     """A data group whose next one is itself, in which asammdf runs for ever."""
     block = b"##HD" + bytes(4) + (32).to_bytes(8, "little") + (1).to_bytes(8, "little") + (104).to_bytes(8, "little")

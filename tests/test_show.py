@@ -145,7 +145,10 @@ def test_bad_input_is_refused_in_one_line() -> None:
     assert "name the page with --output" in refused("BallScrewAxis-v0", "a.csv")
     for text, message in (
         ("frequency_Hz,gain\n1,1\n2,1\n", "unknown column 'gain'"),
-        ("frequency_Hz,phase_rad\n1,1\n2,1\n", "one column magnitude or magnitude_dB or magnitude_m_per_N is needed"),
+        (
+            "frequency_Hz,phase_rad\n1,1\n2,1\n",
+            "one column magnitude or magnitude_dB or magnitude_m_per_N or magnitude_rad_per_Nm is needed",
+        ),
         ("frequency_Hz,magnitude\n1,1\n2,one\n", "a table of numbers"),
         ("frequency_Hz,magnitude\n0,1\n2,1\n", "positive frequency_Hz"),
     ):

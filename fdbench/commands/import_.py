@@ -104,6 +104,6 @@ def _import_tuning(files: list[Path], output: Path | None) -> None:
     if tuned.response:
         write_text(response, tuned.response)
         say(f"The measured response: {response}")
-    if tuned.response and tuned.axis == "linear":
+    if tuned.response:
         page = place / f"{file.stem}.html"
         say(f"Then: fdbench show {model} {response} --sampling-time 1e-3 --output {page}")

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, make_dataclass
+from dataclasses import asdict, make_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -12,7 +12,9 @@ from fdbench.catalogue import scenario_ids
 from fdbench.checks.plugin_files import add_effects
 from fdbench.commands._json import echo_json
 from fdbench.commands._options import PLUGINS, SCENARIO, Effects, Json, file_to_write, names_of
+from fdbench.commands._say import say
 from fdbench.errors import FdbenchError, SpecError, UnknownName, did_you_mean
+from fdbench.rotary import ROTARY, rotary_name
 
 if TYPE_CHECKING:
     from fdbench.commands._sheets import NameSheet
@@ -42,6 +44,10 @@ def show(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", callback=file_to_write, help="HTML file for the diagrams.")
     ] = None,
+    fmu: Annotated[
+        Path | None,
+        typer.Option(callback=file_to_write, help="File for the model with its controller as an FMU (FMI 2.0), in C."),
+    ] = None,
     json_: Json = False,
     effect: Effects = None,
 ) -> None:
@@ -50,7 +56,7 @@ def show(
 
     add_effects(effect)
     sheets = plugin_sheets(source)
-    if sheets and (measured or output or sampling_time_s is not None):
+    if sheets and (measured or output or fmu or sampling_time_s is not None):
         raise SpecError(f"{source}: a {sheets[0].kind}, of which there is nothing to draw.")
     if sheets:
         if json_:
@@ -62,6 +68,8 @@ def show(
     machine = _read(source, sampling_time_s)
     if measured and output is None:
         raise SpecError(f"{measured[0]}: measured responses are drawn; name the page with --output.")
+    if fmu is not None:
+        say(f"{fmu}: {_write_fmu(source, machine, fmu)}", is_aside=True)
     try:
         system = machine.system()
     except FdbenchError as error:
@@ -87,6 +95,14 @@ def show(
         system.check()
 
 
+def _write_fmu(source: str, machine: "_Machine", fmu: Path) -> str:
+    from fdbench.diagnosis.model.nominal import load_nominal
+    from fdbench.fmu import write_fmu
+
+    nominal = load_nominal(source)
+    return write_fmu(nominal.drive, nominal.axis, machine.sampling_time_s(), nominal.simulation.substeps, fmu)
+
+
 class _Machine(NamedTuple):
     """What is shown of a scenario or of a model file, which has no sheet."""
 
@@ -94,6 +110,7 @@ class _Machine(NamedTuple):
     plant: "Plant"
     sampling_time_s: Callable[[], float]
     sheet: "NameSheet | None" = None
+    is_rotary: bool = False
 
     def system(self) -> "LinearSystem":
         """Return the linear model."""
@@ -101,11 +118,13 @@ class _Machine(NamedTuple):
 
         if not isinstance(self.plant, LinearisedPlant):
             raise SpecError(f"{self.name}: no linear model is known of a {type(self.plant).name}.")
-        return self.plant.linear_system(self.sampling_time_s())
+        system = self.plant.linear_system(self.sampling_time_s())
+        return _of_rotary(system) if self.is_rotary else system
 
 
 def _read(source: str, sampling_time_s: float | None) -> _Machine:
     from fdbench.commands._sheets import registries, scenario_sheet
+    from fdbench.diagnosis.model.rotary_axis import plant_on_the_arc
     from fdbench.plants.feed_drive import FeedDrive, Following
     from fdbench.scenario import extended, load_scenario
     from fdbench.specification import read, snake_case
@@ -127,8 +146,21 @@ def _read(source: str, sampling_time_s: float | None) -> _Machine:
     own = dict(table["plant"])
     if own.get("kind") == snake_case(FeedDrive.__name__):
         own.setdefault("controller", {"kind": snake_case(Following.__name__)})
+    is_rotary = table.get("axis") == ROTARY
+    if is_rotary:
+        own = plant_on_the_arc(own, f"{Path(source).name}: model.plant")
     plant = read(_model_file(), {"plant": own}, f"{Path(source).name}: model").plant
-    return _Machine(Path(source).stem, plant, lambda: sampling_time_s)
+    return _Machine(Path(source).stem, plant, lambda: sampling_time_s, is_rotary=is_rotary)
+
+
+def _of_rotary(system: "LinearSystem") -> "LinearSystem":
+    """Return the linear model of an arc with inputs and outputs that are called as on the rotary axis."""
+    import control
+
+    own = system.plant
+    inputs, outputs = ([rotary_name(label) for label in labels] for labels in (own.input_labels, own.output_labels))
+    plant = control.ss(own.A, own.B, own.C, own.D, inputs=inputs, outputs=outputs)
+    return replace(system, plant=plant)
 
 
 def _model_file() -> "type[Any]":

@@ -13,7 +13,8 @@ from fdbench.record import FloatArray, Record
 from fdbench.report.record import check_sizes
 
 FREQUENCY = "frequency_Hz"
-MAGNITUDES = ("magnitude", "magnitude_dB", "magnitude_m_per_N")
+OF_PLANT = ("magnitude_m_per_N", "magnitude_rad_per_Nm")
+MAGNITUDES = ("magnitude", "magnitude_dB", *OF_PLANT)
 COLUMNS = (FREQUENCY, *MAGNITUDES, "phase_rad", "phase_deg")
 LONGEST_HEAD = 4096  # letters
 LARGEST = 1e9  # number in a table
@@ -36,7 +37,7 @@ class MeasuredResponse:
 def read_response(path: Path) -> MeasuredResponse:
     """Return the response in a CSV table of `COLUMNS`, or that of a record: position over commanded position.
 
-    A table with ``magnitude_m_per_N`` is of the plant alone: position over force.
+    A table with one of `OF_PLANT` is of the plant alone: position over force, or angle over torque.
 
     Raises
     ------
@@ -81,7 +82,7 @@ def _of_table(path: Path) -> MeasuredResponse:
         frequency_Hz=frequency,
         magnitude=magnitude,
         phase_rad=phase,
-        is_of_plant=kind == "magnitude_m_per_N",
+        is_of_plant=kind in OF_PLANT,
     )
 
 

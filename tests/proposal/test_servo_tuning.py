@@ -96,6 +96,8 @@ def test_a_rotary_axis_behind_a_gear(tmp_path: Path) -> None:
     assert nominal.axis == "rotary"
     assert nominal.drive.mass_kg == pytest.approx(0.007 * 20.0**2, rel=1e-5)
     assert (tmp_path / "c_response.csv").read_text().startswith("frequency_Hz,magnitude_rad_per_Nm,")
+    shown = run("show", tmp_path / "model.toml", "--sampling-time", "1e-3", "--json")
+    assert shown.exit_code == 0, shown.output
 
 
 def test_two_masses_that_do_not_fit_are_a_rigid_axis(tmp_path: Path) -> None:
