@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from conftest import REPOSITORY
-from proposal import log_writers
+from proposal import log_writers, servo_tuning_writer
 from report.test_answer_page import answer as answer_by_hand
 
 from fdbench.benchmark import seal as run_seal
@@ -22,6 +22,7 @@ from fdbench.benchmark.store import Store
 from fdbench.commands.import_ import import_
 from fdbench.commands.show import show
 from fdbench.diagnosis.model.nominal import load_nominal
+from fdbench.proposal import of_tuning
 from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.report._measured_response import read_response
@@ -140,6 +141,21 @@ def _import(folder: Path, name: str, is_mutated: bool) -> str:
     if (out / "model.toml").exists():
         read_record(mapping)
         load_nominal(out / "model.toml")
+    return ""
+
+
+def _make_tuning(folder: Path) -> list[str]:
+    servo_tuning_writer.servo_tuning(folder / "x.xml")
+    servo_tuning_writer.servo_tuning(folder / "c.xml", rotary_axis=True)
+    return ["x.xml", "c.xml"]
+
+
+def _import_tuning(folder: Path, name: str, is_mutated: bool) -> str:
+    tuned = of_tuning(folder / name)
+    (folder / "model.toml").write_text(tuned.model)
+    (folder / "response.csv").write_text(tuned.response or "frequency_Hz,magnitude\n1,1\n2,1\n")
+    load_nominal(folder / "model.toml")
+    read_response(folder / "response.csv")
     return ""
 
 
@@ -385,6 +401,7 @@ TARGETS = (
     Target("records", _make_records, _read_record),
     Target("plots of records", _make_records, _plot, 0.25),
     Target("logs, imported", _make_logs, _import, 0.5),
+    Target("servo tunings", _make_tuning, _import_tuning, 0.5),
     Target("mappings", _make_mapping, _read_mapping),
     Target("models", _make_model, _read_model),
     Target("linear models, shown", _make_model, _show_model, 0.02),
