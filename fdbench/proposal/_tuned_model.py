@@ -90,7 +90,7 @@ class _Writer:
         load = own.total_inertia - own.motor_inertia
         stiffness = self._stiffness(load)
         inertia = own.motor_inertia if stiffness is not None else own.total_inertia
-        viscous = self._entry("viscous_friction_N_s_per_m", own.viscous_friction * gear**2, "all of it")
+        viscous = self._entry("viscous_friction_N_s_per_m", own.viscous_damping * gear**2, "all of it")
         lines = ["[plant.motor]"]
         if own.motor_is_rotary:
             kind = "geared_motor" if self._is_rotary else "rotary_motor"

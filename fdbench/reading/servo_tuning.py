@@ -39,7 +39,7 @@ class ServoTuning:
     motor_is_rotary, axis_is_rotary : bool
     way_per_motor_way : float
         Way of the axis, m or rad, for 1 rad or m of the motor.
-    motor_inertia, total_inertia, viscous_friction : float
+    motor_inertia, total_inertia, viscous_damping : float
         kg m^2 and N m s/rad, or kg and N s/m.
     motor_constant : float or None
         N m/A or N/A.
@@ -62,7 +62,7 @@ class ServoTuning:
     way_per_motor_way: float
     motor_inertia: float
     total_inertia: float
-    viscous_friction: float
+    viscous_damping: float
     motor_constant: float | None
     position_gain_per_s: float | None
     velocity_gain: float | None
@@ -196,7 +196,7 @@ def _tuning(root: _Node) -> ServoTuning:
         way_per_motor_way=axis.number("m_dAxisDistPerMotorDistUnitsMetersAndRadians", 1e-9, 1e6),
         motor_inertia=drive.number("m_dMotorInertia", 0.0, total),
         total_inertia=total,
-        viscous_friction=drive.number("m_dViscousCoeff", 0.0),
+        viscous_damping=drive.number("m_dViscousCoeff", 0.0),
         motor_constant=constant or None,
         position_gain_per_s=KV_PER_S * place.number("m_Kv", 0.0, 1e6) if place else None,
         velocity_gain=speed.number("m_dKpGain", 0.0) if speed else None,
