@@ -204,16 +204,24 @@ class Figure:
         yield from (item for panel in self.panels for item in panel.items if isinstance(item, Curve))
 
 
+LOG_RANGE = 1e-150, 1e150
+
+
 def extent(series: Iterable[FloatArray], log: bool, margin: float) -> tuple[float, float]:
     """Return bounds that hold all finite values, and a share of their span on each side; never equal ones.
 
+    On a logarithmic axis what is beyond `LOG_RANGE` counts as its end, as ratios of such values are not computed with.
+
     >>> extent([np.array([0.0, 10.0, np.nan])], False, 0.1), extent([np.ones(3)], False, 0.0)
     ((-1.0, 11.0), (0.5, 1.5))
+    >>> extent([np.array([5e-324, 1.0])], True, 0.0)
+    (1e-150, 1.0)
     """
     values = np.concatenate([np.empty(0), *series])
     values = values[np.isfinite(values) & ((values > 0.0) | (not log))]
     if len(values) == 0:
         return (1.0, 10.0) if log else (0.0, 1.0)
+    values = np.clip(values, *LOG_RANGE) if log else values
     low, high = float(values.min()), float(values.max())
     if log:
         ratio = (high / low) ** margin if high > low else 2.0
