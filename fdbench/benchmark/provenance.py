@@ -30,7 +30,7 @@ PACKAGE = Path(__file__).parent.parent
 
 # Beginnings of the paths, within the package, of what uses scores and has no part in making them.
 USERS_OF_SCORES = (
-    *("api/", "cli.py", "commands/", "checks/", "diagnosis/", "envs/", "proposal/", "report/"),
+    *("api/", "cli.py", "commands/", "checks/", "diagnosis/", "envs/", "fmu/", "proposal/", "report/"),
     *("reproduce/", "templates/", "trials/", "virtual_axes/"),
     *("benchmark/compare", "benchmark/console", "benchmark/leaderboard", "benchmark/seal"),
     *("benchmark/statistics", "benchmark/verify"),
