@@ -36,7 +36,6 @@ BEFORE_WAVES = 3  # walk, slip and growth, which follow the parameters
 OUTLIER = 4.0  # deviations beyond which a row counts less
 HOPELESS = 50.0  # logarithm of the odds from which a filter begins again where the best of its kind is
 FIRST_ROWS, ROWS_OF_VARIANCE = 2.0, 300.0  # beforehand and at most, in the mean that the readings' variance is
-OUT_COLUMNS = 4
 
 
 class Motion(NamedTuple):
@@ -240,14 +239,14 @@ def run_bank(
     Returns
     -------
     (n, 4) array
-        Force after the row and its variance; reading as predicted before the row and the variance of that. Where there
-        are waves and parameters, the walk is the force's in filters of a cutter alone, else a friction's.
+        Force after the row and its variance; reading as predicted before it and the variance of that. Where there are
+        waves and parameters, the walk is the force's in filters of a cutter alone, else a friction's.
     (n, p) array
         Parameters b after the row.
     """
     n, p = Z.shape
     M = bank.weight.size
-    rows, found = np.zeros((n, OUT_COLUMNS)), np.zeros((n, p))
+    rows, found = np.zeros((n, 4)), np.zeros((n, p))
     h, K, weights = np.zeros(bank.x.shape[1]), np.empty(bank.x.shape[1]), np.empty(M)
     force, force_variance, evidence = np.empty(M), np.empty(M), np.zeros(M)
     plain = p + BEFORE_WAVES + 2 * harmonics

@@ -12,7 +12,7 @@ from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import Record
 from fdbench_baselines._data_sheet import sheet_beforehand
 from fdbench_baselines._disturbance_gain import mass_share
-from fdbench_baselines._joint_kalman_bank import BEFORE_WAVES, OUT_COLUMNS, Bank, Motion, run_bank
+from fdbench_baselines._joint_kalman_bank import BEFORE_WAVES, Bank, Motion, run_bank
 from fdbench_baselines._mixed_estimation import applies
 from fdbench_baselines._one_step import OneStep, declined
 from fdbench_baselines._slip import LARGEST_SLIP
@@ -157,7 +157,7 @@ class JointKalman(OnlineEstimator):
     def estimate(self) -> Estimate:
         """Return what was said of the rows so far, and the parameters by now with their covariance."""
         bank = self._started()
-        force, force_variance, output, output_variance = np.array(self._rows).reshape(-1, OUT_COLUMNS).T
+        force, force_variance, output, output_variance = np.array(self._rows).reshape(-1, 4).T
         p, root = len(self._b), self._sheet.root
         weights = np.exp(bank.weight - bank.weight.max())
         weights /= weights.sum()
