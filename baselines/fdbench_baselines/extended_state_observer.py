@@ -35,11 +35,11 @@ class ExtendedStateObserver(OnlineEstimator):
     (r_k - \hat F_k)` with the residual r of the nominal model, which is the disturbance observer with a first-order
     filter.
 
-    Told: the data sheet, the period for the bandwidth alone, no size of the force or the noise. ``disturbance_N`` is the force after each row,
-    late by about :math:`2 / \omega_o`, :math:`1 / \omega_o` in reduced order, which is what ``disturbance_delay`` shows
-    of slow forces; a wave that is not far below :math:`\omega_o` comes too small as well. ``output`` is the row as
-    predicted. No parameters are claimed: they stay those of the sheet. A row costs 10 multiplications and 5 ns, the
-    memory is 2 numbers beside 16 bytes a row for the answer.
+    Told: the data sheet; the period, for the bandwidth alone; no size of the force or the noise. ``disturbance_N`` is
+    the force after each row, late by :math:`2 \lambda T / (1 - \lambda)`, about :math:`2 / \omega_o`, of a slow force
+    (in reduced order half of that), which is what ``disturbance_delay`` shows; a wave that is not far below
+    :math:`\omega_o` comes too small as well. ``output`` is the row as predicted. No parameters are claimed: they stay
+    those of the sheet. A row costs 6 multiplications; the memory is 2 numbers, beside 16 bytes a row for the answer.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ class VariableProjection(BatchEstimator):
     run-out.
 
     Told: structure and exponents of the process, the operating point, the nominal period, which may slip by 1.5 %. Not
-    told: how far anything may be from the data sheet. The feedrate is a cubic spline through its samples. About 5 ms a
+    told: how far anything may be from the data sheet. The feedrate is a cubic spline through its samples. About 20 ms a
     record of 512 samples, no memory beyond its columns.
 
     Parameters
