@@ -38,7 +38,7 @@ HOPELESS = 50.0  # logarithm of the odds from which a filter begins again where 
 FIRST_ROWS, ROWS_OF_VARIANCE = 2.0, 300.0  # beforehand and at most, in the mean that the readings' variance is
 
 
-class Motion(NamedTuple):
+class RowPassing(NamedTuple):
     """How a row passes, the same for all filters.
 
     Attributes
@@ -106,7 +106,7 @@ class Bank(NamedTuple):
 
 @kept
 @njit(error_model="numpy")
-def pass_row(x: FloatArray, P: FloatArray, n: int, p: int, harmonics: int, motion: Motion) -> None:
+def pass_row(x: FloatArray, P: FloatArray, n: int, p: int, harmonics: int, motion: RowPassing) -> None:
     """Let a row pass over waves, slip and growth of the first n states of a filter, without noise."""
     slip, growth = p + 1, p + 2
     size = motion.memory * np.exp(motion.step_s * x[growth])
@@ -160,7 +160,7 @@ def gain_of(P: FloatArray, h: FloatArray, n: int, K: FloatArray) -> float:
 @kept
 @njit(error_model="numpy")
 def filter_row(
-    bank: Bank, f: int, n: int, p: int, h: FloatArray, K: FloatArray, y: float, harmonics: int, motion: Motion
+    bank: Bank, f: int, n: int, p: int, h: FloatArray, K: FloatArray, y: float, harmonics: int, motion: RowPassing
 ) -> float:
     """Take a reading into a filter, and return the logarithm of its likelihood, an outlier's as that at the limit."""
     x, P, reading = bank.x[f], bank.P[f], bank.reading[f]
@@ -225,7 +225,7 @@ def begin_hopeless_again(bank: Bank) -> None:
 @kept
 @njit(error_model="numpy")
 def run_bank(
-    bank: Bank, Z: FloatArray, y: FloatArray, feed: FloatArray, learnt: BoolArray, harmonics: int, motion: Motion
+    bank: Bank, Z: FloatArray, y: FloatArray, feed: FloatArray, learnt: BoolArray, harmonics: int, motion: RowPassing
 ) -> tuple[FloatArray, FloatArray]:
     """Take rows in, and return what the filters say of each together.
 

@@ -12,7 +12,7 @@ from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import Record
 from fdbench_baselines._data_sheet import sheet_beforehand
 from fdbench_baselines._disturbance_gain import mass_share
-from fdbench_baselines._joint_kalman_bank import BEFORE_WAVES, Bank, Motion, run_bank
+from fdbench_baselines._joint_kalman_bank import BEFORE_WAVES, Bank, RowPassing, run_bank
 from fdbench_baselines._mixed_estimation import applies
 from fdbench_baselines._one_step import OneStep, declined
 from fdbench_baselines._slip import LARGEST_SLIP
@@ -130,7 +130,7 @@ class JointKalman(OnlineEstimator):
             angle = 2.0 * np.pi * step_s / context.disturbance_period_s
             most = int(np.pi / angle * (1.0 - LARGEST_SLIP)) if is_filtered else self.harmonics
             self._waves = min(self.harmonics, most)
-        self._motion = Motion(
+        self._motion = RowPassing(
             step_s=step_s,
             angle=angle,
             memory=float(np.exp(-step_s / MEMORY_S)),
