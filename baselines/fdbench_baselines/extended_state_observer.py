@@ -31,9 +31,10 @@ class ExtendedStateObserver(OnlineEstimator):
     with the velocity v that is read, the drive's own pole a (1 without viscous friction), what command, controller and
     Coulomb friction of the data sheet add in a sample, b (m/s), the disturbance gain g (m/s per N) and the bandwidth
     :math:`\omega_o`. In current form a reading acts on its own row. Rows of inverse dynamics hold the acceleration and
-    no state of a velocity: there the observer is that of reduced order, :math:`\hat F_{k+1} = \hat F_k + (1 - \lambda)
-    (r_k - \hat F_k)` with the residual r of the nominal model, which is the disturbance observer with a first-order
-    filter.
+    no state of a velocity: there the observer is that of reduced order, which is the disturbance observer with a
+    first-order filter, for the residual r of the nominal model:
+
+    .. math:: \hat F_{k+1} = \hat F_k + (1 - \lambda) (r_k - \hat F_k)
 
     Told: the data sheet; the period, for the bandwidth alone; no size of the force or the noise. ``disturbance_N`` is
     the force after each row, late by :math:`2 \lambda T / (1 - \lambda)`, about :math:`2 / \omega_o`, of a slow force
