@@ -17,6 +17,13 @@ class Gain(NamedTuple):
     deviation: float
 
 
+class MassShare(NamedTuple):
+    """Logarithm of the mass over the sheet's for one unit of each parameter (p,), and its standard deviation."""
+
+    weights: FloatArray
+    deviation: float
+
+
 def disturbance_gain(context: Context, regression: Regression, beta: FloatArray) -> Gain:
     r"""Return the disturbance gain after the record: that of the mass that sheet and parameters make likeliest.
 
@@ -47,13 +54,20 @@ def disturbance_gain(context: Context, regression: Regression, beta: FloatArray)
     >>> round(found.gain / regression.disturbance_gain, 3), round(found.deviation, 3)
     (0.958, 0.016)
     """
+    share = mass_share(context)
+    moved = float(share.weights @ (beta - np.array(list(context.nominal.values()))))
+    return Gain(regression.disturbance_gain * float(np.exp(-moved)), share.deviation)
+
+
+def mass_share(context: Context) -> MassShare:
+    """Return what the parameters' distance from the sheet says of the mass; see `disturbance_gain`."""
     from scipy.optimize import nnls
 
     from fdbench.plants._velocity_loop import VelocityLoopModel
 
     model, period_s = context.linear_model, context.sampling_time_s
     if context.covariance is None or not isinstance(model, VelocityLoopModel):
-        return Gain(regression.disturbance_gain, 0.0)
+        return MassShare(np.zeros(len(context.nominal)), 0.0)
     line, more = model.line, 1.0 + STEP
     moved = (
         replace(model, mass_kg=model.mass_kg * more),
@@ -71,6 +85,5 @@ def disturbance_gain(context: Context, regression: Regression, beta: FloatArray)
     squares = np.column_stack([np.outer(column, column).ravel() for column in J.T])
     variances = nnls(squares, (turn @ context.covariance @ turn.T).ravel())[0]
     weight = variances[0] * np.linalg.lstsq((J * variances) @ J.T, J[:, 0], rcond=1e-10)[0]
-    heavier = float(weight @ turn @ (beta - nominal))
     spread = float(variances[0] * (1.0 - weight @ J[:, 0]))
-    return Gain(regression.disturbance_gain * float(np.exp(-heavier)), float(np.sqrt(max(spread, 0.0))))
+    return MassShare(weight @ turn, float(np.sqrt(max(spread, 0.0))))
