@@ -26,8 +26,8 @@ class DisturbanceRejection(SquaredDeviation):
 
     Validity: scenarios with an effect that is a disturbance, among what is real and not modelled.
 
-    Source: Franklin, Powell, Workman, Digital Control of Dynamic Systems (1998), section 4.2, for the response to a
-    disturbance as an error of its own.
+    Source: Åström, Murray, Feedback Systems (2008), section 11.1, for the response to a load disturbance as a transfer
+    of its own beside that to the reference.
 
     Examples
     --------

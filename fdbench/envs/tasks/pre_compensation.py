@@ -27,8 +27,8 @@ class PreCompensation(SquaredDeviation):
     Validity: commanded positions are what an action adds to. The tangent stands for the path where the servo error is
     small beside the radius R of the path; it is wrong by about (error along the path)^2 / 2 R.
 
-    Source: Koren and Lo, Variable-gain cross-coupling controller for contouring, CIRP Annals 40 (1991), 371-374, eq.
-    (1), for the contour error; Chou, Duan, Okwudire, CIRP Annals, for pre-compensation.
+    Source: Koren and Lo, Variable-gain cross-coupling controller for contouring, CIRP Annals 40 (1991), 371-374,
+    for the contour error; Chou, Duan, Okwudire, CIRP Annals, for pre-compensation.
 
     Examples
     --------

@@ -19,7 +19,7 @@ class Tracking(SquaredDeviation):
     have it. Unit: that of the column, squared (:math:`m^2` for positions): small numbers, to be scaled before
     learning. Noise of the reading lowers the mean by its variance.
 
-    Source: Altintas, Manufacturing Automation (2012), section 5.6, for the servo (following) error.
+    Source: Altintas, Manufacturing Automation (2012), chapter 5, for the servo (following) error.
 
     Examples
     --------
