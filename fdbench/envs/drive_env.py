@@ -113,7 +113,7 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         self._truths = [(name, n + index) for index, name in enumerate(system.truth_columns)]
         self._diverged = n + system.truth_columns.index("diverged")
         self._commanded, self._reward = self.interface.commanded, self.interface.task.reward
-        self._n_actions = len(system.action_names)
+        self._one_action = len(system.action_names) == 1
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -139,20 +139,20 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         k = self._sample
         if k >= self._n_samples:
             raise ResetNeeded(f"{self.scenario.id}: no episode is running; call reset() before step().")
-        try:
-            given = action.tolist()
-            valid = len(given) == self._n_actions
-            for value in given:
-                valid = valid and type(value) is float and -1.0 <= value <= 1.0
-        except (AttributeError, TypeError):
-            valid = False
-        if not valid:
-            given = self._checked(action).tolist()
-        deviation = [value * self._action_scale for value in given]
-        if self._n_actions == 1:
+        if self._one_action:
+            try:
+                (value,) = action.tolist()
+                valid = type(value) is float and -1.0 <= value <= 1.0
+            except (AttributeError, TypeError, ValueError):
+                valid = False
+            if not valid:
+                (value,) = self._checked(action).tolist()
+            deviation = [value * self._action_scale]
             row = self.system.advance_one(deviation[0])
         else:
-            row = self.system.advance(1, np.array([deviation]).T).ravel()
+            scaled = self._checked(action) * self._action_scale
+            deviation = scaled.tolist()
+            row = self.system.advance(1, scaled[:, None]).ravel()
         values = row.tolist()
         reward = self._reward(k, values, deviation)
         terminated = values[self._diverged] > 0.5
