@@ -15,12 +15,13 @@ import gymnasium
 import numpy as np
 from _measure import Burst, Racer, describe_machine, race
 
-from fdbench.envs import register_all
+from fdbench.envs import environment_ids, register_all
 from fdbench.scenario import Reality, Scenario, load_scenario
 from fdbench.simulate.random import CHUNK
 
 ROUNDS = 25
 LANES = 1024
+FEW = 64  # steps of a burst where every scenario is measured
 SUBSTEPS = 200  # so many that the work of a sample does not count
 DRIVE = "fdbench/BallScrewAxis-v0"  # the argument scenario overrides its scenario
 SCREW_MJCF = """
@@ -72,13 +73,13 @@ def steps(env: Any, n: int = CHUNK) -> Burst:
     return burst
 
 
-def lane_steps(envs: Any) -> Burst:
+def lane_steps(envs: Any, n: int = CHUNK) -> Burst:
     envs.reset(seed=0)
     action = np.zeros_like(envs.action_space.sample())
 
     def burst() -> None:
         step = envs.step
-        for _ in range(CHUNK):
+        for _ in range(n):
             step(action)
 
     return burst
@@ -90,6 +91,10 @@ def one(scenario: Scenario) -> Burst:
 
 def many(scenario: Scenario) -> Burst:
     return lane_steps(gymnasium.make_vec(DRIVE, num_envs=LANES, scenario=scenario))
+
+
+def cart_poles(n: int = CHUNK) -> Burst:
+    return lane_steps(gymnasium.make_vec("CartPole-v1", num_envs=LANES, vectorization_mode="vector_entry_point"), n)
 
 
 def samples(scenario: Scenario, lanes: int) -> Burst:
@@ -168,15 +173,39 @@ def main() -> None:
             ),
             Racer(
                 name="CartPole-v1, its vector class",
-                start=lambda: lane_steps(
-                    gymnasium.make_vec("CartPole-v1", num_envs=LANES, vectorization_mode="vector_entry_point")
-                ),
+                start=cart_poles,
                 units=LANES * CHUNK,
                 peer="gymnasium",
                 note="1 substep",
             ),
         ],
         scale=1e9,
+    )
+    # Less than an episode of any of them, so that none is reset.
+    race(
+        f"every scenario, {LANES} environments side by side: ns a substep of a lane",
+        [
+            *(
+                Racer(
+                    name=f"fdbench, {name}",
+                    start=partial(lambda name: lane_steps(gymnasium.make_vec(name, num_envs=LANES), FEW), env_id),
+                    units=LANES * FEW * load_scenario(name).setup.timing.substeps,
+                    note=substeps(name),
+                )
+                for env_id in environment_ids()
+                for name in [env_id.removeprefix("fdbench/")]
+            ),
+            Racer(
+                name="CartPole-v1, its vector class",
+                start=partial(cart_poles, FEW),
+                units=LANES * FEW,
+                peer="gymnasium",
+                note="1 substep",
+            ),
+        ],
+        scale=1e9,
+        rounds=5,
+        compare=None,
     )
     table(
         "whole trials without an environment: ns a substep",

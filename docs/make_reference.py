@@ -18,6 +18,8 @@ from typing import Any
 from fdbench.catalogue import scenario_ids
 from fdbench.data_sheet import described, sections
 from fdbench.effects import Effect, Port, effects
+from fdbench.envs import environment_ids
+from fdbench.envs.tasks import fitting, tasks
 from fdbench.estimator import estimators
 from fdbench.metrics import metrics
 from fdbench.motions import Motion, motions
@@ -175,6 +177,28 @@ def metrics_page() -> str:
         f"## {name}\n\n**{metrics.summary(name)}**\n\n{markdown(sections(cls)[''])}" for name, cls in kinds.items()
     )
     return page("Metrics", introduction, [table("metric|track|primary|unit|ideal|worst", rows), *sheets])
+
+
+# ---- tasks
+
+
+def tasks_page() -> str:
+    """Return the page of tasks."""
+    names = sorted(tasks.modules())
+    introduction = (
+        "What an environment rewards: `gymnasium.make(id, task=name)`. One file each in `fdbench/envs/tasks/`; the "
+        "task changes nothing of the machine. [More on environments](../how-to/environments.md)."
+    )
+    simulated = [load_scenario(name) for name in environment_ids()]
+    reasons = {case.id: fitting(case, case.system()) for case in simulated}
+    fit = {name: [case for case, found in reasons.items() if found[name] is None] for name in names}
+    rows = ((f"[`{name}`](#{name})", tasks.summary(name), tasks.get(name).unit, len(fit[name])) for name in names)
+    sheets = (
+        f"## {name}\n\n**{tasks.summary(name)}**\n\n{markdown(sections(tasks.get(name))[''])}\n\n"
+        f"Fits {', '.join(f'`{case}`' for case in fit[name])}, and what extends them."
+        for name in names
+    )
+    return page("Tasks", introduction, [table("task|rewards|unit|fits", rows), *sheets])
 
 
 # ---- scenarios
@@ -369,6 +393,7 @@ def pages() -> dict[str, str]:
         "effects.md": effects_page(),
         "estimators.md": estimators_page(),
         "metrics.md": metrics_page(),
+        "tasks.md": tasks_page(),
         "scenarios.md": scenarios_page(),
     }
 

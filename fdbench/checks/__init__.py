@@ -60,7 +60,9 @@ def kinds(sandbox: "Sandbox") -> list[tuple[Registry[Any], Callable[[str], list[
     from fdbench.checks.check_metric import check_metric
     from fdbench.checks.check_motion import check_motion
     from fdbench.checks.check_plant import check_plant
+    from fdbench.checks.check_task import check_task
     from fdbench.effects import effects
+    from fdbench.envs.tasks import tasks
     from fdbench.estimator import estimators
     from fdbench.metrics import metrics
     from fdbench.motions import motions
@@ -73,6 +75,7 @@ def kinds(sandbox: "Sandbox") -> list[tuple[Registry[Any], Callable[[str], list[
         (metrics, lambda name: check_metric(metrics.get(name))),
         (plants, lambda name: check_plant(plants.get(name))),
         (motions, lambda name: check_motion(motions.get(name))),
+        (tasks, lambda name: check_task(tasks.get(name))),
         (diagnosers, lambda name: check_diagnoser(diagnosers.get(name))),
     ]
 

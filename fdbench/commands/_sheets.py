@@ -48,6 +48,7 @@ class NameSheet:
 def registries() -> "list[Registry[Any]]":
     """Return the plug-ins of each kind that `fdbench list` knows."""
     from fdbench.effects import effects
+    from fdbench.envs.tasks import tasks
     from fdbench.estimator import estimators
     from fdbench.metrics import metrics
     from fdbench.motions import motions
@@ -55,7 +56,7 @@ def registries() -> "list[Registry[Any]]":
     from fdbench.reading.formats._format import formats
     from fdbench.trials.diagnoser import diagnosers
 
-    return [estimators, effects, metrics, plants, motions, diagnosers, formats]
+    return [estimators, effects, metrics, plants, motions, tasks, diagnosers, formats]
 
 
 def plugin_sheets(name: str) -> list[NameSheet]:

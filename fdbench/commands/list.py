@@ -19,6 +19,7 @@ class Listed(StrEnum):
     METRICS = "metrics"
     PLANTS = "plants"
     MOTIONS = "motions"
+    TASKS = "tasks"
     DIAGNOSERS = "diagnosers"
     FORMATS = "formats"
 
@@ -30,6 +31,7 @@ WORDS = {
     Listed.METRICS: "What a claim is scored with, against the truth.",
     Listed.PLANTS: "Kinds of machine that a scenario may have.",
     Listed.MOTIONS: "Commands that a scenario may give.",
+    Listed.TASKS: "What an environment rewards.",
     Listed.DIAGNOSERS: "What answers a blind trial of the diagnosis.",
     Listed.FORMATS: "Files that records and logs are read from.",
 }

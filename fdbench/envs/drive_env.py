@@ -6,10 +6,10 @@ from typing import Any, ClassVar, final
 
 import gymnasium
 import numpy as np
-from gymnasium.error import InvalidAction, ResetNeeded
+from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from fdbench.envs._interface import Interface, check_options, next_seed
+from fdbench.envs._interface import DEFAULT_TASK, Interface, check_options, checked_action, next_seed
 from fdbench.envs._picture import AMBER, GREEN, RED, WINDOW_S, Trace, draw, draw_plane
 from fdbench.errors import SpecError, did_you_mean
 from fdbench.scenario import Scenario
@@ -48,12 +48,13 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
     | ``motor_force_N``, ``motor_torque_Nm`` or ``motor_current_A``: command at the motor | force limit |
 
     ## Rewards
-    :math:`-(r_k - y_k)^2` for the column that ``environment.reward`` of the scenario names, in its unit squared; the
-    XY stage has the sum over both axes.
+    Those of the task: ``tracking``, unless another one is named, is :math:`-(r_k - y_k)^2` for the column that
+    ``environment.reward`` of the scenario names, in its unit squared; the XY stage has the sum over both axes.
 
     ## Starting State
-    At rest at the start of the reference. The seed of ``reset`` is that of every random stream of the episode; without
-    one, seeds are drawn from ``np_random``. The first observation is the drive at rest, without noise.
+    At rest at the start of the reference. The seed of ``reset`` is that of every random stream of the episode and, for
+    a scenario that draws its machines, of the machine; without one, seeds are drawn from ``np_random``. The first
+    observation is the drive at rest, without noise.
 
     ## Episode End
     Terminated when the drive leaves its travel or velocity limit; truncated after the last sample of the scenario, so
@@ -67,6 +68,8 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
     ## Arguments
     scenario : str, path or Scenario
         Id, TOML file, or the scenario itself.
+    task : str
+        What is rewarded; a file of `fdbench.envs.tasks`.
     render_mode : {"rgb_array"}, optional
         A picture of 640 x 360 pixels: drive or path, command at the motor, and the last two seconds.
 
@@ -84,29 +87,33 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 30}  # type: ignore[misc]
 
-    def __init__(self, scenario: str | Path | Scenario, render_mode: str | None = None) -> None:
+    def __init__(
+        self, scenario: str | Path | Scenario, render_mode: str | None = None, task: str = DEFAULT_TASK
+    ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise SpecError(f"render_mode: unknown '{render_mode}'.{did_you_mean(render_mode, ['rgb_array'])}")
-        self.interface = Interface(scenario, 1)
-        self.scenario, self.system = self.interface.scenario, self.interface.system
+        self.interface = Interface(scenario, task)
+        self.scenario = self.machine = self.interface.scenario
         self.columns = self.interface.columns
         self.observation_space = self.interface.observation_space
         self.action_space = self.interface.action_space
         self.render_mode = render_mode
-        n = self._n_measured = len(self.system.columns)
-        self._truths = [(name, n + index) for index, name in enumerate(self.system.truth_columns)]
-        self._diverged = n + self.system.truth_columns.index("diverged")
-        self._rewarded: list[tuple[list[float], int]] = [
-            (rewarded.reference.tolist(), rewarded.place) for rewarded in self.interface.rewarded
-        ]
-        self._one_action = len(self.system.action_names) == 1
-        self._commanded = self.interface.commanded
         self._action_scale = self.interface.action_scale
         self._period_s = self.interface.period_s
-        self._n_samples = self._sample = self.system.n_samples
         self._history: deque[list[float]] | None = None
         if render_mode is not None:
             self._history = deque(maxlen=max(2, round(WINDOW_S / self._period_s)))
+        self._bind()
+        self._n_samples = self._sample = self.system.n_samples
+
+    def _bind(self) -> None:
+        """Gather what a step needs of the present system."""
+        system = self.system = self.interface.system
+        n = self._n_measured = len(system.columns)
+        self._truths = [(name, n + index) for index, name in enumerate(system.truth_columns)]
+        self._diverged = n + system.truth_columns.index("diverged")
+        self._commanded, self._reward = self.interface.commanded, self.interface.task.reward
+        self._one_action = len(system.action_names) == 1
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -114,11 +121,18 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         """Put the drive back to rest; see Starting State."""
         super().reset(seed=seed)
         check_options(options)
-        self.system.start([next_seed(self.np_random) if seed is None else seed])
+        seed = next_seed(self.np_random) if seed is None else seed
+        interface, machines = self.interface, self.interface.machines
+        if machines.drawn:
+            self.machine = machines.of(seed)
+            interface.use(machines.system(self.machine))
+            self._bind()
+        self.system.start([seed])
+        interface.task.start([self.machine], np.zeros(1, dtype=np.intp))
         self._sample = 0
         if self._history is not None:
             self._history.clear()
-        return self.interface.at_rest(), {"truth": dict.fromkeys(self.system.truth_columns, 0.0), "time_s": 0.0}
+        return interface.at_rest(), {"truth": dict.fromkeys(self.system.truth_columns, 0.0), "time_s": 0.0}
 
     def step(self, action: ActionArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """Advance by one sampling time; see the data sheet of the class."""
@@ -126,17 +140,21 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         if k >= self._n_samples:
             raise ResetNeeded(f"{self.scenario.id}: no episode is running; call reset() before step().")
         if self._one_action:
-            value = action.item()
-            if not -1.0 <= value <= 1.0:
-                raise InvalidAction(f"{self.scenario.id}: action {value:g} is outside [-1, 1].")
-            row = self.system.advance_one(value * self._action_scale)
+            try:
+                (value,) = action.tolist()
+                valid = type(value) is float and -1.0 <= value <= 1.0
+            except (AttributeError, TypeError, ValueError):
+                valid = False
+            if not valid:
+                (value,) = self._checked(action).tolist()
+            deviation = [value * self._action_scale]
+            row = self.system.advance_one(deviation[0])
         else:
-            row = self._advance_by_several(action)
+            scaled = self._checked(action) * self._action_scale
+            deviation = scaled.tolist()
+            row = self.system.advance(1, scaled[:, None]).ravel()
         values = row.tolist()
-        reward = 0.0
-        for reference, place in self._rewarded:
-            error = reference[k] - values[place]
-            reward -= error * error
+        reward = self._reward(k, values, deviation)
         terminated = values[self._diverged] > 0.5
         self._sample = self._n_samples if terminated else k + 1
         if self._history is not None:
@@ -147,12 +165,8 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         info = {"truth": {name: values[place] for name, place in self._truths}, "time_s": k * self._period_s}
         return observation, reward, terminated, k + 1 == self._n_samples, info
 
-    def _advance_by_several(self, action: ActionArray) -> FloatArray:
-        shape = self.action_space.shape
-        if action.shape != shape or not np.abs(action).max() <= 1.0:
-            raise InvalidAction(f"{self.scenario.id}: action {action} is outside [-1, 1], or its shape is not {shape}.")
-        deviation = np.multiply(action, self._action_scale, dtype=np.float64)
-        return self.system.advance(1, deviation[:, None]).ravel()
+    def _checked(self, action: ActionArray) -> FloatArray:
+        return checked_action(self.scenario.id, action, self.action_space.shape)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return the picture as a (360, 640, 3) array."""

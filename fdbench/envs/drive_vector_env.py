@@ -5,15 +5,17 @@ from pathlib import Path
 from typing import Any, final
 
 import numpy as np
-from gymnasium.error import InvalidAction, ResetNeeded
+from gymnasium.error import ResetNeeded
 from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from fdbench.envs._interface import Interface, check_options, next_seed
+from fdbench.envs._interface import DEFAULT_TASK, Interface, check_options, checked_action, next_seed
+from fdbench.envs._machine import put
 from fdbench.errors import SpecError
 from fdbench.scenario import Scenario
+from fdbench.simulate.axis import Axis
 from fdbench.simulate.system import FloatArray
 
 ActionArray = NDArray[np.float32]
@@ -39,7 +41,10 @@ class DriveVectorEnv(VectorEnv[FloatArray, ActionArray, NDArray[Any]]):
 
     ## Arguments
     scenario : str, path or Scenario
+        Of one that draws its machines, every lane has a machine of its own; only feed drives can.
     num_envs : int
+    task : str
+        What is rewarded; a file of `fdbench.envs.tasks`.
 
     ## Version History
     The version of an id is that of its scenario. v0: initial release.
@@ -55,10 +60,15 @@ class DriveVectorEnv(VectorEnv[FloatArray, ActionArray, NDArray[Any]]):
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.DISABLED}  # noqa: RUF012
 
-    def __init__(self, scenario: str | Path | Scenario, num_envs: int = 1) -> None:
+    def __init__(self, scenario: str | Path | Scenario, num_envs: int = 1, task: str = DEFAULT_TASK) -> None:
         if num_envs < 1:
             raise SpecError(f"num_envs: {num_envs} is too few; at least 1 is needed.")
-        self.interface = Interface(scenario, num_envs)
+        self.interface = Interface(scenario, task, num_envs)
+        if self.interface.machines.drawn and not isinstance(self.interface.system, Axis):
+            raise SpecError(
+                f"{self.interface.scenario.id}: lanes side by side have one machine, and this scenario draws another "
+                "for each seed. gymnasium.make_vec(..., vectorization_mode='sync') steps its environments in turns."
+            )
         self.scenario, self.system = self.interface.scenario, self.interface.system
         self.columns = self.interface.columns
         self.num_envs = num_envs
@@ -84,7 +94,13 @@ class DriveVectorEnv(VectorEnv[FloatArray, ActionArray, NDArray[Any]]):
         super().reset(seed=seed if isinstance(seed, int) else None)
         lanes = np.flatnonzero(mask)
         seeds = self._seeds(seed, lanes.tolist())
+        machines = self.interface.machines
+        drawn = [machines.of(lane_seed) for lane_seed in seeds]
+        if machines.drawn and isinstance(self.system, Axis):
+            for lane, machine in zip(lanes.tolist(), drawn, strict=True):
+                put(self.system, lane, machines.axis(machine))
         self.system.start(seeds, None if mask.all() else lanes)
+        self.interface.task.start(drawn, lanes)
         self._sample[lanes] = 0
         self._over = self._over & ~mask
         self._observations = self._observations.copy()
@@ -96,11 +112,8 @@ class DriveVectorEnv(VectorEnv[FloatArray, ActionArray, NDArray[Any]]):
         """Advance all lanes by one sampling time; see the data sheet of `DriveEnv`."""
         if self._over.any():
             raise ResetNeeded(f"{self.scenario.id}: lanes {np.flatnonzero(self._over).tolist()[:8]} need a reset.")
-        shape = self.action_space.shape
-        if actions.shape != shape or not np.abs(actions).max() <= 1.0:
-            raise InvalidAction(f"{self.scenario.id}: actions of shape {shape} within [-1, 1] are needed.")
-        given = actions.T.reshape(self._action.shape)
-        np.multiply(given, self.interface.action_scale, out=self._action, dtype=np.float64)
+        given = checked_action(self.scenario.id, actions, self.action_space.shape).T.reshape(self._action.shape)
+        np.multiply(given, self.interface.action_scale, out=self._action)
         rows = self.system.advance(1, self._action)[0]
         k = self._sample.copy()
         self._sample += 1
@@ -111,10 +124,7 @@ class DriveVectorEnv(VectorEnv[FloatArray, ActionArray, NDArray[Any]]):
             observations[:, : len(self.columns) - n] = self.interface.commanded[k]
         self._observations = observations
         truth = dict(zip(self.system.truth_columns, rows[n:], strict=True))
-        rewards = np.zeros(self.num_envs)
-        for rewarded in self.interface.rewarded:
-            error = rewarded.reference[k] - rows[rewarded.place]
-            rewards -= error * error
+        rewards = self.interface.task.reward(k, rows, self._action.reshape(-1, self.num_envs))
         terminated = truth["diverged"] > 0.5
         truncated = self._sample == self.system.n_samples
         self._over = terminated | truncated

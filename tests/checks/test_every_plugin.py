@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fdbench import checks
-from fdbench.checks import check_diagnoser, check_metric, check_motion, check_plant
+from fdbench.checks import check_diagnoser, check_metric, check_motion, check_plant, check_task
+from fdbench.envs.tasks import tasks
 from fdbench.errors import PluginError, UnknownName
 from fdbench.metrics import Metric, metrics
 from fdbench.motions import Motion, motions
@@ -32,6 +33,11 @@ def test_motion(name: str) -> None:
 @pytest.mark.parametrize("name", plants.names())
 def test_plant(name: str) -> None:
     assert all(line.endswith(": ok") for line in check_plant.check_plant(plants.get(name)))
+
+
+@pytest.mark.parametrize("name", tasks.names())
+def test_task(name: str) -> None:
+    assert all(line.endswith(": ok") for line in check_task.check_task(tasks.get(name)))
 
 
 @pytest.mark.parametrize("name", QUICK)

@@ -8,7 +8,13 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-SCRIPTS = sorted([*(REPOSITORY / "benchmarks").glob("*.py"), *(REPOSITORY / "docs").glob("*.py")])
+SCRIPTS = sorted(
+    [
+        *(REPOSITORY / "benchmarks").glob("*.py"),
+        *(REPOSITORY / "docs").glob("*.py"),
+        *(REPOSITORY / "examples" / "learning").glob("*.py"),
+    ]
+)
 
 
 def imported(script: Path) -> list[tuple[str, str]]:

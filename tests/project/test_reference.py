@@ -13,12 +13,13 @@ import fdbench.api
 from fdbench.catalogue import scenario_ids
 from fdbench.diagnosis.settings import settings
 from fdbench.effects import effects
+from fdbench.envs.tasks import tasks
 from fdbench.estimator import estimators
 from fdbench.metrics import metrics
 from fdbench.units import unit_of
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-FILES = ("api.md", "effects.md", "estimators.md", "metrics.md", "scenarios.md")
+FILES = ("api.md", "effects.md", "estimators.md", "metrics.md", "scenarios.md", "tasks.md")
 MEASURED = ("settings.md",)  # by a benchmark, hours long
 
 
@@ -64,6 +65,7 @@ def test_a_setting_has_a_row_with_its_value(name: str) -> None:
         ("estimators.md", sorted(estimators.modules())),
         ("metrics.md", sorted(metrics.modules())),
         ("scenarios.md", scenario_ids()),
+        ("tasks.md", sorted(tasks.modules())),
     ],
 )
 def test_everything_has_a_section(page: str, names: list[str], pages: dict[str, str]) -> None:

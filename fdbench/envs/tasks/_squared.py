@@ -1,0 +1,50 @@
+"""Rewards that are squared deviations of readings from a series."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from fdbench.envs._machine import Machines
+from fdbench.envs.tasks._task import Series, Task
+from fdbench.simulate.system import FloatArray, System
+from fdbench.units import split_unit
+
+# Of a micrometre and a millimetre a second in SI units: deviations of drives are then numbers about 1.
+PER_UNIT = {"m": 1e6, "m_per_s": 1e3}
+MICROMETRE = PER_UNIT["m"]
+
+
+def per_unit(column: str) -> float:
+    """Return the factor from the column's SI unit to micrometres or millimetres a second, 1 for others."""
+    return PER_UNIT.get(split_unit(column)[1], 1.0)
+
+
+class SquaredDeviation(Task):
+    """Minus the sum of squared deviations; a subclass fills ``targets`` with factor, series, and place in a row."""
+
+    def __init__(self, machines: Machines, system: System, n_lanes: int | None) -> None:
+        super().__init__(machines, system, n_lanes)
+        self.targets: Sequence[tuple[float, Any, int]] = ()
+
+    def reward(self, k: Any, row: Any, action: Any) -> Any:
+        reward = 0.0
+        for factor, series, place in self.targets:
+            error = factor * (series[k] - row[place])
+            reward -= error * error
+        return reward
+
+    def target(self, column: str, values: FloatArray, factor: float) -> tuple[float, Series, int]:
+        """Return a target for `targets`."""
+        return factor, self.series(values), self.system.columns.index(column)
+
+
+class PerLane:
+    """Series of lanes, each its own, that are asked for one sample of each lane."""
+
+    def __init__(self, n_samples: int, n_lanes: int) -> None:
+        self.values, self._lanes = np.zeros((n_samples, n_lanes)), np.arange(n_lanes)
+
+    def __getitem__(self, k: Any) -> FloatArray:
+        found: FloatArray = self.values[k, self._lanes]
+        return found
