@@ -52,7 +52,7 @@ class PlausibleSettings:
     unmoved: float = number(0.01, "share of the travel that a position may move under a command that stands still")
     motion: float = number(20.0, "times the noise of a position that is a motion")
     fewest_samples: int = number(256, "samples that a record must have")
-    shortest_s: float = number(1.0, "time that a record must last")
+    shortest_s: float = number(0.5, "time that a record must last")
     outside: float = number(1.5, "times the travel or the velocity limit that a command may reach")
     constant_speed: float = number(1e-3, "relative spread of a speed, below which only its mean tells its unit")
     other_unit: float = number(8.0, "ratio of two lengths or speeds that only a wrong unit gives")

@@ -164,7 +164,7 @@ class LibraryBench(Bench):
 
     def names(self, listed: bool) -> list[str]:
         """Return the names of the library; it has nothing that a diagnosis may not name."""
-        return [kind.name for kind in self.kinds] if listed else []
+        return [kind.name for kind in self.kinds if kind.calibrates != "friction_form"] if listed else []
 
     def typical(self, name: str) -> Effect:
         """Return an effect at its typical size, or the one that replaces a known effect.
