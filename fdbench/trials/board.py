@@ -9,6 +9,7 @@ SHEETS = Path(__file__).with_name("sheets")
 OWN = "fdbench"
 COLUMNS = {
     "top_1": "top-1",
+    "type_top_1": "type first",
     "exact_set": "exact set",
     "probability_of_truth": "p of truth",
     "calibration_error": "calibration error",
@@ -102,6 +103,20 @@ def _by_effect(sheet: Mapping[str, Any]) -> Iterator[str]:
     for item in sheet["unlisted"]:
         chance = item["mean_unknown_probability"]
         yield f"| {item['form']} | {item['cases']} | {chance:.2f} | {_words(item['mistaken_for'])} |"
+
+
+    kinds = sheet.get("kinds", ())
+    if kinds:
+        yield ""
+        yield "| kind of axis | cases | top-1 | exact set | false alarms | named wrongly |"
+        yield "| --- | ---: | ---: | ---: | ---: | --- |"
+    for item in kinds:
+        shares = " | ".join(_share(item[name]) for name in ("top_1", "exact_set", "false_alarms"))
+        yield f"| {item['kind']} | {item['cases']} | {shares} | {_words(item['named_wrongly'])} |"
+
+
+def _share(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f}"
 
 
 def _words(counts: Mapping[str, int]) -> str:
