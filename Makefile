@@ -4,7 +4,7 @@ BIN := .venv/bin
 RUNTIME := .venv/.installed
 TEST := .venv/.installed-test
 
-.PHONY: run test test-processors test-scheduler check format report leaderboard site trial benchmark clean
+.PHONY: run test test-pages test-processors test-scheduler check format report leaderboard site trial benchmark clean
 
 run: $(RUNTIME)
 	$(BIN)/fdbench run
@@ -41,7 +41,11 @@ benchmark: $(RUNTIME)
 	@for script in benchmarks/*_speed.py; do echo; $(BIN)/python $$script || exit; done
 
 test: $(TEST)
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not processors"
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not processors and not pages"
+
+# Tutorials and how-to pages, executed block after block; those of README.md are part of `make test`.
+test-pages: $(TEST)
+	$(BIN)/python -m pytest -n 2 --no-loadscope-reorder -q -m pages tests
 
 # As on other processors: kernels of linear algebra without vectors and with wide ones, machine code for any.
 WIDE := $(shell grep -qw avx512dq /proc/cpuinfo 2>/dev/null && echo OPENBLAS_CORETYPE=SkylakeX || echo OPENBLAS_CORETYPE=Haswell)
@@ -62,6 +66,7 @@ check: $(TEST)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(MAKE) --no-print-directory test
+	$(MAKE) --no-print-directory test-pages
 	$(MAKE) --no-print-directory test-processors
 
 format: $(TEST)

@@ -104,7 +104,6 @@ def _by_effect(sheet: Mapping[str, Any]) -> Iterator[str]:
         chance = item["mean_unknown_probability"]
         yield f"| {item['form']} | {item['cases']} | {chance:.2f} | {_words(item['mistaken_for'])} |"
 
-
     kinds = sheet.get("kinds", ())
     if kinds:
         yield ""

@@ -138,11 +138,20 @@ def _case(tier: Tier, effects: list[str], nonce: str, name: str) -> Case:
         try:
             rng = seal.generator(nonce, f"tier {tier} case {name} attempt {attempt}")
             if tier in (Tier.F, Tier.G):
-                return draw_foreign_case(tier, int(name), effects, rng)
+                drawn = draw_foreign_case(tier, int(name), effects, rng)
+                _check_loop(drawn)
+                return drawn
             return draw_case(tier, effects, rng)
         except (SimulationDiverged, UnstableLoop) as error:
             message = str(error)
     raise SimulationDiverged(f"case {name}: {MOST_ATTEMPTS} axes, none of them usable; the last: {message}")
+
+
+def _check_loop(drawn: Case) -> None:
+    """Raise an UnstableLoop where the loop of a model is unstable, which its owner would have noticed."""
+    if "controller" in drawn.model["plant"]:
+        record = next(iter(drawn.records.values()))
+        read(Nominal, drawn.model, "model").drive.check_loop(record.sampling_time_s)
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:

@@ -87,12 +87,14 @@ def test_blocks_of_readme_do_what_they_say(tmp_path: Path) -> None:
     assert run_in_order([block for block in blocks(README) if block.before != SLOW], tmp_path) >= 3
 
 
+@pytest.mark.pages
 def test_blocks_of_the_first_hour_do_what_they_say(tmp_path: Path) -> None:
     (tmp_path / "scenarios").symlink_to(REPOSITORY / "scenarios")
     found = [block for block in blocks(REPOSITORY / "docs" / "tutorials" / "first_hour.md") if block.before != SLOW]
     assert run_in_order(found, tmp_path) == 5
 
 
+@pytest.mark.pages
 def test_blocks_on_environments_run(tmp_path: Path) -> None:
     (tmp_path / "scenarios").symlink_to(REPOSITORY / "scenarios")
     found = [
@@ -103,6 +105,7 @@ def test_blocks_on_environments_run(tmp_path: Path) -> None:
         run(block, tmp_path)
 
 
+@pytest.mark.pages
 def test_blocks_on_python_do_what_they_say(tmp_path: Path) -> None:
     """One program, as in a notebook: later blocks use what earlier ones made."""
     found = blocks(REPOSITORY / "docs" / "how-to" / "python.md")
@@ -110,6 +113,7 @@ def test_blocks_on_python_do_what_they_say(tmp_path: Path) -> None:
     check_text(expected, run(Block("", "python", program), tmp_path))
 
 
+@pytest.mark.pages
 def test_blocks_on_evaluation_do_what_they_say(tmp_path: Path) -> None:
     (tmp_path / "scenarios").symlink_to(REPOSITORY / "scenarios")
     written, typed, expected = blocks(REPOSITORY / "docs" / "how-to" / "evaluate.md")
@@ -119,6 +123,7 @@ def test_blocks_on_evaluation_do_what_they_say(tmp_path: Path) -> None:
     assert (tmp_path / "evaluation.html").is_file()
 
 
+@pytest.mark.pages
 def test_blocks_on_logs_do_what_they_say(tmp_path: Path) -> None:
     (tmp_path / "scenarios").symlink_to(REPOSITORY / "scenarios")
     assert run_in_order(blocks(REPOSITORY / "docs" / "how-to" / "logs.md"), tmp_path) == 3

@@ -12,7 +12,7 @@ from fdbench.virtual_axes.cases import Tier
 NONCE = "0ddba11" + "0" * 57
 
 
-@pytest.mark.parametrize(("tier", "count", "least"), [("A", 1, 1), ("B", 2, 1), ("C", 2, 1), ("D", 2, 1)])
+@pytest.mark.parametrize(("tier", "count", "least"), [("A", 1, 1), ("B", 2, 1), ("C", 1, 1), ("D", 2, 1)])
 def test_cases_whose_injected_set_is_named_exactly(tmp_path: Path, tier: str, count: int, least: int) -> None:
     folder, key, answers = tmp_path / "trial", tmp_path / "key.json", tmp_path / "answers.json"
     make(folder, key, Tier(tier), count, NONCE)

@@ -8,9 +8,7 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
-from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.record import FloatArray, Record
-from fdbench.specification import read
 from fdbench.virtual_axes.bench import NOTHING, Bench, Detectability, Injected, between
 from fdbench.virtual_axes.cases import Case, Tier, described, inject
 from fdbench.virtual_axes.foreign import loops, mechanics
@@ -226,8 +224,6 @@ def draw_foreign_case(tier: Tier, number: int, effects: Sequence[str], rng: np.r
     ------
     SimulationDiverged
         If no effect that was drawn shows in the motions.
-    UnstableLoop
-        If the loop of the model is unstable, which its owner would have noticed.
     """
     kind = kinds()[number % len(kinds())]
     bench = ForeignBench(kind, tier, rng)
@@ -252,9 +248,6 @@ def draw_foreign_case(tier: Tier, number: int, effects: Sequence[str], rng: np.r
         for repeat in range(repeats)
     }
     holdouts = {name: record_of(axis, name, reference, seen, rng) for name, reference in other.items()}
-    model = model_of(kind, bench.value)
-    if kind.controller_given:
-        read(Nominal, model, "model").drive.check_loop(kind.period_s * kind.log_every)
     truth: dict[str, Any] = {
         "tier": tier.value,
         "kind": kind.name,
@@ -264,7 +257,7 @@ def draw_foreign_case(tier: Tier, number: int, effects: Sequence[str], rng: np.r
         "repeats": repeats,
     }
     return Case(
-        model=model,
+        model=model_of(kind, bench.value),
         records=records,
         holdouts=holdouts,
         truth=truth,
