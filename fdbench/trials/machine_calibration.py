@@ -193,7 +193,7 @@ class RecordingSetup:
     def _made_by(self, noises: Noises) -> FloatArray:
         """Return the mean squares of the noise floors of a nominal machine, (2, n_channels), like `parts`."""
         axis = self.bench(dict.fromkeys(ERRORS, 0.0), noises).axis({})
-        made = aligned(self.nominal, *self.recorded(axis, seal.generator(self.digest, "noise")))
+        made = aligned(self.nominal, *self.recorded(axis, seal.generator(self.digest, "noise")), logged=False)
         return np.asarray(self.squares(made) / np.array(list(self.noise_models.values())) ** 2)
 
     def _made_by_friction(self) -> FloatArray:

@@ -116,3 +116,12 @@ def test_no_effect_passes_for_damage(name: str) -> None:
     record = axis_lab.record(axis_lab.drive(), (kind.typical(),), motion, duration_s, seed=7)
     run = prepare(record, healthy()[0].drive)
     check_damage(run, healthy()[0].drive, noise_estimate(run.channels["position_m"]))
+
+
+def test_what_no_logger_wrote_may_repeat_itself() -> None:
+    """As a simulation without noise does, of which a calibration asks its floors."""
+    nominal, record = healthy()
+    repeating = Record(renewed(doubled(dict(record))), source="simulated")
+    with pytest.raises(RecordError, match="A block was written twice"):
+        aligned(nominal, [repeating], [])
+    assert aligned(nominal, [repeating], [], logged=False).runs

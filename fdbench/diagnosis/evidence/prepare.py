@@ -64,9 +64,17 @@ class Aligned:
 
 
 def aligned(
-    nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record], baseline: Baseline | None = None
+    nominal: Nominal,
+    records: Sequence[Record],
+    holdouts: Sequence[Record],
+    baseline: Baseline | None = None,
+    *,
+    logged: bool = True,
 ) -> Aligned:
-    """Return records as they are compared with their model; see `diagnose` for parameters and errors."""
+    """Return records as they are compared with their model; see `diagnose` for parameters and errors.
+
+    What no logger wrote is not checked for damage: a simulation without noise repeats itself to the last digit.
+    """
     if not records:
         raise RecordError("no records: at least one is needed, better three repeats of several motions.")
     records, holdouts = nominal.on_the_arc(records), nominal.on_the_arc(holdouts)
@@ -75,7 +83,7 @@ def aligned(
     warnings = [*copies, *warnings]
     drive = nominal.drive
     check_alike(raw_runs)
-    for run in raw_runs:
+    for run in raw_runs if logged else ():
         check_record(run.as_read(), drive)
     fastest = max(float(np.abs(run.reference[:, 1]).max()) for run in raw_runs)
     longest = max(run.n_samples * run.period_s for run in raw_runs)
