@@ -42,8 +42,7 @@ def import_(
     written = [(output or file.parent) / f"{file.stem}.toml" for file in files]
     model = written[0].with_name("model.toml")
     for path in [model] if are_mappings else [*written, model]:
-        if path.exists():
-            raise SpecError(f"{path}: exists already. Remove it, or name another folder by --output.")
+        _refuse_existing(path)
         if [*written, model].count(path) > 1:
             raise SpecError(f"{path}: two files would have this name. Rename a log, or import them one by one.")
     if are_mappings:
@@ -76,6 +75,11 @@ def import_(
     say(f"Then: fdbench diagnose --model {model} {' '.join(map(str, written))}")
 
 
+def _refuse_existing(path: Path) -> None:
+    if path.exists():
+        raise SpecError(f"{path}: exists already. Remove it, or name another folder by --output.")
+
+
 def _head(file: Path) -> bytes:
     with file.open("rb") as stream:
         return stream.read(4096)
@@ -92,8 +96,7 @@ def _import_tuning(files: list[Path], output: Path | None) -> None:
     place = output or file.parent
     model, response = place / "model.toml", place / f"{file.stem}_response.csv"
     for path in (model, response):
-        if path.exists():
-            raise SpecError(f"{path}: exists already. Remove it, or name another folder by --output.")
+        _refuse_existing(path)
     tuned = of_tuning(file)
     say(f"{file}: a result of Automatic Servo Tuning")
     for line in tuned.found:
@@ -104,6 +107,5 @@ def _import_tuning(files: list[Path], output: Path | None) -> None:
     if tuned.response:
         write_text(response, tuned.response)
         say(f"The measured response: {response}")
-    if tuned.response:
         page = place / f"{file.stem}.html"
         say(f"Then: fdbench show {model} {response} --sampling-time 1e-3 --output {page}")
