@@ -69,6 +69,12 @@ class Erratum(NamedTuple):
 ERRATA = (
     Erratum(
         "0.2.0",
+        "in the disturbance track of BallScrewAxis-v1 nothing is to be learnt: the waves of its force are above what "
+        "rows of 2 ms hold, and its mean passes for friction. In -v2 the tool is another one.",
+        (r"BallScrewAxis-v1",),
+    ),
+    Erratum(
+        "0.2.0",
         "in DriveCurrentClosed up to -v1 the gains in newtons are exact, so that the loop's equation tells the "
         "disturbance; in SlotMilling up to -v1 the force is read without noise and tells the parameters exactly. -v2 "
         "mends both. No estimator listed here used it.",
