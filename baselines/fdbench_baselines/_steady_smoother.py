@@ -31,7 +31,7 @@ from fdbench.estimator import FloatArray
 from fdbench_baselines._kalman_filter import Observer, gain, steady_covariance
 
 
-class Filtered(NamedTuple):
+class SteadyFiltered(NamedTuple):
     """The steady filter of a model, run over readings in units of their noise, with states in units of P's diagonal.
 
     Attributes
@@ -93,7 +93,7 @@ def run_backward(transition, weighted, adjoints):  # type: ignore[no-untyped-def
         adjoints[k] = r
 
 
-def filtered(model: Observer, u: FloatArray, y: FloatArray) -> Filtered:
+def filtered(model: Observer, u: FloatArray, y: FloatArray) -> SteadyFiltered:
     """Filter inputs (n_rows, n_inputs) and outputs (n_rows, n_outputs) forwards, and their innovations backwards.
 
     ``model.P`` is the covariance one sampling time before the first reading.
@@ -120,4 +120,4 @@ def filtered(model: Observer, u: FloatArray, y: FloatArray) -> Filtered:
         run_backward(transition, np.ascontiguousarray(errors @ information), adjoints)
         beyond = A @ start @ A.T
         first = first + beyond @ np.linalg.solve(np.eye(len(P)) + N @ beyond, adjoints[0])
-    return Filtered(P, N, S, states, errors, adjoints, size)
+    return SteadyFiltered(P, N, S, states, errors, adjoints, size)

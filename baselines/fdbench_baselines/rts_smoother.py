@@ -10,7 +10,7 @@ from fdbench.estimator import BatchEstimator, Context, Estimate, FloatArray
 from fdbench.plants import StateSpacePlant
 from fdbench.record import Record
 from fdbench_baselines._kalman_filter import observer
-from fdbench_baselines._steady_smoother import Filtered, filtered
+from fdbench_baselines._steady_smoother import SteadyFiltered, filtered
 
 FORCE = -1
 FIRST_STEPS, CLOSE = (3.0, 5.0), 0.05  # of logarithms of densities
@@ -93,7 +93,7 @@ class RtsSmoother(BatchEstimator):
         space = plant.state_space(period_s)
         u, y = (np.ascontiguousarray(part) for part in np.split(readings, [len(space.inputs)], axis=1))
 
-        def run(logarithms: FloatArray) -> Filtered:
+        def run(logarithms: FloatArray) -> SteadyFiltered:
             q, *factor = np.exp(logarithms)
             known = replace(space, process_variances=space.process_variances * (factor or [1.0])[0])
             return filtered(observer(known, period_s, q, self.initial_force_N, True), u, y)
