@@ -10,19 +10,8 @@ from fdbench.fmu._translate import Translator
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.simulate import integrator, layout
 from fdbench.simulate.block import Blocks
-from fdbench.simulate.compose import Slot
+from fdbench.simulate.compose import PORT_ARGUMENTS, Slot
 
-# Arguments of each port beside the time step, position and velocity, in the order in which ports are called.
-PORTS: Mapping[Port, str] = {
-    Port.COMMAND: "u",
-    Port.TRANSMISSION: "u, total",
-    Port.MOTOR_FORCE: "u, force, slope",
-    Port.TABLE_FORCE: "u, force, slope",
-    Port.TABLE_INERTIA: "u, force, slope",
-    Port.MOTOR_ENCODER: "u",
-    Port.TABLE_SCALE: "u",
-    Port.LOGGING: "u",
-}
 # Functions of the integrator, with their arguments in C.
 INTEGRATOR = {
     "propagate": "double *w, int row, int i, double x_m, double v_m, double x_t, double v_t, double force_m, "
@@ -77,7 +66,7 @@ def _number(value: float) -> str:
 def _ports(slots: Sequence[Slot], translator: Translator) -> str:
     """Return a function for each port, which calls the kernels of its effects in order of their ranks."""
     texts = []
-    for port, arguments in PORTS.items():
+    for port, arguments in PORT_ARGUMENTS.items():
         own = sorted((slot for slot in slots if slot.effect.port is port), key=lambda slot: slot.effect.rank)
         given = ", ".join(f"int {name}" for name in ["x", "v", *arguments.split(", ")])
         calls = [line for slot in own for line in _call(slot, translator)]

@@ -51,7 +51,8 @@ LANES = {lanes}
 
 MOST_EFFECTS = 64  # on one axis
 
-_PORT_ARGUMENTS = {
+# Beside time step, position and velocity; in the order in which ports are called.
+PORT_ARGUMENTS = {
     Port.COMMAND: "u",
     Port.TRANSMISSION: "u, total",
     Port.MOTOR_FORCE: "u, force, slope",
@@ -175,7 +176,7 @@ def source(effects: Sequence[type[Effect]], lanes: int) -> str:
         cases[effect.port].append(_call(number, effect, *rows))
     names = ", ".join(effect.name for effect in effects) or "no effects"
     text = [_HEADER.format(names=names, lanes=lanes, constants="\n".join(constants))]
-    for place, (port, arguments) in enumerate(_PORT_ARGUMENTS.items()):
+    for place, (port, arguments) in enumerate(PORT_ARGUMENTS.items()):
         chosen = textwrap.indent("\nel".join(cases[port]) or "pass", 8 * " ")
         text.append(
             f"@inlined\ndef {port.value}(w, calls, first_calls, h, x, v, {arguments}, uniform):\n"
@@ -238,7 +239,7 @@ class Stepper:
     def calls(self, active: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the rows of the table of active effects, and where those of each port begin."""
         on = active[self.order]
-        counts = np.bincount(self.ports[on], minlength=len(_PORT_ARGUMENTS))
+        counts = np.bincount(self.ports[on], minlength=len(PORT_ARGUMENTS))
         return self.table[on], np.concatenate(([0], np.cumsum(counts)))
 
 
@@ -258,7 +259,7 @@ def compose(effects: tuple[type[Effect], ...], lanes: int) -> Stepper:
         own = tuple(dict.fromkeys(effect.declared for effect in effects))
         kinds = core_effects() if set(own) <= set(core_effects()) else own
     cases = [kinds.index(effect.declared) for effect in effects] if lanes == 1 else range(len(effects))
-    places, found = list(_PORT_ARGUMENTS), slots(effects)
+    places, found = list(PORT_ARGUMENTS), slots(effects)
     keys = [(places.index(effect.port), effect.rank) for effect in effects]
     order = sorted(range(len(effects)), key=keys.__getitem__)
     table = [(cases[n], found[n].flag * lanes, found[n].first_state * lanes, found[n].uniform) for n in order]
