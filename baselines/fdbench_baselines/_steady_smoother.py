@@ -76,21 +76,39 @@ class SteadyFiltered(NamedTuple):
 @njit(error_model="numpy")
 def run_forward(A, B, C, K, start, u, y, states, errors):  # type: ignore[no-untyped-def]
     """Write states before each reading, ``start`` before the first one but for its input, and innovations."""
-    ahead = start
+    n, ahead, now = len(start), start.copy(), np.empty(len(start))
     for k in range(y.shape[0]):
-        states[k] = ahead + B @ u[k]
-        errors[k] = y[k] - C @ states[k]
-        ahead = A @ (states[k] + K @ errors[k])
+        for i in range(n):
+            s = ahead[i]
+            for j in range(u.shape[1]):
+                s += B[i, j] * u[k, j]
+            states[k, i] = now[i] = s
+        for row in range(y.shape[1]):
+            s = y[k, row]
+            for j in range(n):
+                s -= C[row, j] * states[k, j]
+            errors[k, row] = s
+            for i in range(n):
+                now[i] += K[i, row] * s
+        for i in range(n):
+            s = 0.0
+            for j in range(n):
+                s += A[i, j] * now[j]
+            ahead[i] = s
 
 
 @kept
 @njit(error_model="numpy")
 def run_backward(transition, weighted, adjoints):  # type: ignore[no-untyped-def]
     """Write r of each row, from the last one on; ``weighted`` is C^T S^-1 e, ``transition`` (I - K C)^T A^T."""
-    r = np.zeros(transition.shape[0])
+    n, later = len(transition), np.zeros(len(transition))
     for k in range(len(weighted) - 1, -1, -1):
-        r = weighted[k] + transition @ r
-        adjoints[k] = r
+        for i in range(n):
+            s = weighted[k, i]
+            for j in range(n):
+                s += transition[i, j] * later[j]
+            adjoints[k, i] = s
+        later[:] = adjoints[k]
 
 
 def filtered(model: Observer, u: FloatArray, y: FloatArray) -> SteadyFiltered:
