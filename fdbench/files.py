@@ -1,5 +1,6 @@
-"""Files that are whole or not there: written beside their place, and moved to it when all has gone well; names."""
+"""Files that are whole or not there: written beside their place and moved to it; names, trees."""
 
+import ast
 import os
 import re
 import threading
@@ -21,6 +22,14 @@ DEVICES = {Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd")}
 def is_utf_8(path: str | Path) -> bool:
     """Return whether a path can be written in a text; Linux allows others, whose bytes Python keeps as surrogates."""
     return not any("\udc80" <= letter <= "\udcff" for letter in str(path))
+
+
+def parsed(file: Path) -> ast.Module:
+    """Return the tree of a Python file; an empty one where it cannot be read, which is told where it is imported."""
+    try:
+        return ast.parse(file.read_bytes())
+    except (SyntaxError, ValueError, RecursionError, MemoryError):  # the latter two are of what is nested too deeply
+        return ast.Module(body=[], type_ignores=[])
 
 
 @contextmanager

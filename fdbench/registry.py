@@ -98,7 +98,7 @@ class Registry(Generic[T]):
         file = sources[name].file if name in sources else Path(inspect.getfile(self.get(name)))
         try:
             return (ast.get_docstring(ast.parse(file.read_bytes())) or "").split("\n")[0]
-        except (OSError, SyntaxError, ValueError) as error:
+        except (OSError, SyntaxError, ValueError, RecursionError, MemoryError) as error:
             return f"cannot be read: {fault(error, file)}"
 
     def add_file(self, path: str | Path) -> str:

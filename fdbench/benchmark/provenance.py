@@ -9,6 +9,7 @@ import platform
 import subprocess
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ import numpy as np
 from fdbench.effects import effects
 from fdbench.errors import PluginError
 from fdbench.estimator import estimators
+from fdbench.files import parsed
 from fdbench.metrics import metrics
 from fdbench.motions import motions
 from fdbench.plants import plants
@@ -122,10 +124,7 @@ def source_files(module: str) -> list[Path]:
         if path is None or name in found:
             continue
         found[name] = path
-        try:
-            waiting += sorted(_imports(ast.parse(path.read_bytes()), name, path.name == "__init__.py"))
-        except SyntaxError:
-            continue  # the module cannot be imported either, which is reported where it is
+        waiting += sorted(_imports(parsed(path), name, path.name == "__init__.py"))
     return [found[name] for name in sorted(found)]
 
 
@@ -151,8 +150,9 @@ def _imports(tree: ast.Module, module: str, is_package: bool) -> set[str]:
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            source = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
-            names |= {source, *(f"{source}.{alias.name}" for alias in node.names)}
+            with suppress(ImportError):  # beyond its package, which is told where it is imported
+                source = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
+                names |= {source, *(f"{source}.{alias.name}" for alias in node.names)}
     top = module.split(".")[0]
     return {name for name in names if name.split(".")[0] == top}
 

@@ -6,6 +6,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fdbench.files import parsed
 from fdbench.registry import Registry
 
 if TYPE_CHECKING:
@@ -118,8 +119,5 @@ def declare(plugin: str, sandbox: "Sandbox") -> str:
 
 def _bases(file: Path) -> set[str]:
     """Return the names of the classes that those of a file derive from; of one that is not Python, none."""
-    try:
-        classes = [node for node in ast.walk(ast.parse(file.read_bytes())) if isinstance(node, ast.ClassDef)]
-    except (SyntaxError, ValueError):
-        return set()  # it cannot be imported either, which a worker says
+    classes = [node for node in ast.walk(parsed(file)) if isinstance(node, ast.ClassDef)]
     return {base.id for each in classes for base in each.bases if isinstance(base, ast.Name)}

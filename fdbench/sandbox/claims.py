@@ -55,6 +55,8 @@ def kind_of(value: Any) -> str:
 def declared(cls: type[Any]) -> dict[str, Any]:
     """Return what a plug-in's class says of itself."""
     models, document = getattr(cls, "made_for", None), (cls.__doc__ or "").strip()
+    if not (models is None or (isinstance(models, tuple | list) and all(isinstance(model, str) for model in models))):
+        raise PluginError(f"made_for is {models!r}, expected names such as ('velocity_loop',), or None for anything.")
     return {
         "made_for": None if models is None else [str(model) for model in models],
         "expected_failures": {str(check): str(reason) for check, reason in cls.expected_failures.items()},

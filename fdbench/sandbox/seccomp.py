@@ -1,6 +1,7 @@
 """Seccomp: Linux refuses this process and its threads system calls that Landlock leaves open, from compiled code too.
 
-No other process is started, limited, slowed down or looked into, and no socket is opened. Source: Linux,
+No other process is started, limited, slowed down or looked into, no socket is opened, no file's mode, owner or time
+changes, and there is no memory beside the limits. Source: Linux,
 Documentation/userspace-api/seccomp_filter.rst and tools/include/uapi/linux/bpf_common.h.
 """
 
@@ -30,13 +31,48 @@ REFUSED = {
     "ptrace": 101,
     "setpriority": 141,
     "ioprio_set": 251,
+    "perf_event_open": 298,
     "process_vm_readv": 310,
     "process_vm_writev": 311,
     "pidfd_getfd": 438,
+    "process_madvise": 440,
+    # It opens sockets without the call of that name.
+    "io_uring_setup": 425,
+    # Memory that no limit of a process counts.
+    "shmget": 29,
+    "memfd_create": 319,
+    "memfd_secret": 447,
+    # Landlock leaves open who may use a file, and when it was changed.
+    "chmod": 90,
+    "fchmod": 91,
+    "fchmodat": 268,
+    "fchmodat2": 452,
+    "chown": 92,
+    "fchown": 93,
+    "lchown": 94,
+    "fchownat": 260,
+    "utime": 132,
+    "utimes": 235,
+    "futimesat": 261,
+    "utimensat": 280,
+    "setxattr": 188,
+    "lsetxattr": 189,
+    "fsetxattr": 190,
+    "removexattr": 197,
+    "lremovexattr": 198,
+    "fremovexattr": 199,
+    "setxattrat": 463,
+    "removexattrat": 466,
 }
 
 # Their first argument is a process, 0 for the one that calls.
-OF_ITSELF = {"sched_setparam": 142, "sched_setscheduler": 144, "sched_setaffinity": 203, "prlimit64": 302}
+OF_ITSELF = {
+    "sched_setparam": 142,
+    "sched_setscheduler": 144,
+    "sched_setaffinity": 203,
+    "prlimit64": 302,
+    "sched_setattr": 314,
+}
 
 
 class _Instruction(ctypes.Structure):

@@ -9,6 +9,7 @@ from pathlib import Path
 from fdbench.catalogue import PACKAGE
 from fdbench.errors import PluginError
 from fdbench.estimator import Estimate
+from fdbench.files import parsed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,10 +43,7 @@ def _is_plain(path: Path) -> bool:
 
 def _imported(file: Path) -> set[str]:
     """Return the names before the first dot of what a file imports; nothing where it cannot be read as Python."""
-    try:
-        nodes = list(ast.walk(ast.parse(file.read_bytes())))
-    except (SyntaxError, ValueError):
-        return set()  # it cannot be imported either, which is reported where it is
+    nodes = list(ast.walk(parsed(file)))
     names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
     names += [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module and not node.level]
     return {name.split(".")[0] for name in names}

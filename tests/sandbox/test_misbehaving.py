@@ -34,7 +34,7 @@ MESSAGES = {
     "kills_itself_in_compiled_code": "crashed with SIGKILL, by itself or for want of memory",
     "leaves_a_process": "leaves_a_process.py:16: ValueError: forked",
     "leaves_generations": "leaves_generations.py:24: ValueError: forked",
-    "limits_others": f"limits_others.py:23: ValueError: {'refused' if seccomp.is_available() else 'done'}",
+    "limits_others": f"limits_others.py:34: ValueError: {'refused' if seccomp.is_available() else ''}",
     "never_ends": "never_ends.py:1",  # line 10 or 11, as it was met
     "never_ends_deaf": "took longer than 5 s",
     "predicts_nothing_useful": "",
@@ -62,6 +62,15 @@ MESSAGES = {
     "writes_garbage": "its answer cannot be used: it is none to what was asked",
     "writes_half_an_answer": "its answer cannot be used: it is none to what was asked",
 }
+
+
+MADE_FOR_A_TEXT = """
+from fdbench.estimator import BatchEstimator, Estimate
+class Faulty(BatchEstimator):
+    made_for = 'velocity_loop'
+    def fit(self, context, record):
+        return Estimate()
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -115,6 +124,9 @@ def test_limits_out_of_bounds_are_refused(tmp_path: Path) -> None:
         ("import ctypes\nctypes.string_at(0)\n", r"line 2|:2: crashed with SIGSEGV"),
         ("from fdbench.scenario import load_scenario\n", r"line 1: .*may not import fdbench\.scenario"),
         ("raise KeyboardInterrupt\n", r":1: KeyboardInterrupt"),
+        (f"x = 1{'+1' * 100_000}\n", r"cannot be imported: RecursionError"),
+        (f"x = {'-' * 200_000}1\n", r"cannot be imported: MemoryError"),
+        (MADE_FOR_A_TEXT, r"made_for is 'velocity_loop', expected names such as \('velocity_loop',\), or None"),
     ],
 )
 def test_a_file_that_cannot_be_imported_is_refused_before_anything_is_run(
