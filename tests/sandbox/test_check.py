@@ -95,6 +95,22 @@ def test_one_that_does_nothing_wrong_passes(tmp_path: Path) -> None:
     assert all(line.endswith(": ok") for line in check(written(tmp_path, 0, "pass")))
 
 
+def test_one_that_returns_no_numbers_is_accused_of_that_alone(tmp_path: Path) -> None:
+    file = tmp_path / "no_numbers.py"
+    claims = "parameters=dict.fromkeys(context.nominal, float('nan')), output=[float('inf')] * len(record['time_s'])"
+    file.write_text(
+        "from fdbench.estimator import BatchEstimator, Estimate\n"
+        "class NoNumbers(BatchEstimator):\n"
+        "    'Nothing.'\n"
+        "    def fit(self, context, record):\n"
+        f"        return Estimate({claims})\n",
+        "utf-8",
+    )
+    with pytest.raises(PluginError, match=r"returns_estimate: parameters\['beta_1'\] is nan") as caught:
+        check(str(file))
+    assert not re.search("deterministic|fits_again|pickled", str(caught.value))
+
+
 @pytest.mark.parametrize("use", ["np.random.seed(0)", "np.random.seed(0); np.random.rand()", "np.random.rand()"])
 def test_who_seeds_or_draws_from_the_global_generator_is_refused(
     use: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sandbox: Sandbox
