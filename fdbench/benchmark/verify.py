@@ -5,16 +5,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fdbench.benchmark.provenance import code_digest
 from fdbench.benchmark.run import run
+from fdbench.benchmark.seal import read_seal
 from fdbench.benchmark.selection import NULL
 from fdbench.benchmark.store import OK, RunKey, Store
 from fdbench.errors import FdbenchError
 from fdbench.metrics import metrics
 from fdbench.scenario import load_scenario
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # Largest relative difference that the printed digits do not show.
 SAME = 5e-4
@@ -90,6 +95,7 @@ def verify(
     sources = {load_scenario(source).id: source for source in scenarios}
     nonce = str(scores["nonce"].iloc[0])
     changed = {"the code"} if code_digest() not in set(scores["code_digest"]) else set()
+    changed |= {"the seal"} if _is_sealed_otherwise(Path(folder), scores) else set()
     differences, largest, compared = list[Difference](), 0.0, 0
     with TemporaryDirectory() as place:
         for done, row in enumerate(chosen.itertuples(index=False)):
@@ -117,4 +123,17 @@ def verify(
         largest=largest,
         differences=tuple(differences),
         changed=tuple(sorted(changed)),
+    )
+
+
+def _is_sealed_otherwise(folder: Path, scores: "pd.DataFrame") -> bool:
+    """Return whether a folder has a seal, and it is not that of its rows."""
+    seal = read_seal(folder)
+    if seal is None:
+        return False
+    scenarios = dict(zip(scores["scenario"], scores["scenario_digest"], strict=True))
+    return (
+        set(scores["nonce"]) != {seal.nonce}
+        or set(scores["code_digest"]) != {seal.code_digest}
+        or any(seal.scenarios.get(name) != digest for name, digest in scenarios.items())
     )

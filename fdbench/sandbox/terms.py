@@ -11,6 +11,12 @@ from fdbench.errors import PluginError
 from fdbench.estimator import Estimate
 from fdbench.files import parsed
 
+# What a folder of results holds, which is nobody's weights whatever the name of the plug-in.
+WRITTEN = {f"{name}.parquet" for name in ("scores", "parameters")} | {
+    f"{name}.json" for name in ("run", "seal", "made_for", "made_of")
+}
+WRITTEN_FOLDERS = ("runs", "records", "estimates")
+
 
 @dataclass(frozen=True, kw_only=True)
 class WorkerLimits:
@@ -24,9 +30,10 @@ def own_files(file: Path) -> tuple[Path, ...]:
     """Return a plug-in file and what is its own in its folder.
 
     That is what begins with its name and a dot, such as weights, and the modules that it imports, directly or not. An
-    estimator may read what is here: a link, which may lead to the results, and this package are none of its own.
+    estimator may read what is here: a link, which may lead to the results, what a run has written, and this package are
+    none of its own.
     """
-    named = sorted(file.parent.glob(f"{glob.escape(file.stem)}.*"))
+    named = [path for path in sorted(file.parent.glob(f"{glob.escape(file.stem)}.*")) if not _is_of_a_run(path)]
     found, waiting = dict.fromkeys([file, *filter(_is_plain, named)]), [file]
     while waiting:
         for name in sorted(_imported(waiting.pop()) - {PACKAGE.name}):
@@ -35,6 +42,13 @@ def own_files(file: Path) -> tuple[Path, ...]:
             found |= dict.fromkeys(new)
             waiting += new
     return tuple(found)
+
+
+def _is_of_a_run(path: Path) -> bool:
+    """Return whether a file is one that runs write, such as parameters.parquet, which holds the truth."""
+    return path.name in WRITTEN or any(
+        above.name in WRITTEN_FOLDERS and (above.parent / "run.json").is_file() for above in path.parents
+    )
 
 
 def _is_plain(path: Path) -> bool:

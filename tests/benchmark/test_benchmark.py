@@ -517,6 +517,22 @@ def test_this_package_is_no_helper(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         assert set(terms.own_files(file)) == {file, package / "scenario.py"}
 
 
+def test_what_a_run_has_written_is_nobodys_own(tmp_path: Path) -> None:
+    oracle = tmp_path / "estimates" / "Short-v0" / "oracle"
+    oracle.mkdir(parents=True)
+    (tmp_path / "run.json").touch()
+    for folder, name, beside in (
+        (tmp_path, "parameters", ".parquet"),
+        (tmp_path, "seal", ".json"),
+        (oracle, "0", ".parquet"),
+    ):
+        file = Path(estimator_file(folder, name, ""))
+        weights = folder / f"{name}.weights"
+        file.with_suffix(beside).touch()
+        weights.touch()
+        assert set(terms.own_files(file)) == ({file, weights} if folder == tmp_path else {file})
+
+
 def test_of_two_runs_at_once_the_tables_hold_all(tmp_path: Path, scenario: str) -> None:
     out, other = tmp_path / "out", short_scenario(tmp_path, "Other-v0")
 

@@ -109,6 +109,10 @@ def test_what_is_stored_comes_out_again_or_is_told(tmp_path: Path, scenario: Pat
     found = verify(out, 100, scenarios=[scenario])
     assert [(line.key, line.metric) for line in found.differences] == [(key, "parameter_error")]
     assert not found.is_same
+    assert found.changed == ()
+    drawn = json.loads((out / seal.FILE).read_text())
+    (out / seal.FILE).write_text(json.dumps({**drawn, "nonce": "0" * 64}))
+    assert verify(out, 1, scenarios=[scenario]).changed == ("the seal",)
 
 
 @pytest.mark.parametrize("content", ["", "[]", '{"nonce": 3}', '{"nonce": "xyz"}', "[" * 100_000])
