@@ -7,7 +7,8 @@ import math
 import pickle
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cached_property
@@ -29,14 +30,14 @@ from fdbench.benchmark.store import (
     Store,
 )
 from fdbench.benchmark.validate import check_estimate, check_response, plant_parameters
-from fdbench.errors import FdbenchError, MissingData, SimulationDiverged
+from fdbench.errors import FdbenchError, MissingData, PluginError, SimulationDiverged
 from fdbench.estimator import Context
 from fdbench.metrics import Outcome, metrics
 from fdbench.metrics._parameters import signed_errors
 from fdbench.nonce import derived_seed
 from fdbench.record import FloatArray, Record
 from fdbench.regression import Regression
-from fdbench.sandbox import FitResult, Misbehaved, Sandbox, Source, WorkerLimits
+from fdbench.sandbox import FitResult, Misbehaved, Sandbox, Source, Worker, WorkerLimits
 from fdbench.scenario import Scenario, Truth, load_scenario
 
 SPEED = "speed"
@@ -221,11 +222,22 @@ def _estimate(choice: Choice, trial: _Trial, job: Job) -> tuple[FitResult, Float
         worker.compiled.add(choice.digest)
         worker.begin(choice.arguments, trial.pickled_context)
     fit = worker.fit(trial.record)
-    check_estimate(fit.estimate, trial.regression, plant_parameters(trial.context))
+    with _located(worker, "fit"):
+        check_estimate(fit.estimate, trial.regression, plant_parameters(trial.context))
     response = None if trial.command is None else worker.predict(trial.command)
     if response is not None and trial.truth.response is not None:
-        check_response(response, trial.truth.response)
+        with _located(worker, "predict"):
+            check_response(response, trial.truth.response)
     return fit, response
+
+
+@contextmanager
+def _located(worker: Worker, method: str) -> Iterator[None]:
+    """Say of a claim that cannot be used where the method begins that made it."""
+    try:
+        yield
+    except PluginError as error:
+        raise Misbehaved(worker.located(method, describe(error)[1])) from error
 
 
 def sandbox(limits: WorkerLimits, plugins: tuple[tuple[int, Path], ...] = ()) -> Sandbox:

@@ -16,7 +16,7 @@ def run_checks(
     checks: Sequence[tuple[str, Callable[[], None]]],
     expected: Mapping[str, str] = MappingProxyType({}),
 ) -> list[str]:
-    """Return one line for each check; raise a PluginError that lists all failures, up to a crash, which is the last.
+    """Return one line for each check; raise a PluginError that lists all failures, up to a crash, and what passed.
 
     ``expected`` has the reasons of failures that the plug-in announces, by the name of the check.
     """
@@ -34,14 +34,13 @@ def run_checks(
             text = str(error).removeprefix("PluginError: ") if isinstance(error, FdbenchError) else repr(error)
             failures.append(f"{check}: {text}")
             if isinstance(error, Misbehaved) or not isinstance(error, FdbenchError):
-                # What has crashed once will again: further checks would name the same cause.
-                passed = [line.removesuffix(": ok") for line in lines if line.endswith(": ok")]
-                failures += [f"Passed before: {', '.join(passed)}."] if passed else []
-                break
+                break  # what has crashed once will again: further checks would name the same cause
         else:
             if check in expected:
                 failures.append(f"{check}: passes, but expected_failures says: {expected[check]}")
             lines.append(f"{check}: ok")
     if failures:
+        passed = [line.removesuffix(": ok") for line in lines if line.endswith(": ok")]
+        failures += [f"Passed: {', '.join(passed)}."] if passed else []
         raise PluginError(f"{name}: " + "\n".join(failures))
     return lines

@@ -1,16 +1,22 @@
 """What a class says of itself, and of which kind the parts of an estimate must be; the rest is checked elsewhere."""
 
+import os
 from collections.abc import Mapping
+from types import CodeType
 from typing import Any
 
 import numpy as np
 
 from fdbench.errors import PluginError
 from fdbench.estimator import Estimate, OnlineEstimator
+from fdbench.sandbox.fault import is_own
 
 SERIES = ("disturbance_N", "disturbance_variance_N2", "output", "output_variance")
 
 ARRAYS = ("covariance", *SERIES)
+
+# Methods whose answer is a claim.
+CLAIMING = ("fit", "estimate", "predict")
 
 
 def check_kinds(estimate: Any) -> None:
@@ -52,8 +58,8 @@ def kind_of(value: Any) -> str:
     return "None" if value is None else f"a {type(value).__name__}"
 
 
-def declared(cls: type[Any]) -> dict[str, Any]:
-    """Return what a plug-in's class says of itself."""
+def declared(cls: type[Any], own: tuple[str, ...]) -> dict[str, Any]:
+    """Return what a plug-in's class says of itself, and where in its ``own`` files its methods begin."""
     models, document = getattr(cls, "made_for", None), (cls.__doc__ or "").strip()
     if not (models is None or (isinstance(models, tuple | list) and all(isinstance(model, str) for model in models))):
         raise PluginError(f"made_for is {models!r}, expected names such as ('velocity_loop',), or None for anything.")
@@ -63,4 +69,13 @@ def declared(cls: type[Any]) -> dict[str, Any]:
         "has_docstring": bool(document) and document != ((cls.__base__ or object).__doc__ or "").strip(),
         "has_example": ">>> " in document,
         "is_online": issubclass(cls, OnlineEstimator),
+        "places": {method: place for method in CLAIMING if (place := _place(getattr(cls, method, None), own))},
     }
+
+
+def _place(method: Any, own: tuple[str, ...]) -> str:
+    """Return file and line where a method begins, or nothing where it is none of ``own`` files."""
+    code = getattr(method, "__code__", None)
+    if not isinstance(code, CodeType) or not is_own(code.co_filename, own):
+        return ""
+    return f"{os.path.basename(code.co_filename)}:{code.co_firstlineno}"

@@ -34,6 +34,9 @@ _FRAME = re.compile(r'File "(.{1,1000}?)", line (\d+) in ')
 
 LONGEST_LAST_WORDS = 2**16
 
+# Which method of an estimator answers, where it has another name than the question.
+METHODS = {"stream": "estimate"}
+
 
 class Sandbox:
     """Workers that are made when they are needed, and ended with this object or its process.
@@ -101,10 +104,13 @@ class Worker:
             file = None if self._source.file is None else str(self._source.file)
             header = self._ask({"do": "load", "name": self._source.name, "file": file, "kinds": list(kinds)}).header
             models, announced = header.get("made_for"), header.get("expected_failures")
+            places = header.get("places")
             if not (models is None or (isinstance(models, list) and all(isinstance(model, str) for model in models))):
                 raise self._unreadable("the models that it is made for are no names")
             if not (isinstance(announced, dict) and all(isinstance(reason, str) for reason in announced.values())):
                 raise self._unreadable("its expected failures are no reasons")
+            if not (isinstance(places, dict) and all(isinstance(place, str) for place in places.values())):
+                raise self._unreadable("the places of its methods are no lines")
             self._declaration = Declaration(
                 kind=str(header.get("kind")),
                 made_for=None if models is None else tuple(models),
@@ -112,8 +118,14 @@ class Worker:
                 has_docstring=header.get("has_docstring") is True,
                 has_example=header.get("has_example") is True,
                 is_online=header.get("is_online") is True,
+                places={_clean(method): _clean(place) for method, place in places.items()},
             )
         return self._declaration
+
+    def located(self, what: str, message: str) -> str:
+        """Return a message with file and line where the method begins that gives an answer, if no better is known."""
+        place = "" if self._declaration is None else self._declaration.places.get(METHODS.get(what, what), "")
+        return f"{place}: {message}" if place else message
 
     def construct(self, arguments: Mapping[str, Any]) -> None:
         """Construct the estimator, which may refuse its arguments."""
@@ -135,9 +147,9 @@ class Worker:
         seconds, peak_memory_MB = time.perf_counter() - start, self._peak.size_MB()
         parameters = answer.header.get("parameters")
         if not isinstance(parameters, dict) or not all(type(value) is float for value in parameters.values()):
-            raise self._unreadable("its parameters are no numbers")
+            raise self._unreadable("its parameters are no numbers", "fit")
         if any(_clean(name) != name for name in parameters):
-            raise self._unreadable("the names of its parameters are too long or cannot be printed")
+            raise self._unreadable("the names of its parameters are too long or cannot be printed", "fit")
         claims = {"covariance": None, **answer.arrays}
         try:
             estimate = Estimate(parameters=parameters, **claims)
@@ -180,63 +192,63 @@ class Worker:
     # ---- questions and answers ----
 
     def _ask(self, request: Mapping[str, Any]) -> Reply:
-        token, limit_s = secrets.token_bytes(16), self._limits.time_s
+        token, limit_s, what = secrets.token_bytes(16), self._limits.time_s, str(request["do"])
         deadline = time.monotonic() + limit_s
         try:
             self._channel.settimeout(limit_s)
             send_request(self._channel, {**request, "token": token})
             answer = receive_answer(self._channel, token, deadline)
         except Unreadable as error:
-            raise self._unreadable(str(error)) from None
+            raise self._unreadable(str(error), what) from None
         except TimeoutError:
-            raise self._overdue() from None
+            raise self._overdue(what) from None
         except (EOFError, OSError):
-            raise self._dead() from None
+            raise self._dead(what) from None
         except BaseException:
             self.end()
             raise
         reported = answer.header.get("error")
         if reported is not None:
-            raise self._reported(reported)
+            raise self._reported(reported, what)
         return answer
 
-    def _reported(self, error: Any) -> Misbehaved:
-        """Return the error that a worker answered with."""
+    def _reported(self, error: Any, what: str) -> Misbehaved:
+        """Return the error that a worker answered a question with."""
         if not isinstance(error, dict):
             return self._unreadable("its error is no table")
         if error.get("is_fatal"):
             self.end()
         place, text = _clean(str(error.get("place", ""))), _clean(str(error.get("text", "")))
         calls = _printable(str(error.get("traceback", "")))[:LONGEST_TRACEBACK]
-        return Misbehaved(f"{place}: {text}" if place else text, calls)
+        return Misbehaved(f"{place}: {text}" if place else self.located(what, text), calls)
 
-    def _unreadable(self, what: str) -> Misbehaved:
+    def _unreadable(self, why: str, what: str = "") -> Misbehaved:
         self.end()
-        return Misbehaved(f"its answer cannot be used: {_clean(what)}")
+        return Misbehaved(self.located(what, f"its answer cannot be used: {_clean(why)}"))
 
-    def _overdue(self) -> Misbehaved:
+    def _overdue(self, what: str) -> Misbehaved:
         # Its last words say where it is, unless it refuses them too.
         with suppress(ProcessLookupError):
             os.kill(self._pid, signal.SIGABRT)
         self.end(LAST_MOMENT_S)
-        return self._with_last_words(f"took longer than {self._limits.time_s:g} s")
+        return self._with_last_words(what, f"took longer than {self._limits.time_s:g} s")
 
-    def _dead(self) -> Misbehaved:
+    def _dead(self, what: str) -> Misbehaved:
         status = self.end(LAST_MOMENT_S)
         if status is None:
-            return self._with_last_words("closed the channel on which an answer is expected")
+            return self._with_last_words(what, "closed the channel on which an answer is expected")
         code = os.waitstatus_to_exitcode(status)
         if code >= 0:
-            return self._with_last_words(f"ended its process with status {code}, without an answer")
+            return self._with_last_words(what, f"ended its process with status {code}, without an answer")
         name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
         memory = ", by itself or for want of memory" if -code == signal.SIGKILL else ""
-        return self._with_last_words(f"crashed with {name}{memory}")
+        return self._with_last_words(what, f"crashed with {name}{memory}")
 
-    def _with_last_words(self, message: str) -> Misbehaved:
+    def _with_last_words(self, what: str, message: str) -> Misbehaved:
         words = self._words
         places = [(file, line) for file, line in _FRAME.findall(words) if is_own(file, self._own)]
-        place = f"{os.path.basename(places[0][0])}:{places[0][1]}: " if places else ""
-        return Misbehaved(_clean(f"{place}{message}"), _printable(words)[:LONGEST_TRACEBACK])
+        said = f"{os.path.basename(places[0][0])}:{places[0][1]}: {message}" if places else self.located(what, message)
+        return Misbehaved(_clean(said), _printable(words)[:LONGEST_TRACEBACK])
 
 
 def _end_all(workers: dict[str, Worker]) -> None:

@@ -110,6 +110,8 @@ class Declaration:
     expected_failures : mapping of str to str
     has_docstring, has_example, is_online : bool
         Whether it has a docstring of its own, an example in it, and whether it is an OnlineEstimator.
+    places : mapping of str to str
+        File and line where its methods begin, by name.
     """
 
     kind: str
@@ -118,6 +120,7 @@ class Declaration:
     has_docstring: bool
     has_example: bool
     is_online: bool
+    places: Mapping[str, str]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

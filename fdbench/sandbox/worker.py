@@ -158,7 +158,7 @@ class PluginServer:
             add_file(file, registries)
         for kind, registry in zip(kinds, registries, strict=True):
             if name in registry.names():
-                return Reply(header={"kind": kind, **declared(registry.get(name))})
+                return Reply(header={"kind": kind, **declared(registry.get(name), self._own)})
         raise PluginError(f"{name}: no plug-in of this name.")
 
     def construct(self, name: str, arguments: Mapping[str, Any]) -> Reply:

@@ -33,14 +33,18 @@ FAILURES = [
     ("raises", "raise ValueError('no\\nidea')", "raises.py:7: ValueError: no idea"),
     ("exits", "raise SystemExit(3)", "exits.py:7: SystemExit: 3"),
     ("mutates", "record['velocity_m_per_s'][0] = 1.0", "mutates.py:7: ValueError: assignment destination is read-only"),
-    ("returns_nothing", "return None", "PluginError: fit returned None, expected an Estimate."),
+    ("returns_nothing", "return None", "returns_nothing.py:6: PluginError: fit returned None, expected an Estimate."),
     (
         "misspells",
         "return Estimate(parameters={'beta1': 0.83})",
-        "PluginError: parameters['beta1']: the model has no such parameter. Did you mean beta_1?",
+        "misspells.py:6: PluginError: parameters['beta1']: the model has no such parameter. Did you mean beta_1?",
     ),
-    ("not_finite", "return Estimate(parameters={'beta_1': np.nan})", "PluginError: parameters['beta_1'] is nan"),
-    ("wrong_shape", "return Estimate(output=np.zeros(3))", "PluginError: output has shape (3,), expected (998,)"),
+    (
+        "not_finite",
+        "return Estimate(parameters={'beta_1': np.nan})",
+        "not_finite.py:6: PluginError: parameters['beta_1'] is nan",
+    ),
+    ("wrong_shape", "return Estimate(output=np.zeros(3))", "wrong_shape.py:6: PluginError: output has shape (3,)"),
 ]
 
 
