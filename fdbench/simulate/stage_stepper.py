@@ -28,7 +28,7 @@ def compiled(function):
     return kept(njit(error_model="numpy")(function))
 
 
-inlined = njit(error_model="numpy", forceinline=True)
+inlined = njit(error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, no_rewrites=True)
 {kernels}
 
 
