@@ -487,8 +487,10 @@ def naive_nodes(net: Network, gamma: float, exchanges: int, y: FloatArray) -> Fl
     return np.array(rows)
 
 
-@pytest.mark.parametrize("information", [False, True])
-def test_nodes_of_a_line_equal_a_naive_twin(nodes: tuple[Context, Context, Record], information: bool) -> None:
+@pytest.mark.parametrize("information", [None, True])
+def test_nodes_of_a_line_equal_a_naive_twin(
+    nodes: tuple[Context, Context, Record], information: Literal[True] | None
+) -> None:
     _, context, record = nodes
     net, readings = net_of(context), context.regression(record).readings
     assert readings is not None
