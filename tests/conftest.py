@@ -13,6 +13,9 @@ from threadpoolctl import threadpool_limits
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 threadpool_limits(1)
 
+# Of each of its many attempts at a type that fails, numba would else colour the message: some per cent of compiling.
+os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
+
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 # Estimators that are run by a test, and must not be imported by it.

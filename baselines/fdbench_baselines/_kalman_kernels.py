@@ -62,6 +62,14 @@ def take_in(size, c, r, x, P, y, T, c_P, K):  # type: ignore[no-untyped-def]
     return error, S
 
 
+@njit(error_model="numpy", forceinline=True)
+def copy(M, target):  # type: ignore[no-untyped-def]
+    """Copy a matrix. An assignment to a slice would be compiled with the text of an error of shapes, for seconds."""
+    for i in range(len(M)):
+        for j in range(len(M)):
+            target[i, j] = M[i, j]
+
+
 @kept
 @njit(error_model="numpy")
 def run(size, model, x, P, u, y, out):  # type: ignore[no-untyped-def]
@@ -139,34 +147,37 @@ def run_nodes(size, A, C, Q, R, P, heard, information, gamma, exchanges, y):  # 
         (P_i^+)^{-1} = (P_i^-)^{-1} + \sum_{j \in N_i} c_j^T c_j / r_j, \qquad
         x_i \leftarrow x_i + \gamma \sum_{j \in N_i} (x_j - x_i)
 
-    Salehi (2013), eqs. (5.26), (5.27) and (5.34), with the indices of the sums put right. Without ``information`` the
-    same by gains, which inverts nothing. Returns the last state of each node and its variance before the consensus,
-    (n_rows, n_nodes) each.
+    Salehi (2013), eqs. (5.26), (5.27) and (5.34), with the indices of the sums put right. ``information`` is True,
+    or None for the same by gains, which inverts nothing and is compiled without an inverse. Returns the last state of
+    each node and its variance before the consensus, (n_rows, n_nodes) each.
     """
     nodes, n = heard.shape[0], len(size)
     A_columns, B, nothing = A.T.copy(), np.empty((n, 0)), np.empty(0)
     force, variance = np.empty((len(y), nodes)), np.empty((len(y), nodes))
     states, covariances = np.zeros((nodes, n)), np.empty((nodes, n, n))
     T, z, K = np.empty((n, n)), np.empty(n), np.empty(n)
-    covariances[:] = P
+    for i in range(nodes):
+        copy(P, covariances[i])
     for k in range(len(y)):
         for i in range(nodes):
             x, covariance = states[i], covariances[i]
             pass_time(size, A, A_columns, B, Q, x, covariance, nothing, T, z)
-            if information:
+            if information is not None:
                 z[:] = 0.0
                 T[:] = 0.0
                 add_scaled(1.0, inverse(covariance), x, T, z)
             for j in range(len(C)):
-                if heard[i, j] and not information:
+                if not heard[i, j]:
+                    continue
+                if information is None:
                     take_in(size, C[j], R[j], x, covariance, y[k, j], T, z, K)
-                elif heard[i, j]:
+                else:
                     for row in range(n):
                         z[row] += C[j, row] * y[k, j] / R[j]
                         for column in range(n):
                             T[row, column] += C[j, row] * C[j, column] / R[j]
-            if information:
-                covariance[:] = inverse(T)
+            if information is not None:
+                copy(inverse(T), covariance)
                 for row in range(n):
                     x[row] = 0.0
                     for column in range(n):
@@ -195,7 +206,8 @@ def run_parallel(size, A, C, Q, R, P, sizes, exact, weighted, y):  # type: ignor
     force, variance = np.empty((len(y), 1)), np.empty((len(y), 1))
     states, covariances = np.zeros((nodes, n)), np.empty((nodes, n, n))
     T, z, K = np.empty((n, n)), np.empty(n), np.empty(n)
-    covariances[:] = P
+    for i in range(nodes):
+        copy(P, covariances[i])
     x, whole = np.zeros(n), P.copy()
     total, vector = np.empty((n, n)), np.empty(n)
     for k in range(len(y)):
@@ -215,7 +227,7 @@ def run_parallel(size, A, C, Q, R, P, sizes, exact, weighted, y):  # type: ignor
                 trace += sizes[row] * covariance[row, row]
             # Weights that do not add up to 1 give the same estimate.
             add_scaled(1.0 / trace if weighted else 1.0, inverse(covariance), state, total, vector)
-        whole[:] = inverse(total)
+        copy(inverse(total), whole)
         for row in range(n):
             x[row] = 0.0
             for column in range(n):
@@ -239,7 +251,8 @@ def run_joint(F, L, n, y):  # type: ignore[no-untyped-def]
             for j in range(y.shape[1]):
                 s += L[i, j] * y[k, j]
             z[i] = s
-        x[:] = z
+        for i in range(len(F)):
+            x[i] = z[i]
         for i in range(nodes):
             force[k, i] = x[(i + 1) * n - 1]
     return force

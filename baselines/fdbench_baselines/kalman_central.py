@@ -36,5 +36,5 @@ class KalmanCentral(FusionFilter):
     def claims(self, net: Network, y: FloatArray) -> tuple[FloatArray, FloatArray | None]:
         """Return the force of the processor and its variance, (n_rows, 1)."""
         everything = np.ones((1, len(net.C)), dtype=np.bool_)
-        forces, variances = run_nodes(net.size, *net[:5], everything, False, 0.0, 0, y)
+        forces, variances = run_nodes(net.size, *net[:5], everything, None, 0.0, 0, y)
         return forces, variances

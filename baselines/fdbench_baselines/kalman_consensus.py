@@ -57,5 +57,5 @@ class KalmanConsensus(FusionFilter):
         """Return the force of each node, without variance."""
         degree = int(net.heard.sum(axis=1).max()) - 1
         self.require(self.gamma * degree < 1.0, f"gamma = {self.gamma:g} must be below 1/{degree}, or nodes overshoot")
-        forces, _ = run_nodes(net.size, *net[:6], False, self.gamma, self.exchanges, y)
+        forces, _ = run_nodes(net.size, *net[:6], None, self.gamma, self.exchanges, y)
         return forces, None

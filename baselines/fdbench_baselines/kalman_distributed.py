@@ -51,5 +51,5 @@ class KalmanDistributed(FusionFilter):
 
     def claims(self, net: Network, y: FloatArray) -> tuple[FloatArray, FloatArray | None]:
         """Return the force of each node and its variance."""
-        forces, variances = run_nodes(net.size, *net[:6], self.form == "information", 0.0, 0, y)
+        forces, variances = run_nodes(net.size, *net[:6], True if self.form == "information" else None, 0.0, 0, y)
         return forces, variances

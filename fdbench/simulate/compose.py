@@ -20,11 +20,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
+from numba import jit
 from numpy.typing import NDArray
 
-from fdbench.compilation import closure_digest
+from fdbench.compilation import closure_digest, followed
 from fdbench.effects import Effect, Port
 from fdbench.effects import effects as registry
 from fdbench.errors import FdbenchError, SpecError
@@ -44,7 +46,7 @@ def compiled(function):
     return lightly_optimised(kept(njit(error_model="numpy", nogil=True)(function)))
 
 
-inlined = njit(error_model="numpy", forceinline=True)
+inlined = njit(error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, no_rewrites=True)
 LANES = {lanes}
 {constants}
 '''
@@ -128,65 +130,78 @@ def core_effects() -> tuple[type[Effect], ...]:
     return tuple(registry.get(name) for name, module in modules.items() if module == f"fdbench.effects.{name}")
 
 
-def _call(number: int, effect: type[Effect], flag: str, state: str, draw: str) -> str:
-    """Return the case of an effect, whose rows begin at ``flag`` and ``state``, and which has this random number."""
+def _call(number: int, slot: Slot, lanes: int) -> str:
+    """Return the case of an effect, whose rows are told by ``calls`` to a lane alone, and by numbers to several."""
+    effect, alone = slot.effect, lanes == 1
 
-    def row(first: str, index: int) -> str:
-        return f"w[{first} + {index} * LANES + i]"
+    def row(name: str, first: int, index: int) -> str:
+        return f"w[{name} + {index}]" if alone else f"w[{(first + index) * lanes} + i]"
 
-    states = [row(state, j) for j in range(len(effect.states))]
-    velocity = "w[COMMANDED_V + i]" if effect.follows_command else "w[v + i]"
+    states = [row("state", slot.first_state, j) for j in range(len(effect.states))]
     entering = "w[u + i] - w[total + i]" if effect.port is Port.TRANSMISSION else "w[u + i]"
-    arguments = ["w[T + i]", "h", "w[x + i]", velocity, entering]
-    arguments += [f"uniform[{draw}, i]"] if effect.random else []
-    arguments += [row(flag, 1 + j) for j in range(len(effect.parameters()))] + states
+    moving = "w[COMMANDED_V + i]" if effect.follows_command else ("velocity" if alone else "w[v + i]")
+    arguments = [*(["t", "h", "position"] if alone else ["w[T + i]", "h", "w[x + i]"]), moving, entering]
+    arguments += [f"uniform[{'draw' if alone else slot.uniform}, i]"] if effect.random else []
+    arguments += [row("flag", slot.flag, 1 + j) for j in range(len(effect.parameters()))] + states
     targets = ["value", *(["steep"] if effect.port.is_force else []), *(f"z_{j}" for j in range(len(states)))]
     result = ", ".join(targets) if len(targets) > 1 else "(value,)"
-    lines = [
-        f"if case == {number}:",
-        "    for i in range(LANES):",
-        f"        on = {row(flag, 0)} > 0.5",
-        f"        {result} = kernel_{number}({', '.join(arguments)})",
-    ]
+    lines = [f"{result} = kernel_{number}({', '.join(arguments)})"]
+    if not alone:
+        lines.append(f"on = {row('flag', slot.flag, 0)} > 0.5")
+
+    def put(place: str, value: str, plus: str = "") -> None:
+        otherwise = "" if alone else f" if on else {'0.0' if plus else place}"
+        lines.append(f"{place} {plus}= {value}{otherwise}")
+
     if effect.port.is_force:
-        lines += [
-            "        w[force + i] += value if on else 0.0",
-            "        w[slope + i] += steep if on else 0.0",
-        ]
-        lines += ["        w[PROCESS + i] += value if on else 0.0"] if effect.disturbance else []
+        put("w[force + i]", "value", "+")
+        put("w[slope + i]", "steep", "+")
+        if effect.disturbance:
+            put("w[PROCESS + i]", "value", "+")
     elif effect.port is Port.TRANSMISSION:
-        lines += ["        w[total + i] += value if on else 0.0"]
+        put("w[total + i]", "value", "+")
     else:
-        lines += ["        w[u + i] = value if on else w[u + i]"]
-    lines += [f"        {state} = z_{j} if on else {state}" for j, state in enumerate(states)]
-    return "\n".join(lines)
+        put("w[u + i]", "value")
+    for j, state in enumerate(states):
+        put(state, f"z_{j}")
+    if alone:
+        return f"if case == {number}:\n" + textwrap.indent("\n".join(lines), 4 * " ")
+    return f"if case == {number}:\n    for i in range(LANES):\n" + textwrap.indent("\n".join(lines), 8 * " ")
+
+
+def _port(place: int, cases: Sequence[str], lanes: int) -> str:
+    """Return the function of a port."""
+    port, arguments = list(PORT_ARGUMENTS.items())[place]
+    told = "flag, state, draw = calls[n, 1], calls[n, 2], calls[n, 3]\ncase = calls[n, 0] if w[flag] > 0.5 else -1\n"
+    body = (told if lanes == 1 else "case = calls[n, 0]\n") + "\nel".join(cases)
+    read = "    t, position, velocity = w[T], w[x], w[v]\n" if lanes == 1 else ""
+    return (
+        f"@inlined\ndef {port.value}(w, calls, first_calls, h, x, v, {arguments}, uniform):\n{read}"
+        f"    for n in range(first_calls[{place}], first_calls[{place + 1}]):\n" + textwrap.indent(body, 8 * " ") + "\n"
+    )
 
 
 def source(effects: Sequence[type[Effect]], lanes: int) -> str:
     """Return the text of the generated module, with a case for each of these effects."""
     constants = [f"{name} = {row * lanes}" for row, name in enumerate(layout.ROWS)]
     constants += [f"{name} = {value}" for name, value in vars(layout).items() if name.startswith("OUT_")]
-    cases: dict[Port, list[str]] = {port: [] for port in Port}
+    cases: dict[Port, list[str]] = {port: [] for port in PORT_ARGUMENTS}
     for number, slot in enumerate(slots(tuple(effects))):
         effect = slot.effect
         effect.check_signature()
         constants.append(f"kernel_{number} = KERNELS[{number}]  # {effect.__module__}.{effect.__name__}")
-        fixed = (f"{slot.flag} * LANES", f"{slot.first_state} * LANES", f"{slot.uniform}")
-        rows = ("calls[n, 1]", "calls[n, 2]", "calls[n, 3]") if lanes == 1 else fixed
-        cases[effect.port].append(_call(number, effect, *rows))
+        cases[effect.port].append(_call(number, slot, lanes))
     names = ", ".join(effect.name for effect in effects) or "no effects"
-    text = [_HEADER.format(names=names, lanes=lanes, constants="\n".join(constants))]
-    for place, (port, arguments) in enumerate(PORT_ARGUMENTS.items()):
-        chosen = textwrap.indent("\nel".join(cases[port]) or "pass", 8 * " ")
-        text.append(
-            f"@inlined\ndef {port.value}(w, calls, first_calls, h, x, v, {arguments}, uniform):\n"
-            f"    for n in range(first_calls[{place}], first_calls[{place + 1}]):\n"
-            f"        case = calls[n, 0]\n{chosen}\n"
-        )
+    text = [_port(place, found, lanes) for place, found in enumerate(cases.values()) if found]
     for function in (integrator.propagate, integrator.measure_and_control, integrator.integrate_substep):
         text.append("@inlined\n" + inspect.getsource(function))
     text.append("@compiled\n" + inspect.getsource(integrator.advance))
-    return "\n\n".join(text)
+    # Every statement takes its time to compile: calls of ports without effects, and the number of the only lane.
+    empty = tuple(f"    {port.value}(" for port, found in cases.items() if not found)
+    lines = [line for line in "\n\n".join(text).splitlines() if not line.startswith(empty)]
+    body = "\n".join(lines)
+    body = body.replace(" + i]", "]").replace(", i]", ", 0]") if lanes == 1 else body
+    return _HEADER.format(names=names, lanes=lanes, constants="\n".join(constants)) + "\n\n" + body + "\n"
 
 
 def load(text: str, effects: Sequence[type[Effect]]) -> ModuleType:
@@ -200,11 +215,18 @@ def load(text: str, effects: Sequence[type[Effect]]) -> ModuleType:
         write_text(path, text)
     module = ModuleType(f"{GENERATED}{name}")
     module.__file__ = str(path)
-    vars(module)["KERNELS"] = [effect.kernel for effect in effects]
+    vars(module)["KERNELS"] = [_without_wrappers(effect.kernel) for effect in effects]
     sys.modules[module.__name__] = module
     # From the text, not from the folder: what others may have left there, compiled or not, is not run.
     exec(compile(text, path, "exec"), vars(module))
     return module
+
+
+@lru_cache(maxsize=256)
+def _without_wrappers(kernel: Any) -> Any:
+    """Return a kernel that only compiled functions call: what Python would call takes as long to compile again."""
+    options = {**kernel.targetoptions, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    return followed(jit(**options)(kernel.py_func))
 
 
 def _holds(path: Path, text: str) -> bool:

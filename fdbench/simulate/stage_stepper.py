@@ -28,7 +28,7 @@ def compiled(function):
     return kept(njit(error_model="numpy")(function))
 
 
-inlined = njit(error_model="numpy", forceinline=True)
+inlined = njit(error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, no_rewrites=True)
 {kernels}
 
 
@@ -46,6 +46,12 @@ def product(row, z, n):
     for i in range(n):
         total += row[i] * z[i]
     return total
+
+
+def copy(values, target, n):
+    """Copy n values. An assignment to a slice would be compiled with the text of an error of shapes, for seconds."""
+    for i in range(n):
+        target[i] = values[i]
 
 
 def parabola(z, place, force, first, second, s, h):
@@ -111,7 +117,7 @@ def advance(
                 mean = (reference[after, 3 * axis] - reference[row, 3 * axis]) / period
                 c_2 = (3.0 * mean - 2.0 * v_0 - v_1) / period
                 c_3 = (v_0 + v_1 - 2.0 * mean) / period**2
-                z[:n] = q[lane, axis]
+                copy(q[lane, axis], z, n)
                 z[n] = x_0
                 z[n + 1] = v_0
                 position = product(output[axis], z, n)
@@ -149,9 +155,9 @@ def advance(
                     parabola(z, n + 4, f[0], first, second, -0.5, h)
                     for i in range(n):
                         middle[i] = product(full[axis, i], z, width)
-                    z[:n] = middle[:n]
+                    copy(middle, z, n)
                     process_sum += process
-                q[lane, axis] = z[:n]
+                copy(z, q[lane, axis], n)
                 out[k, 3 * n_axes + axis, lane] = process_sum / substeps
             out[k, 4 * n_axes, lane] = 1.0 if diverged[lane] else 0.0
             count[lane] += 1
@@ -183,5 +189,5 @@ def compose(effects: tuple[type[Effect], ...]) -> Callable[..., None]:
         kernels="\n".join(f"kernel_{number} = KERNELS[{number}]" for number in range(len(effects))),
         calls="\n".join(calls) or "    pass",
     )
-    functions = [f"@inlined\n{inspect.getsource(function)}" for function in (product, parabola)]
+    functions = [f"@inlined\n{inspect.getsource(function)}" for function in (product, copy, parabola)]
     return load("\n\n".join([header, *functions, f"@compiled\n{inspect.getsource(advance)}"]), effects).advance

@@ -69,7 +69,7 @@ def test_likelihood_and_force_are_those_of_the_dense_process(index: int, is_fed:
     seen = np.isfinite(loud)
     design = designs(ANGLE, 3, feed, True)[index]
     move = transitions(design, STEP_S, PLACE)
-    value, s2 = restricted(NoisyRows(np.column_stack((Z, LEFT)), loud, fresh), design, move)
+    value, s2 = restricted(NoisyRows(np.asfortranarray(np.column_stack((Z, LEFT))), loud, fresh), design, move)
 
     K = dense_covariance(index, feed, fresh)
     A = K[np.ix_(seen, seen)] + np.diag(loud[seen])
