@@ -9,7 +9,7 @@ import numpy as np
 from fdbench.diagnosis.answer import Answer, Recorded
 from fdbench.diagnosis.evidence.baseline import Baseline
 from fdbench.diagnosis.evidence.evidence import gather, with_explained
-from fdbench.diagnosis.evidence.prepare import aligned, with_run_to_run_covariance
+from fdbench.diagnosis.evidence.prepare import Aligned, aligned, with_run_to_run_covariance
 from fdbench.diagnosis.evidence.sensor_artefacts import mean_energy
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.expected_information import Forecast, VerdictReader
@@ -22,7 +22,7 @@ from fdbench.diagnosis.judge.probability_models import Features, ProbabilityMode
 from fdbench.diagnosis.judge.process_force import process_forces, unsteady_forces
 from fdbench.diagnosis.judge.reduction import channel_gaps, parametric, reductions_of, shrinkage
 from fdbench.diagnosis.judge.residual_dependence import dependences
-from fdbench.diagnosis.judge.verdict import Findings, verdict
+from fdbench.diagnosis.judge.verdict import Findings, Verdict, verdict
 from fdbench.diagnosis.model.as_nominal import as_nominal
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.nominal import Nominal, Uncertainty
@@ -110,59 +110,33 @@ def _diagnosed(
     healthy = None
     if baseline:
         nominal, healthy = calibrated_on(nominal, baseline, progress)
-    ready = aligned(nominal, records, holdouts, healthy)
-    nominal, split, given = ready.nominal, ready.split, start(ready.nominal)
-    drive, search = nominal.drive, Search(ready.readings.coarsened(given, split.noise_models), split, progress)
-    search.progress("re-calibrating the nominal parameters")
-    calibrated = search.refine(given)
-    split = search.split = with_run_to_run_covariance(search.readings.replay, ready, calibrated, healthy)
-    readings = search.readings = ready.readings.coarsened(given, split.noise_models)
-    base = search.refine(calibrated)
-    split = search.split = with_explained(split, gather(readings, split, base, ()))
-    final, stages = search.run(base)
-    final, contests = search.review(final, stages)
-    # The search weighs what friction may do in each run; what is judged, drawn and written is one model for all.
-    final = Search(readings, split.plain).refine(final) if final.effects else calibrated
-    reductions = reductions_of(readings, split.plain, calibrated, final)
+    found = _searched(nominal, records, holdouts, progress, healthy)
+    ready, given, findings = found.ready, found.given, found.findings
+    nominal, search, reductions, final = ready.nominal, findings.search, findings.reductions, findings.final
+    readings, split, drive = search.readings, search.split, nominal.drive
     places = range(len(split.runs))
-    simulated = [[readings.alone(place, item) for place in places] for item in (given, calibrated, final)]
-    as_given = channel_gaps(readings, split.plain, [given])[0]
-    raw = float(as_given.mean())
-    seen = [
-        artefact
-        for artefact in ready.artefacts
-        if mean_energy(artefact, split.plain.noise_models) > EVIDENCE.smallest_artefact
-    ]
-    findings = Findings(
-        search=search,
-        as_given=as_given,
-        base=base,
-        final=final,
-        stages=stages,
-        contests=contests,
-        reductions=reductions,
-        artefacts=seen,
-    )
+    simulated = [[readings.alone(place, item) for place in places] for item in (given, found.calibrated, final)]
+    raw = float(findings.as_given.mean())
     models = models or probability_models.models()
-    judged = verdict(findings, models)
-    reader = VerdictReader(models=models, unknown=judged.unknown_probability)
-    forecast = design(readings, split, [*contests, *stages[-1:]], nominal, reader)
+    said = verdict(findings, models)
+    reader = VerdictReader(models=models, unknown=said.unknown_probability)
+    forecast = design(readings, split, [*findings.contests, *findings.stages[-1:]], nominal, reader)
     rest = dependences(split.plain, simulated[2], drive)
     answer = Answer(
         gap=gap_of(split, simulated),
         where=where(Gaps.of(split.plain, simulated[1])),
-        causes=judged.causes,
-        suspects=judged.suspects,
-        unknown_probability=judged.unknown_probability,
-        no_gap_probability=judged.no_gap_probability,
+        causes=said.causes,
+        suspects=said.suspects,
+        unknown_probability=said.unknown_probability,
+        no_gap_probability=said.no_gap_probability,
         probabilities_from=models.source,
-        nearest=judged.nearest,
-        types=cause_types(judged.causes, judged.suspects, judged.unknown_probability, rest, drive),
+        nearest=said.nearest,
+        types=cause_types(said.causes, said.suspects, said.unknown_probability, rest, drive),
         rest_depends_on=rest,
-        shrinkage=shrinkage(reductions, final, seen, split.plain, ready.judged_on, raw),
+        shrinkage=shrinkage(reductions, final, findings.artefacts, split.plain, ready.judged_on, raw),
         next_experiment=None if forecast is None else forecast.experiment(),
         warnings=tuple(map(spoken_words, ready.warnings)),
-        parametric=parametric(raw, reductions, calibrated, final),
+        parametric=parametric(raw, reductions, found.calibrated, final),
         noise_floor={
             name: noise_floor(floor, spoken_unit(unit_of(name)), split.runs[0].period_s)
             for name, floor in split.noise_models.items()
@@ -181,15 +155,74 @@ def _diagnosed(
     )
     return Diagnosis(
         answer=answer,
-        calibrated=calibrated,
+        calibrated=found.calibrated,
         final=final,
-        stages=stages,
+        stages=[*findings.stages],
         split=split,
         simulated=simulated[1],
         repaired=simulated[2],
         forecast=forecast,
-        features=judged.features,
+        features=said.features,
     )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class _Searched:
+    """What a search found, before anything is said of it."""
+
+    ready: Aligned
+    given: Hypothesis
+    calibrated: Hypothesis
+    findings: Findings
+
+
+def _searched(
+    nominal: Nominal,
+    records: Sequence[Record],
+    holdouts: Sequence[Record],
+    progress: Callable[[str], None] | None,
+    healthy: Baseline | None,
+) -> _Searched:
+    ready = aligned(nominal, records, holdouts, healthy)
+    split, given = ready.split, start(ready.nominal)
+    search = Search(ready.readings.coarsened(given, split.noise_models), split, progress)
+    search.progress("re-calibrating the nominal parameters")
+    calibrated = search.refine(given)
+    split = with_run_to_run_covariance(search.readings.replay, ready, calibrated, healthy)
+    search.look_at(ready.readings.coarsened(given, split.noise_models), split)
+    base = search.refine(calibrated)
+    search.look_at(search.readings, with_explained(split, gather(search.readings, split, base, ())))
+    final, stages = search.run(base)
+    final, contests = search.review(final, stages)
+    # The search weighs what friction may do in each run; what is judged, drawn and written is one model for all.
+    readings, plain = search.readings, search.split.plain
+    final = Search(readings, plain).refine(final) if final.effects else calibrated
+    findings = Findings(
+        search=search,
+        as_given=channel_gaps(readings, plain, [given])[0],
+        base=base,
+        final=final,
+        stages=stages,
+        contests=contests,
+        reductions=reductions_of(readings, plain, calibrated, final),
+        artefacts=[
+            artefact
+            for artefact in ready.artefacts
+            if mean_energy(artefact, plain.noise_models) > EVIDENCE.smallest_artefact
+        ],
+    )
+    return _Searched(ready=ready, given=given, calibrated=calibrated, findings=findings)
+
+
+# What diverges overflows, as in `diagnose`.
+@np.errstate(over="ignore", invalid="ignore")
+def judged(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record] = ()) -> Verdict:
+    """Return the verdict alone, by the probability models of the package: nothing drawn, proposed or described.
+
+    See `diagnose` for parameters and errors.
+    """
+    with spoken_of(nominal.axis):
+        return verdict(_searched(nominal, records, holdouts, None, None).findings, probability_models.models())
 
 
 def calibrated_on(

@@ -23,6 +23,7 @@ from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.probability_models import ProbabilityModels
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.rotary_axis import record_of_rotary
 from fdbench.diagnosis.records.runs import COMMAND, DEFLECTION, SIDES, Run, merged
 from fdbench.diagnosis.repaired import table_of, toml_lines
 from fdbench.documents import LARGEST_JSON, json_value, read_file
@@ -46,6 +47,7 @@ LEAST = 1e-3  # smallest mean square of a part of a floor
 EVEN = 0.1  # weight of keeping to equal parts where the floors do not tell noises apart
 OFF = 2.0  # factor by which the floor of a channel may be missed
 MOVED = ("effect", "suspect", "value")
+RUN_UP_S = 1.0
 RUBBING = tiers.FRICTION_CHANGE[1]
 
 
@@ -59,15 +61,12 @@ class RecordingSetup:
         As the user gave it.
     ready : Aligned
         The user's records.
-    n_fitted : int
-        How many of the runs are not held out.
     names : tuple of str
-        Columns of positions.
+        Columns of positions, on the arc of an axis that turns.
     """
 
     nominal: Nominal
     ready: Aligned
-    n_fitted: int
     names: tuple[str, ...]
 
     @cached_property
@@ -96,7 +95,7 @@ class RecordingSetup:
         held = [run.held.tobytes() if self.holds and run.held is not None else b"" for run in self.ready.runs]
         moved = [self.command(run).tobytes() for run in self.ready.runs]
         motions = [hashlib.sha256(part).hexdigest() for part in (*moved, *held)]
-        recorded = [self.names, self.n_fitted, self.ready.runs[0].period_s, self.noise_models, self.parts.tolist()]
+        recorded = [self.names, self.ready.n_fitted, self.ready.runs[0].period_s, self.noise_models, self.parts.tolist()]
         content = [seal.code_digest(), kinds, list(model), motions, recorded]
         return hashlib.sha256(seal.canonical(content)).hexdigest()
 
@@ -110,10 +109,28 @@ class RecordingSetup:
         """Return the command (n, 3) of a run; where it was followed, the motion that was measured."""
         return run.reference if run.motion is None else np.column_stack((run.motion[0], run.reference[:, 1:]))
 
+    @staticmethod
+    def with_run_up(run: Run) -> FloatArray:
+        """Return the command of a run after a run-up, at whose end the axis moves as it did where the record begins.
+
+        Before a command that repeats itself is the end of a lap; else the speed rises from rest.
+        """
+        command = RecordingSetup.command(run)
+        n = round(RUN_UP_S / run.period_s)
+        if run.lap is not None:
+            before = command[max(run.lap - n, 0) : run.lap].copy()
+            before[:, 0] += command[0, 0] - command[run.lap, 0]
+            return np.concatenate((before, command))
+        share, speed = np.arange(n) / n, command[0, 1]
+        velocity = speed * share**2 * (3.0 - 2.0 * share)
+        way = speed * RUN_UP_S * (share**3 - 0.5 * share**4 - 0.5)
+        acceleration = speed / RUN_UP_S * 6.0 * share * (1.0 - share)
+        return np.concatenate((np.column_stack((command[0, 0] + way, velocity, acceleration)), command))
+
     def bench(self, errors: Mapping[str, float], noises: Noises) -> LibraryBench:
         """Return the machine."""
         nominal, period_s = self.ready.nominal, self.ready.runs[0].period_s
-        reach_m = max(float(np.abs(self.command(run)[:, 0]).max()) for run in self.ready.runs)
+        reach_m = max(float(np.abs(self.with_run_up(run)[:, 0]).max()) for run in self.ready.runs)
         # The zero of a record may lie anywhere, and what was recorded is within the limits.
         drive = dataclasses.replace(
             nominal.drive,
@@ -128,7 +145,7 @@ class RecordingSetup:
         found: list[Record] = []
         for run in self.ready.runs:
             command = self.command(run)
-            readings = axis.readings(command, rng)
+            readings = {name: values[-run.n_samples :] for name, values in axis.readings(self.with_run_up(run), rng).items()}
             columns = {name: readings.get(name, readings["position_m"]) for name in (*self.names, "motor_force_N")}
             if self.holds and run.held is not None:
                 last = np.maximum.accumulate(np.where(run.held, 0, np.arange(run.n_samples)))
@@ -137,8 +154,9 @@ class RecordingSetup:
                 rates = ("reference_velocity_m_per_s", "reference_acceleration_m_per_s2")
                 columns |= {name: command[:, place] for place, name in enumerate((COMMAND, *rates))}
             columns["time_s"] = np.arange(run.n_samples, dtype=np.float64) * run.period_s
-            found.append(Record(columns, source=run.name))
-        return found[: self.n_fitted], found[self.n_fitted :]
+            record = Record(columns, source=run.name)
+            found.append(record if self.nominal.axis == LINEAR else record_of_rotary(record))
+        return found[: self.ready.n_fitted], found[self.ready.n_fitted :]
 
     def case(self, noises: Noises, rng: np.random.Generator) -> dict[str, Any]:
         """Draw, record and diagnose one case, and return the features of each claim beside the truth."""
@@ -153,7 +171,7 @@ class RecordingSetup:
         names = bench.names(listed=True)
         other = SIDES[not self.ready.nominal.drive.controller.uses_table]
         sides = ("position_m", other) if DEFLECTION in self.noise_models else ("position_m",)
-        motions = [self.command(run) for run in merged(self.ready.runs[: self.n_fitted])]
+        motions = [self.command(run) for run in merged(self.ready.runs[: self.ready.n_fitted])]
         injected, sizes = tiers.inject(bench, tiers.how_many(tiers.Tier.L, rng), names, motions, sides, rng)
         excluded = tiers.taken_out(bench, injected, rng)
         records, holdouts = self.recorded(bench.axis(injected), rng)
@@ -234,9 +252,9 @@ def recording_setup(nominal: Nominal, records: Sequence[Record], holdouts: Seque
             f"--calibrate: {records[0].source} has {' and '.join(SIDES)}, but the model has no [plant.screw] between "
             "them; add it, leave one column out, or diagnose without --calibrate."
         )
-    names = tuple(name for name in ("position_m", *SIDES) if name in records[0])
-    on_the_arc = dataclasses.replace(nominal, axis=LINEAR)
-    return RecordingSetup(nominal=on_the_arc, ready=ready, n_fitted=len(records), names=names)
+    on_the_arc = nominal.on_the_arc(records)[0]
+    names = tuple(name for name in ("position_m", *SIDES) if name in on_the_arc)
+    return RecordingSetup(nominal=nominal, ready=ready, names=names)
 
 
 def calibrated_models(

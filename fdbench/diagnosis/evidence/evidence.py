@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
+from fdbench.diagnosis.records.runs import Run
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.record import FloatArray
 
@@ -118,7 +119,7 @@ def gather(
     for number in range(len(split.runs)) if places is None else places:
         run, out = split.runs[number], split.held_out[number]
         simulated = readings.of(number, lanes, [base, *keep])
-        length = max(8, round(EVIDENCE.segment_s / run.period_s))
+        length = segment_length(run)
         n_segments = -(-run.n_samples // length)
         count = np.full(n_segments, float(length))
         count[-1] -= n_segments * length - run.n_samples
@@ -157,6 +158,32 @@ def gather(
         run=np.concatenate(owners),
         channel=np.concatenate(channels),
     )
+
+
+def segment_length(run: Run) -> int:
+    """Return the samples of a segment."""
+    return max(8, round(EVIDENCE.segment_s / run.period_s))
+
+
+def fitted_part(readings: Readings, split: Split) -> tuple[Readings, Split]:
+    """Return readings and split of each run up to the segment after which nothing of it is fitted.
+
+    What comes later moves nothing before, so a fit need not simulate it. Runs in which whole runs are whitened, and
+    those of which nothing or all is fitted, stay as they are.
+    """
+    runs, explained = [*split.runs], [*split.explained]
+    for place in split.fitted:
+        run, length = runs[place], segment_length(runs[place])
+        n_segments = -(-int(np.flatnonzero(~split.held_out[place])[-1] + 1) // length)
+        if n_segments * length < run.n_samples and not (split.changes and split.changes[place]):
+            runs[place] = run.up_to(n_segments * length)
+            if explained:
+                explained[place] = {name: own[:n_segments] for name, own in explained[place].items()}
+    if all(run is own for run, own in zip(runs, split.runs, strict=True)):
+        return readings, split
+    held_out = [out[: run.n_samples] for out, run in zip(split.held_out, runs, strict=True)]
+    part = dataclasses.replace(split, runs=runs, held_out=held_out, explained=explained)
+    return Readings(readings.replay, runs), part
 
 
 def misfit(squares: FloatArray | float, weights: FloatArray, counts: FloatArray) -> FloatArray:

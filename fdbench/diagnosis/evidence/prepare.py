@@ -40,6 +40,8 @@ class Aligned:
         As given, or with a virtual controller.
     runs : list of Run
         Of the records and then of the held-out ones, in one condition; samples that the logger held are bridged.
+    n_fitted : int
+        How many of the runs are of records that are not held out.
     readings : Readings
         Of the runs of the split, by the model at its own substeps.
     split : Split
@@ -54,6 +56,7 @@ class Aligned:
 
     nominal: Nominal
     runs: list[Run]
+    n_fitted: int
     readings: Readings
     split: Split
     judged_on: str
@@ -134,6 +137,7 @@ def aligned(
     return Aligned(
         nominal=nominal,
         runs=runs,
+        n_fitted=len(fitted),
         readings=Readings(replay, split.runs),
         split=split,
         judged_on=judged_on,

@@ -74,6 +74,22 @@ class Run:
         """Return the run with its channels as they were read."""
         return self if self.readings is None else dataclasses.replace(self, channels=dict(self.readings))
 
+    def up_to(self, n_samples: int) -> "Run":
+        """Return the beginning of the run."""
+
+        def part(signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+            return {name: values[:n_samples] for name, values in signals.items()}
+
+        return dataclasses.replace(
+            self,
+            reference=self.reference[:n_samples],
+            channels=part(self.channels),
+            held=None if self.held is None else self.held[:n_samples],
+            motion=None if self.motion is None else (self.motion[0][:n_samples], self.motion[1]),
+            left=None if self.left is None else part(self.left),
+            readings=None if self.readings is None else part(self.readings),
+        )
+
     def beside(self, nominal: Mapping[str, FloatArray]) -> "Run":
         """Return the run with what the nominal model leaves of it."""
         left = {name: values - nominal[name] for name, values in self.channels.items()}

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from fdbench.diagnosis.evidence.evidence import Evidence, gather
+from fdbench.diagnosis.evidence.evidence import Evidence, fitted_part, gather
 from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.candidates import Candidate, candidates
@@ -32,9 +32,13 @@ class Search:
     """
 
     def __init__(self, readings: Readings, split: Split, progress: Callable[[str], None] | None = None) -> None:
-        self.readings = readings
-        self.split = split
         self.progress = progress or (lambda text: None)
+        self.look_at(readings, split)
+
+    def look_at(self, readings: Readings, split: Split) -> None:
+        """Search other readings, or the same ones split or weighted otherwise, from now on."""
+        self.readings, self.split = readings, split
+        self._fitted_readings, self._fitted_split = fitted_part(readings, split)
 
     def run(self, base: Hypothesis) -> tuple[Hypothesis, list[Stage]]:
         """Return the final hypothesis and the stages that led to it."""
@@ -53,7 +57,7 @@ class Search:
     def stage(self, base: Hypothesis) -> Stage | None:
         """Rank all classes of effects as the next one; None where the base leaves noise alone."""
         every = candidates(base, located(self.readings, self.split, base), self.split.runs[0].period_s)
-        alone, fits, responses = self._screen(base, every, self.split.fitted)
+        alone, fits, responses = self._screen(base, every, fitted_only=True)
         if alone.train < SEARCH.noise_alone:
             return None
         large = [
@@ -63,7 +67,7 @@ class Search:
         ]
         if large:
             smaller = [every[place].sizes([1.0 / responses[place]])[0] for place in large]
-            _, fitted_again, _ = self._screen(base, smaller, self.split.fitted)
+            _, fitted_again, _ = self._screen(base, smaller, fitted_only=True)
             for place, candidate, fit in zip(large, smaller, fitted_again, strict=True):
                 every[place], fits[place] = candidate, fit
         best = self._best_of_class(base, every, fits)
@@ -157,7 +161,7 @@ class Search:
         return self.compared(others, found)
 
     def _screen(
-        self, base: Hypothesis, every: Sequence[Candidate], places: Sequence[int] | None = None
+        self, base: Hypothesis, every: Sequence[Candidate], *, fitted_only: bool = False
     ) -> tuple[Fit, list[Fit], list[float]]:
         """Return linear fits of base and candidates, and how large the response to each is beside the gap."""
         shifted = base.moved_in_turn()
@@ -167,7 +171,8 @@ class Search:
             first = 1 + len(variants)
             variants += candidate.hypotheses(base)
             columns.append(tuple(range(first, 1 + len(variants))))
-        evidence = gather(self.readings, self.split, base, variants, places, keep=shifted)
+        gathered = self._gather_fitted if fitted_only else self._gather
+        evidence = gathered(base, variants, shifted)
         nuisances = list(range(1, 1 + len(shifted)))
         scores = Scores(evidence, dict(zip(nuisances, base.shifts, strict=True)))
         squares = np.diagonal(evidence.products[~evidence.held_out].sum(axis=0))
@@ -203,7 +208,7 @@ class Search:
                 scores.fit(range(1, 1 + len(numbers)), damping).coefficients * scale for damping in SEARCH.dampings
             )
             trials = [with_parameters(hypothesis, values + step) for step in steps]
-            judged = gather(self.readings, self.split, hypothesis, trials, self.split.fitted, keep=trials)
+            judged = self._gather_fitted(hypothesis, trials, trials)
             inside = ~judged.held_out
             before, *after = (judged.squares()[inside].sum(axis=0)).tolist()
             before += hypothesis.penalty()
@@ -212,7 +217,7 @@ class Search:
             excess = before - float((judged.weights * judged.counts)[inside].sum())
             if after[best] < before:
                 hypothesis = trials[best]
-            self.readings.forget([item for item in (was, *trials) if item not in (given, hypothesis)])
+            self._fitted_readings.forget([item for item in (was, *trials) if item not in (given, hypothesis)])
             if before - after[best] < max(SEARCH.converged * excess, SEARCH.smallest_fall):
                 break
         return hypothesis
@@ -226,7 +231,7 @@ class Search:
         if base.far_fetched == 0.0:
             return found
         anew = self.refine(dataclasses.replace(hypothesis, shifts=(0.0,) * len(hypothesis.shifts)))
-        evidence = gather(self.readings, self.split, base, [found, anew], self.split.fitted, keep=[found, anew])
+        evidence = self._gather_fitted(base, [found, anew], [found, anew])
         _, *squares = evidence.squares()[~evidence.held_out].sum(axis=0).tolist()
         return min(zip(squares, (found, anew), strict=True), key=lambda item: item[0] + item[1].penalty())[1]
 
@@ -240,7 +245,17 @@ class Search:
             with_parameters(hypothesis, values + row)
             for row in np.diag([item.step for item in adjustables_of(hypothesis)])
         ]
-        return gather(self.readings, self.split, hypothesis, [*probes, *beside], self.split.fitted)
+        return self._gather_fitted(hypothesis, [*probes, *beside])
+
+    def _gather(
+        self, base: Hypothesis, variants: Sequence[Hypothesis], keep: Sequence[Hypothesis] = ()
+    ) -> Evidence:
+        return gather(self.readings, self.split, base, variants, keep=keep)
+
+    def _gather_fitted(
+        self, base: Hypothesis, variants: Sequence[Hypothesis], keep: Sequence[Hypothesis] = ()
+    ) -> Evidence:
+        return gather(self._fitted_readings, self._fitted_split, base, variants, self.split.fitted, keep=keep)
 
 
 def _cost(base: Hypothesis, misfit: float, fit: Fit) -> float:
