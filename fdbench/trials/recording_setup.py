@@ -1,43 +1,32 @@
-"""Machine-specific calibration: probability models learned on simulated cases of one machine.
-
-The cases have the motions, columns and noise of its records. The models that the package is shipped with are the prior
-mean, from which the machine's own cases move them.
-"""
+"""A machine and what is recorded on it: virtual machines move as it did, and are logged with its noise."""
 
 import dataclasses
 import hashlib
 import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.diagnose import judged
 from fdbench.diagnosis.evidence.prepare import Aligned, aligned
 from fdbench.diagnosis.evidence.run_to_run import Repeatability
-from fdbench.diagnosis.judge import probability_models as confidence
-from fdbench.diagnosis.judge.probability_models import ProbabilityModels
-from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.hypothesis import Hypothesis, silent, start
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
-from fdbench.diagnosis.records.runs import COMMAND, DEFLECTION, SIDES, Run, merged
+from fdbench.diagnosis.records.runs import COMMAND, DEFLECTION, SIDES, Run
 from fdbench.diagnosis.repaired import table_of, toml_lines
-from fdbench.documents import LARGEST_JSON, json_value, read_file
-from fdbench.errors import FdbenchError, SpecError
+from fdbench.diagnosis.settings import JUDGE
+from fdbench.errors import SpecError
 from fdbench.record import FloatArray, Record
 from fdbench.rotary import LINEAR
-from fdbench.simulate.compose import cache_folder
 from fdbench.trials import seal
-from fdbench.trials.forms import check_learned
-from fdbench.trials.learn import Claim, claims, fitted
-from fdbench.trials.make import MOST_ATTEMPTS
+from fdbench.trials.virtual_machine import Visibility
 from fdbench.virtual_axes import cases as tiers
-from fdbench.virtual_axes.bench import ERRORS
-from fdbench.virtual_axes.library_axis import USUAL, LibraryAxis, LibraryBench, Noises, rubbing
+from fdbench.virtual_axes.library_axis import USUAL, LibraryAxis, Noises, rubbing
 
 STEPS = 4  # of a floor in a factor of two: records of one machine share what was learned
 NAMES = [field.name for field in dataclasses.fields(Noises)]  # the last one is friction
@@ -45,10 +34,10 @@ SILENT = Noises(**dict.fromkeys(NAMES, 0.0))
 ROUNDS = 2
 LEAST = 1e-3  # smallest mean square of a part of a floor
 EVEN = 0.1  # weight of keeping to equal parts where the floors do not tell noises apart
+UNHEARD = 1e-6  # of the loudest noise, below which another one is not in the floors
 OFF = 2.0  # factor by which the floor of a channel may be missed
-MOVED = ("effect", "suspect", "value")
-RUN_UP_S = 1.0
 RUBBING = tiers.FRICTION_CHANGE[1]
+RUN_UP_S = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,25 +116,37 @@ class RecordingSetup:
         acceleration = speed / RUN_UP_S * 6.0 * share * (1.0 - share)
         return np.concatenate((np.column_stack((command[0, 0] + way, velocity, acceleration)), command))
 
-    def bench(self, errors: Mapping[str, float], noises: Noises) -> LibraryBench:
-        """Return the machine."""
-        nominal, period_s = self.ready.nominal, self.ready.runs[0].period_s
+    @cached_property
+    def visibility(self) -> Visibility:
+        """How far effects show in the motions."""
+        return Visibility(ready=self.ready)
+
+    def axis(self, machine: Hypothesis, noises: Noises) -> LibraryAxis:
+        """Return a machine that records can be made of."""
+        variant, nominal = machine.variant(), self.ready.nominal
         reach_m = max(float(np.abs(self.with_run_up(run)[:, 0]).max()) for run in self.ready.runs)
         # The zero of a record may lie anywhere, and what was recorded is within the limits.
         drive = dataclasses.replace(
-            nominal.drive,
+            variant.plant,
             travel_m=nominal.drive.travel_m + reach_m,
             velocity_limit_m_per_s=2.0 * nominal.drive.velocity_limit_m_per_s,
         )
-        nominal = dataclasses.replace(nominal, plant=drive)
-        return LibraryBench(nominal, errors, period_s, noises, nominal.simulation.substeps)
+        own = {effect.declared: effect for effect in variant.extra}
+        return LibraryAxis(
+            drive=drive,
+            unmodelled=tuple(own.get(kind.declared, silent(kind)) for kind in self.visibility.kinds),
+            period_s=self.ready.runs[0].period_s,
+            noises=noises,
+            substeps=nominal.simulation.substeps,
+        )
 
     def recorded(self, axis: LibraryAxis, rng: np.random.Generator) -> tuple[list[Record], list[Record]]:
         """Return what the logger writes of every motion: to fit, and to judge on."""
         found: list[Record] = []
         for run in self.ready.runs:
             command = self.command(run)
-            readings = {name: values[-run.n_samples :] for name, values in axis.readings(self.with_run_up(run), rng).items()}
+            made = axis.readings(self.with_run_up(run), rng)
+            readings = {name: values[-run.n_samples :] for name, values in made.items()}
             columns = {name: readings.get(name, readings["position_m"]) for name in (*self.names, "motor_force_N")}
             if self.holds and run.held is not None:
                 last = np.maximum.accumulate(np.where(run.held, 0, np.arange(run.n_samples)))
@@ -159,26 +160,20 @@ class RecordingSetup:
         return found[: self.ready.n_fitted], found[self.ready.n_fitted :]
 
     def case(self, noises: Noises, rng: np.random.Generator) -> dict[str, Any]:
-        """Draw, record and diagnose one case, and return the features of each claim beside the truth."""
-        doubt = self.nominal.uncertainty
-        deviations = {
-            **dict.fromkeys(("motor_mass", "table_mass"), doubt.mass),
-            **dict.fromkeys(("motor_viscous", "table_viscous"), doubt.viscous),
-            **{"known": doubt.known_effects, "offset_N": self.ready.nominal.force_offset_N},
-        }
-        errors = {name: size * float(np.clip(rng.standard_normal(), -2.0, 2.0)) for name, size in deviations.items()}
-        bench = self.bench(errors, noises)
-        names = bench.names(listed=True)
-        other = SIDES[not self.ready.nominal.drive.controller.uses_table]
-        sides = ("position_m", other) if DEFLECTION in self.noise_models else ("position_m",)
-        motions = [self.command(run) for run in merged(self.ready.runs[: self.ready.n_fitted])]
-        injected, sizes = tiers.inject(bench, tiers.how_many(tiers.Tier.L, rng), names, motions, sides, rng)
-        excluded = tiers.taken_out(bench, injected, rng)
-        records, holdouts = self.recorded(bench.axis(injected), rng)
-        unlisted = self.nominal.with_equivalents(excluded)
+        """Draw, record and diagnose one case, and return the features of each claim and what is named beside the truth.
+
+        """
+        causes = self.visibility.draw(rng)
+        records, holdouts = self.recorded(self.axis(causes.machine, noises), rng)
+        unlisted = self.nominal.with_equivalents(causes.taken_out)
         nominal = dataclasses.replace(self.nominal, exclude=(*self.nominal.exclude, *unlisted))
-        truth = tiers.described(injected, sizes, [name for name in names if name not in excluded])
-        return {"features": diagnose(nominal, records, holdouts).features, "truth": truth}
+        verdict = judged(nominal, records, holdouts)
+        truth: dict[str, list[dict[str, Any]]] = {"listed": [], "unlisted": []}
+        for name, effect in causes.injected.items():
+            item = {"name": name, "parameters": vars(effect), "mean_square": causes.mean_squares[name]}
+            truth["unlisted" if name in causes.taken_out else "listed"].append(item)
+        named = [[cause.effect, *cause.indistinguishable_from] for cause in verdict.causes if cause.probability > JUDGE.named]
+        return {"features": verdict.features, "truth": truth, "named": named}
 
     def noises(self) -> Noises:
         """Return the noises that give the nominal machine the measured noise floors, within a run and from run to run.
@@ -192,7 +187,9 @@ class RecordingSetup:
             own = {name: dataclasses.replace(SILENT, **{name: getattr(found, name)}) for name in NAMES}
             made = [self._made_by(own[name]).ravel() for name in NAMES[:-1]]
             squares = np.column_stack([*made, self._made_by_friction().ravel()])
-            size = np.maximum(np.linalg.norm(squares, axis=0), 1e-30)
+            # A sensor that is not recorded and closes no loop has no noise to speak of.
+            size = np.linalg.norm(squares, axis=0)
+            size = np.where(size > UNHEARD * size.max(), size, math.inf)
             system = np.vstack((squares / size, EVEN * np.eye(len(NAMES))))
             parts, _ = nnls(system, np.r_[self.parts.ravel(), np.zeros(len(NAMES))])
             scale = np.sqrt(parts / size).tolist()
@@ -210,7 +207,7 @@ class RecordingSetup:
 
     def _made_by(self, noises: Noises) -> FloatArray:
         """Return the mean squares of the noise floors of a nominal machine, (2, n_channels), like `parts`."""
-        axis = self.bench(dict.fromkeys(ERRORS, 0.0), noises).axis({})
+        axis = self.axis(self.visibility.given, noises)
         made = aligned(self.nominal, *self.recorded(axis, seal.generator(self.digest, "noise")), logged=False)
         return np.asarray(self.squares(made) / np.array(list(self.noise_models.values())) ** 2)
 
@@ -221,7 +218,7 @@ class RecordingSetup:
         """
         if not any(floor.measured for floor in self.ready.split.noise_models.values()):
             return np.zeros_like(self.parts)
-        axis = self.bench(dict.fromkeys(ERRORS, 0.0), SILENT).axis({})
+        axis = self.axis(self.visibility.given, SILENT)
         rubbed = dataclasses.replace(axis, drive=rubbing(axis.drive, 1.0 + RUBBING))
         moved: dict[str, list[FloatArray]] = {name: [] for name in self.noise_models}
         for run in self.ready.runs:
@@ -255,77 +252,3 @@ def recording_setup(nominal: Nominal, records: Sequence[Record], holdouts: Seque
     on_the_arc = nominal.on_the_arc(records)[0]
     names = tuple(name for name in ("position_m", *SIDES) if name in on_the_arc)
     return RecordingSetup(nominal=nominal, ready=ready, names=names)
-
-
-def calibrated_models(
-    nominal: Nominal,
-    records: Sequence[Record],
-    holdouts: Sequence[Record],
-    count: int,
-    progress: Callable[[str], None] | None = None,
-) -> ProbabilityModels:
-    """Return probability models learned on simulated cases of the machine, with the motions and noise of its records.
-
-    Cases are kept in the cache by the digest of all that they depend on; only those that it lacks are simulated.
-
-    Parameters
-    ----------
-    nominal, records, holdouts
-        As for `fdbench.diagnosis.diagnose.diagnose`.
-    count : int
-        Number of cases.
-    progress : callable, optional
-
-    Raises
-    ------
-    RecordError, SpecError
-        If the records cannot be diagnosed or the model cannot be simulated like them.
-    """
-    setup = recording_setup(nominal, records, holdouts)
-    kept = cache_folder() / f"calibration-{setup.digest}.json"
-    cases: list[Any] = _kept_cases(kept) if kept.exists() else []
-    noises = setup.noises() if len(cases) < count else USUAL
-    while len(cases) < count:
-        if progress is not None:
-            progress(f"calibration: case {len(cases) + 1} of {count}")
-        cases.append(_case(setup, noises, len(cases)))
-        seal.write_json(kept, cases)
-    found = [claim for case in cases[:count] for claim in claims(case["features"], case["truth"])]
-    return adapted(
-        found, confidence.models(), f"machine-specific calibration, {count} cases of this machine and its motions"
-    )
-
-
-def _kept_cases(path: Path) -> list[Any]:
-    """Return the cases in a file of the cache."""
-    where = f"{path}: not the cases of a calibration; remove it"
-    try:
-        cases: list[Any] = json_value(read_file(path, LARGEST_JSON))
-    except (OSError, ValueError) as error:
-        raise SpecError(f"{where}: {error}.") from error
-    check_learned(cases, where)
-    for kind in MOVED:
-        names = {*getattr(confidence.models(), kind).features}
-        if not all(names <= own.keys() for case in cases for own in case["features"][kind].values()):
-            raise SpecError(f"{where}: other features of {kind} than those of this version.")
-    return cases
-
-
-def _case(setup: RecordingSetup, noises: Noises, number: int) -> dict[str, Any]:
-    """Return a case; one that diverges, or whose records no one would diagnose, is drawn anew."""
-    for attempt in range(MOST_ATTEMPTS):
-        try:
-            return setup.case(noises, seal.generator(setup.digest, f"case {number} attempt {attempt}"))
-        except FdbenchError as error:
-            message = str(error)
-    raise SpecError(f"--calibrate: case {number + 1}: {MOST_ATTEMPTS} draws, none of them usable; the last: {message}")
-
-
-def adapted(found: Sequence[Claim], prior: ProbabilityModels, source: str) -> ProbabilityModels:
-    """Return probability models moved by claims of causes; a model without claims stays as it is.
-
-    Those of an unknown cause and of no gap stay: moved, they were worse on fresh cases of a machine unlike tier L.
-    """
-    own = {kind: [claim for claim in found if claim.kind == kind] for kind in MOVED}
-    moved: dict[str, Any] = {kind: fitted(some, getattr(prior, kind)) for kind, some in own.items() if some}
-    return dataclasses.replace(prior, **moved, source=source)
