@@ -1,5 +1,6 @@
 """``diagnose`` as a function."""
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -152,6 +153,7 @@ def diagnose(
     baseline: Recordings = (),
     data: str | Path | None = None,
     progress: Callable[[str], None] | None = None,
+    jobs: int | None = None,
 ) -> DiagnosisResult:
     """Say where the gap between a model and records lies, which effect causes it, and how far it shrinks.
 
@@ -164,14 +166,16 @@ def diagnose(
     effects : sequence of paths
         Python files of further effects.
     calibrate : int
-        Learn the probabilities from so many simulated cases of this machine, about 3 s each; 0: take those that the
-        package was shipped with.
+        Learn the probabilities from so many virtual machines like this one, and say how often they were diagnosed
+        rightly; 0: take those that the package was shipped with.
     baseline : as ``records``
         Of the axis when it was known to be well: the answer is then what has changed since.
     data : path, optional
         Folder of the files that mapping TOMLs among the records name.
     progress : callable, optional
         Told what is being done.
+    jobs : int, optional
+        Processes that diagnose virtual machines; by default one for each core.
 
     Raises
     ------
@@ -184,12 +188,14 @@ def diagnose(
     add_effects(effects)
     nominal = _nominal(model)
     fitted, judged, before = ([_record(item, data) for item in items] for items in given)
-    models = None
-    if calibrate:
-        from fdbench.trials.machine_calibration import calibrated_models
+    if not calibrate:
+        return DiagnosisResult(find(nominal, fitted, judged, progress, None, before))
+    from fdbench.trials.machine_calibration import calibration
 
-        models = calibrated_models(nominal, fitted, judged, calibrate, progress)
-    return DiagnosisResult(find(nominal, fitted, judged, progress, models, before))
+    learned = calibration(nominal, fitted, judged, calibrate, progress, jobs or os.cpu_count() or 1)
+    found = find(nominal, fitted, judged, progress, learned.models, before)
+    answer = replace(found.answer, virtual_machines=learned.outcome(found.features))
+    return DiagnosisResult(replace(found, answer=answer))
 
 
 def _nominal(model: Model) -> Nominal:

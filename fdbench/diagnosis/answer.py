@@ -440,6 +440,35 @@ class Recorded:
 
 
 @dataclass(frozen=True, kw_only=True)
+class VirtualMachines:
+    """How the diagnosis did on virtual machines like the measured one, whose causes are known.
+
+    Attributes
+    ----------
+    cases : int
+    with_cause, named_rightly : int
+        Those with a cause that the library has, and those of them of which the cause that was named first is there.
+    rightly_ci95 : pair of float
+        Interval of that share.
+    without_cause, named_falsely : int
+        Those with nothing, and those of them of which a cause was named.
+    likeness : float
+        Probability of a machine that is at least as unlike the others as the measured one, if it is one of them.
+    furthest : str
+        In what the measured one is most unlike them.
+    """
+
+    cases: int
+    with_cause: int
+    named_rightly: int
+    rightly_ci95: Pair
+    without_cause: int
+    named_falsely: int
+    likeness: float
+    furthest: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Answer:
     """Answer of a diagnosis; its fields are the keys of the JSON of ``fdbench diagnose --json``.
 
@@ -466,6 +495,8 @@ class Answer:
     process_forces : tuple of ProcessForce
         Of records of another condition, which are left out of all the rest, and of those whose laps do not repeat.
     recorded : Recorded or None
+    virtual_machines : VirtualMachines or None
+        With a machine-specific calibration.
     axis : str
         ``linear`` or ``rotary``: then every m is a rad, every N a N m, and every kg a kg m^2.
     """
@@ -487,6 +518,7 @@ class Answer:
     noise_floor: Mapping[str, NoiseFloor]
     process_forces: tuple[ProcessForce, ...] = ()
     recorded: Recorded | None = None
+    virtual_machines: VirtualMachines | None = None
     axis: str = LINEAR
 
     def as_json(self) -> dict[str, Any]:

@@ -21,7 +21,7 @@ PARTITIONS = {
     "time": "Time",
     "channel": "Channel",
 }
-TITLES = ("Where the gap lies", "Causes", "How far the gap shrinks", "Process forces")
+TITLES = ("Where the gap lies", "Causes", "How far the gap shrinks", "Process forces", "Virtual machines like this one")
 
 
 def lead(answer: Answer) -> Iterator[Html]:
@@ -83,9 +83,15 @@ def channel_bars(answer: Answer) -> Html:
 
 def sections(answer: Answer) -> list[Section]:
     """Return where the gap lies, its causes, and how far it shrinks."""
-    parts = (_where(answer), _causes(answer), _shrinkage(answer), _process_forces(answer))
+    parts = (_where(answer), _causes(answer), _shrinkage(answer), _process_forces(answer), _virtual_machines(answer))
     found = [Section(title, list(blocks)) for title, blocks in zip(TITLES, parts, strict=True)]
     return [section for section in found if section.blocks]
+
+
+def _virtual_machines(answer: Answer) -> Iterator[Block]:
+    sentences = [f"{sentence[0].upper()}{sentence[1:]}." for sentence in words.virtual_machines(answer)]
+    if sentences:
+        yield part("bullets", sentences)
 
 
 def _process_forces(answer: Answer) -> Iterator[Block]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from fdbench.diagnosis.answer import EFFECT, Answer, Cause, Cell, Quantity
 from fdbench.diagnosis.settings import JUDGE
+from fdbench.report._virtual_machines import unlike, virtual_machines
 from fdbench.rotary import spoken_name, spoken_of, spoken_words
 from fdbench.units import split_unit
 from fdbench.wording import (
@@ -55,6 +56,7 @@ def summary(answer: Answer) -> str:
             ("Causes (share of the mean squared gap after re-calibration)", _causes(answer)),
             ("How far it shrinks: mean squared gap in units of the noise floor", shrinkage(answer)),
             ("Process forces, by inverse dynamics", process_forces(answer)),
+            ("Virtual machines like this one", virtual_machines(answer)),
             ("Doubts", doubts(answer)),
         )
         for heading, content in sections:
@@ -273,6 +275,7 @@ def _doubts(answer: Answer) -> Iterator[str]:
             yield f"{cause.effect}: not found from the data but taken as typical: {', '.join(typical)}."
         for name in cause.at_bound:
             yield f"{cause.effect}: {name} lies on the bound of what the library allows."
+    yield from unlike(answer)
     if source := answer.probabilities_from:
         yield f"Probabilities were learned on simulated axes: {re.sub(', nonce [0-9a-f]+', '', source)}."
     nearly = [

@@ -84,7 +84,13 @@ class RecordingSetup:
         held = [run.held.tobytes() if self.holds and run.held is not None else b"" for run in self.ready.runs]
         moved = [self.command(run).tobytes() for run in self.ready.runs]
         motions = [hashlib.sha256(part).hexdigest() for part in (*moved, *held)]
-        recorded = [self.names, self.ready.n_fitted, self.ready.runs[0].period_s, self.noise_models, self.parts.tolist()]
+        recorded = [
+            self.names,
+            self.ready.n_fitted,
+            self.ready.runs[0].period_s,
+            self.noise_models,
+            self.parts.tolist(),
+        ]
         content = [seal.code_digest(), kinds, list(model), motions, recorded]
         return hashlib.sha256(seal.canonical(content)).hexdigest()
 
@@ -160,9 +166,7 @@ class RecordingSetup:
         return found[: self.ready.n_fitted], found[self.ready.n_fitted :]
 
     def case(self, noises: Noises, rng: np.random.Generator) -> dict[str, Any]:
-        """Draw, record and diagnose one case, and return the features of each claim and what is named beside the truth.
-
-        """
+        """Draw, record and diagnose one case, and return the features of each claim and what is named beside the truth."""
         causes = self.visibility.draw(rng)
         records, holdouts = self.recorded(self.axis(causes.machine, noises), rng)
         unlisted = self.nominal.with_equivalents(causes.taken_out)
@@ -172,7 +176,9 @@ class RecordingSetup:
         for name, effect in causes.injected.items():
             item = {"name": name, "parameters": vars(effect), "mean_square": causes.mean_squares[name]}
             truth["unlisted" if name in causes.taken_out else "listed"].append(item)
-        named = [[cause.effect, *cause.indistinguishable_from] for cause in verdict.causes if cause.probability > JUDGE.named]
+        named = [
+            [cause.effect, *cause.indistinguishable_from] for cause in verdict.causes if cause.probability > JUDGE.named
+        ]
         return {"features": verdict.features, "truth": truth, "named": named}
 
     def noises(self) -> Noises:

@@ -247,9 +247,7 @@ class Search:
         ]
         return self._gather_fitted(hypothesis, [*probes, *beside])
 
-    def _gather(
-        self, base: Hypothesis, variants: Sequence[Hypothesis], keep: Sequence[Hypothesis] = ()
-    ) -> Evidence:
+    def _gather(self, base: Hypothesis, variants: Sequence[Hypothesis], keep: Sequence[Hypothesis] = ()) -> Evidence:
         return gather(self.readings, self.split, base, variants, keep=keep)
 
     def _gather_fitted(
