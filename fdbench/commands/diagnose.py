@@ -38,9 +38,9 @@ def diagnose(
             min=0,
             max=999,
             metavar="N",
-            help="Learn the probabilities from N virtual machines like this one, with these motions and this noise, and "
-            "say how often they were diagnosed rightly; 1 to 2 s each on two cores, kept for the next time. 80 are a "
-            "good number.",
+            help="Learn the probabilities from N virtual machines like this one, with these motions and this noise, "
+            "and say how often they were diagnosed rightly; 1 to 2 s each on two cores, kept for the next time. 80 are "
+            "a good number.",
         ),
     ] = 0,
     jobs: Jobs = None,

@@ -452,10 +452,10 @@ class VirtualMachines:
         Interval of that share.
     without_cause, named_falsely : int
         Those with nothing, and those of them of which a cause was named.
+    compared : int
+        Those without a cause that the library lacks.
     likeness : float
-        Probability of a machine that is at least as unlike the others as the measured one, if it is one of them.
-    furthest : str
-        In what the measured one is most unlike them.
+        Conformal p-value of the measured machine among these, by what is left beside all effects.
     """
 
     cases: int
@@ -464,8 +464,8 @@ class VirtualMachines:
     rightly_ci95: Pair
     without_cause: int
     named_falsely: int
+    compared: int
     likeness: float
-    furthest: str
 
 
 @dataclass(frozen=True, kw_only=True)

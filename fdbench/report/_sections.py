@@ -11,6 +11,7 @@ from fdbench.report._bars import bars, dots
 from fdbench.report._figures import BEFORE, Band, Curve, Figure, Panel
 from fdbench.report._page import Block, Grid, Section, breakable, folded, note, paragraph, table
 from fdbench.report._templates import Html, part
+from fdbench.report._virtual_machines import virtual_machines
 from fdbench.wording import percent, probability_text, public_text, quantity, scaled, si_text, unit_text
 
 PARTITIONS = {
@@ -89,7 +90,7 @@ def sections(answer: Answer) -> list[Section]:
 
 
 def _virtual_machines(answer: Answer) -> Iterator[Block]:
-    sentences = [f"{sentence[0].upper()}{sentence[1:]}." for sentence in words.virtual_machines(answer)]
+    sentences = [f"{sentence[0].upper()}{sentence[1:]}." for sentence in virtual_machines(answer)]
     if sentences:
         yield part("bullets", sentences)
 

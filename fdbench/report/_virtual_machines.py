@@ -1,4 +1,4 @@
-"""What a calibration showed, in words: how often the cause was named rightly on virtual machines like the measured one."""
+"""What a calibration showed, in words: how often virtual machines like the measured one were diagnosed rightly."""
 
 from collections.abc import Iterator
 
@@ -33,18 +33,24 @@ def unlike(answer: Answer) -> Iterator[str]:
 
 
 def _enough(found: VirtualMachines) -> bool:
-    return 1.0 / (found.cases + 1) <= UNLIKE
+    return 1.0 / (found.compared + 1) <= UNLIKE
 
 
 def _likeness(found: VirtualMachines) -> str:
     if not _enough(found):
         return (
-            f"{found.cases} virtual machines are too few to say whether the measured one is like them; take 19 or more"
+            f"{found.compared} virtual machines without a cause that the library lacks are too few to say whether the "
+            "measured one is like them; 40 in all are mostly enough"
         )
+    fewer = f"in {round(found.likeness * (found.compared + 1)) - 1} of {found.compared}"
     if found.likeness <= UNLIKE:
         return (
-            f"not exchangeable: the records are unlike those of the virtual machines (p = {found.likeness:.3f}), most of "
-            f"all by {found.furthest}. How often these were diagnosed rightly, and the probabilities learned from them, "
-            "need not hold for the measured machine: it has more than its model and one of the library's effects"
+            f"not exchangeable (p = {found.likeness:.2f}): more is left of the measured gap beside all effects than of "
+            f"nearly all virtual ones; as much is left {fewer} that have no cause beyond the library. The measured "
+            "machine has more than its model and the library's effects, so how often the virtual ones were diagnosed "
+            "rightly need not hold for it"
         )
-    return f"the records are like those of the virtual machines (p = {found.likeness:.2f}), as far as their gaps go"
+    return (
+        f"exchangeable as far as one can tell (p = {found.likeness:.2f}): as much as of the measured gap is left "
+        f"beside all effects {fewer} that have no cause beyond the library"
+    )

@@ -120,7 +120,7 @@ def _case_beside(asked: _Asked) -> dict[str, Any]:
 @lru_cache(maxsize=1)
 def _unpacked(setup: bytes) -> RecordingSetup:
     """Return the machine, once in a process: what does not change between its cases is found once."""
-    return recording_setup(*pickle.loads(setup))  # noqa: S301 - packed by `_drawn`
+    return recording_setup(*pickle.loads(setup))
 
 
 def _kept_cases(path: Path) -> list[Any]:

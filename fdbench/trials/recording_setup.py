@@ -166,7 +166,7 @@ class RecordingSetup:
         return found[: self.ready.n_fitted], found[self.ready.n_fitted :]
 
     def case(self, noises: Noises, rng: np.random.Generator) -> dict[str, Any]:
-        """Draw, record and diagnose one case, and return the features of each claim and what is named beside the truth."""
+        """Draw, record and diagnose one case, and return the features of each claim, the truth and what is named."""
         causes = self.visibility.draw(rng)
         records, holdouts = self.recorded(self.axis(causes.machine, noises), rng)
         unlisted = self.nominal.with_equivalents(causes.taken_out)

@@ -4,7 +4,6 @@ Values are drawn as every hypothesis may move them. Sizes of causes are drawn by
 hardly visible to a few times the gap that the nominal model leaves of the measured ones.
 """
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
