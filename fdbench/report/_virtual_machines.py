@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from fdbench.diagnosis.answer import Answer, VirtualMachines
 from fdbench.wording import percent
 
-UNLIKE = 0.05  # probability below which the measured machine is not one of the virtual ones
+UNLIKE = 0.1  # p-value up to which the measured machine is not like the virtual ones: wrongly in one of ten
 
 
 def virtual_machines(answer: Answer) -> Iterator[str]:
@@ -40,7 +40,7 @@ def _likeness(found: VirtualMachines) -> str:
     if not _enough(found):
         return (
             f"{found.compared} virtual machines without a cause that the library lacks are too few to say whether the "
-            "measured one is like them; 40 in all are mostly enough"
+            "measured one is like them; 20 in all are mostly enough"
         )
     fewer = f"in {round(found.likeness * (found.compared + 1)) - 1} of {found.compared}"
     if found.likeness <= UNLIKE:
