@@ -125,3 +125,44 @@ def test_what_no_logger_wrote_may_repeat_itself() -> None:
     with pytest.raises(RecordError, match="A block was written twice"):
         aligned(nominal, [repeating], [])
     assert aligned(nominal, [repeating], [], logged=False).runs
+
+
+def force_as(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Columns], Columns]:
+    return lambda columns: columns | {"motor_torque_Nm": change(np.array(columns["motor_torque_Nm"]))}
+
+
+NOT_A_FORCE: Mapping[str, tuple[Callable[[Columns], Columns], str]] = {
+    "shuffled": (force_as(np.random.default_rng(1).permutation), "not the force that moved the axis"),
+    "white noise": (
+        force_as(lambda x: x.std() * np.random.default_rng(1).standard_normal(len(x))),
+        "not the force that moved the axis",
+    ),
+    "wrapped": (force_as(lambda x: (x + 0.5 * x.max()) % x.max() - 0.5 * x.max()), "not the force that moved the axis"),
+    "dead in its second half": (
+        force_as(lambda x: np.where(np.arange(len(x)) < PLACE, x, 0.0)),
+        r"motor_force_N is 0 N for 1500 samples from sample 1500 .* wrote no readings there",
+    ),
+    "frozen": (
+        force_as(lambda x: np.where(abs(np.arange(len(x)) - PLACE) < 400, x[PLACE], x)),
+        r"motor_force_N is .* N for 799 samples from sample 1101 .* wrote no readings there",
+    ),
+}
+
+
+@pytest.mark.parametrize("damage", NOT_A_FORCE)
+def test_a_column_that_is_no_force_of_this_axis_is_told_as_one(damage: str) -> None:
+    nominal, record = healthy()
+    spoil, words = NOT_A_FORCE[damage]
+    with pytest.raises(RecordError, match=words):
+        aligned(nominal, [Record(spoil(dict(record.columns)))], [])
+
+
+@pytest.mark.parametrize("name", ["periodic_force", "force_saturation", "backlash", "lugre_friction"])
+def test_no_effect_passes_for_a_foreign_column(name: str) -> None:
+    """At ten times its typical size, where it can be that large."""
+    nominal, _ = healthy()
+    kind = effects.get(name)
+    effect = kind.typical() if name == "force_saturation" else kind.typical().scaled(10.0)
+    motion, duration_s = axis_lab.protocol(1.0)["fast"]
+    record = axis_lab.record(axis_lab.drive(), (effect,), motion, duration_s, seed=7)
+    assert aligned(nominal, [record], []).runs

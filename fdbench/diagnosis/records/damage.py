@@ -13,6 +13,7 @@ from fdbench.record import FloatArray
 from fdbench.units import time_text
 
 FORCE, POSITION = "motor_force_N", "position_m"
+PARTS = 8  # of a record, each with a slope of its own
 SPIKE_SHAPE = 0.3  # of its height, by which what lies before and after a spike may differ
 
 
@@ -157,3 +158,56 @@ def _refuse_spikes(run: Run, drive: FeedDrive, noise_m: float) -> None:
                 f"{run.name}: {FORCE} is {force[place]:.4g} N at {_place(run, place)}, and hardly ever more than "
                 f"{usual:.3g} N elsewhere; the axis did not feel it. A damaged sample: cut it out."
             )
+
+
+def check_force_is_own(run: Run, simulated: FloatArray) -> None:
+    """Raise a RecordError where the force of a run is not the one that moves the axis.
+
+    Whatever acts beside it, a motor's force has in it what the motion asks for, unless it is limited.
+
+    Parameters
+    ----------
+    run : Run
+    simulated : (n_samples,) array
+        Force of the nominal model along the run's command, N.
+    """
+    force = run.channels[FORCE]
+    limited = np.abs(force) > PLAUSIBLE.at_own_limit * float(np.abs(force).max())
+    share, doubt = _share_of(simulated, force)
+    if limited.mean() < PLAUSIBLE.limited and share + PLAUSIBLE.sure * doubt < PLAUSIBLE.foreign_force:
+        raise RecordError(
+            f"{run.name}: {FORCE} has {share:.0%} of the force that this motion asks of the model, give or take "
+            f"{doubt:.0%}. It is not the force that moved the axis: another column or axis, another recording, or "
+            "damaged samples."
+        )
+
+
+def check_force_is_alive(run: Run, simulated: FloatArray) -> None:
+    """Raise a RecordError where the force stands still, below its limit, while the motion asks for another one.
+
+    For the parameters see `check_force_is_own`.
+    """
+    force, span = run.channels[FORCE], float(np.ptp(simulated))
+    least = max(PLAUSIBLE.frozen_samples, round(PLAUSIBLE.frozen_force_s / run.period_s))
+    for first, last in _stretches(np.diff(force) == 0.0):
+        asked = float(np.ptp(simulated[first : last + 1]))
+        limited = abs(float(force[first])) > PLAUSIBLE.at_own_limit * float(np.abs(force).max())
+        if last - first >= least and asked > PLAUSIBLE.frozen_force * span and not limited:
+            raise RecordError(
+                f"{run.name}: {FORCE} is {force[first]:.4g} N for {last - first + 1} samples from {_place(run, first)} "
+                f"on, where the motion asks for changes of {asked:.3g} N. The logger wrote no readings there: cut this "
+                "stretch out."
+            )
+
+
+def _share_of(asked: FloatArray, force: FloatArray) -> tuple[float, float]:
+    """Return the slope of one force over another and its standard error, by the slopes of parts of the record."""
+    slopes = []
+    for own, other in zip(np.array_split(asked, PARTS), np.array_split(force, PARTS), strict=True):
+        centred = own - asked.mean()
+        squares = float(centred @ centred)
+        if squares > 0.1 * len(own) * float(asked.var()):
+            slopes.append(float(centred @ (other - force.mean())) / squares)
+    if len(slopes) < 3:
+        return 1.0, math.inf
+    return float(np.mean(slopes)), float(np.std(slopes, ddof=1)) / math.sqrt(len(slopes))

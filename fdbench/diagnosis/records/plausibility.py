@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fdbench.diagnosis.records.damage import check_damage
+from fdbench.diagnosis.records.damage import check_damage, check_force_is_alive, check_force_is_own
 from fdbench.diagnosis.records.runs import COMMAND, Run
 from fdbench.diagnosis.settings import PLAUSIBLE
 from fdbench.errors import RecordError
@@ -185,6 +185,10 @@ def check_alignment(run: Run, simulated: Mapping[str, FloatArray]) -> list[str]:
             f"{run.name}: measured and simulated force run against each other (correlation {opposed:.2f}). Probably "
             "the sign of the force is swapped; a negative gain in the mapping turns it."
         )
+    in_time = np.roll(model, round(delays[FORCE]))
+    check_force_is_alive(run, in_time)
+    if correlation < PLAUSIBLE.alike:
+        check_force_is_own(run, in_time)
     if correlation < PLAUSIBLE.unrelated:
         warnings.append(
             f"{run.name}: measured and simulated force have next to nothing in common (correlation {correlation:.2f}). "
