@@ -75,14 +75,6 @@ class PlausibleSettings:
     frozen_s: float = number(0.05, "time without any change that a logger did not write")
     frozen_jump: float = number(0.05, "share of the range by which the position jumps into such a stretch")
     frozen_command: float = number(0.02, "share of the range by which the command moves in such a stretch")
-    frozen_force_s: float = number(0.1, "time without any change of the force alone that a logger did not write")
-    frozen_force: float = number(0.5, "share of the range of the simulated force by which it moves meanwhile")
-    at_own_limit: float = number(
-        0.98, "share of its greatest size at which a constant force is a limited one", zero=1.0
-    )
-    limited: float = number(0.05, "share of samples at the greatest force, from which it is limited")
-    foreign_force: float = number(0.3, "share of the force that a motion asks for that a motor's force has in it")
-    sure: float = number(3.0, "standard errors beyond which it has less", CONVENTION)
     copied_samples: int = number(50, "rows that no machine repeats to the last digit")
     spike: float = number(4.0, "times the force that 99.5 % of the samples stay below")
     spike_samples: int = number(3, "longest spike")

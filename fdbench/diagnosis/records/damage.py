@@ -14,6 +14,9 @@ from fdbench.units import time_text
 
 FORCE, POSITION = "motor_force_N", "position_m"
 PARTS = 8  # of a record, each with a slope of its own
+FOREIGN, SURE = 0.3, 3.0  # share of the force that a motion asks for below which it is another's; standard errors
+AT_LIMIT, LIMITED = 0.98, 0.05  # share of its greatest size at which a force is limited; of samples that are
+FROZEN_FORCE_S, FROZEN_FORCE = 0.1, 0.5  # time that it stands still; share of its range that is asked for meanwhile
 SPIKE_SHAPE = 0.3  # of its height, by which what lies before and after a spike may differ
 
 
@@ -172,9 +175,9 @@ def check_force_is_own(run: Run, simulated: FloatArray) -> None:
         Force of the nominal model along the run's command, N.
     """
     force = run.channels[FORCE]
-    limited = np.abs(force) > PLAUSIBLE.at_own_limit * float(np.abs(force).max())
+    limited = np.abs(force) > AT_LIMIT * float(np.abs(force).max())
     share, doubt = _share_of(simulated, force)
-    if limited.mean() < PLAUSIBLE.limited and share + PLAUSIBLE.sure * doubt < PLAUSIBLE.foreign_force:
+    if limited.mean() < LIMITED and share + SURE * doubt < FOREIGN:
         raise RecordError(
             f"{run.name}: {FORCE} has {share:.0%} of the force that this motion asks of the model, give or take "
             f"{doubt:.0%}. It is not the force that moved the axis: another column or axis, another recording, or "
@@ -188,11 +191,11 @@ def check_force_is_alive(run: Run, simulated: FloatArray) -> None:
     For the parameters see `check_force_is_own`.
     """
     force, span = run.channels[FORCE], float(np.ptp(simulated))
-    least = max(PLAUSIBLE.frozen_samples, round(PLAUSIBLE.frozen_force_s / run.period_s))
+    least = max(PLAUSIBLE.frozen_samples, round(FROZEN_FORCE_S / run.period_s))
     for first, last in _stretches(np.diff(force) == 0.0):
         asked = float(np.ptp(simulated[first : last + 1]))
-        limited = abs(float(force[first])) > PLAUSIBLE.at_own_limit * float(np.abs(force).max())
-        if last - first >= least and asked > PLAUSIBLE.frozen_force * span and not limited:
+        limited = abs(float(force[first])) > AT_LIMIT * float(np.abs(force).max())
+        if last - first >= least and asked > FROZEN_FORCE * span and not limited:
             raise RecordError(
                 f"{run.name}: {FORCE} is {force[first]:.4g} N for {last - first + 1} samples from {_place(run, first)} "
                 f"on, where the motion asks for changes of {asked:.3g} N. The logger wrote no readings there: cut this "

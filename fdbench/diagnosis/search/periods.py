@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.fft import next_fast_len
 
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
@@ -140,7 +139,7 @@ def _lines_in_position(
     lowest, travel = _travel(runs)
     if travel < 2.0 * shortest_wave_m:
         return []
-    n_bins = next_fast_len(max(64, round(travel / (length * SEARCH.bin_m))), real=True)
+    n_bins = max(64, round(travel / (length * SEARCH.bin_m)))
     wavenumber = np.asarray(np.fft.rfftfreq(SEARCH.oversampling * n_bins, travel / n_bins), dtype=np.float64)
     power = np.zeros(len(wavenumber))
     for run, gap in zip(runs, gaps, strict=True):
