@@ -46,7 +46,7 @@ class MachineCalibration:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Asked:
+class _CaseAsked:
     """One case to draw, with all that a process needs for it."""
 
     setup: bytes
@@ -105,11 +105,11 @@ def _drawn(
         yield from (_case(setup, noises, number) for number in numbers)
         return
     packed, files = pickle.dumps(given), tuple(effects.files().values())
-    asked = [_Asked(setup=packed, effect_files=files, noises=noises, number=number) for number in numbers]
+    asked = [_CaseAsked(setup=packed, effect_files=files, noises=noises, number=number) for number in numbers]
     yield from in_processes(_case_beside, asked, jobs)
 
 
-def _case_beside(asked: _Asked) -> dict[str, Any]:
+def _case_beside(asked: _CaseAsked) -> dict[str, Any]:
     """Return a case in a process of its own, which has to register effects that are files."""
     for file in asked.effect_files:
         if file.stem not in effects.names():

@@ -299,7 +299,7 @@ def test_causes_show_and_are_no_larger_than_the_measured_gap_asks_for(given: Rec
 def test_a_process_of_its_own_finds_the_same_case(given: Records) -> None:
     setup = recording_setup.recording_setup(*given)
     noises = setup.noises()
-    asked = machine_calibration._Asked(setup=pickle.dumps(given), effect_files=(), noises=noises, number=1)
+    asked = machine_calibration._CaseAsked(setup=pickle.dumps(given), effect_files=(), noises=noises, number=1)
     beside = machine_calibration._case_beside(asked)
     assert json.dumps(beside) == json.dumps(machine_calibration._case(setup, noises, 1))
 
