@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
@@ -140,7 +141,8 @@ def _lines_in_position(
     if travel < 2.0 * shortest_wave_m:
         return []
     n_bins = max(64, round(travel / (length * SEARCH.bin_m)))
-    wavenumber = np.asarray(np.fft.rfftfreq(SEARCH.oversampling * n_bins, travel / n_bins), dtype=np.float64)
+    n_padded = next_fast_len(SEARCH.oversampling * n_bins, real=True)
+    wavenumber = np.asarray(np.fft.rfftfreq(n_padded, travel / n_bins), dtype=np.float64)
     power = np.zeros(len(wavenumber))
     for run, gap in zip(runs, gaps, strict=True):
         inside = slice(1, 1 + gap.shape[1])
@@ -152,7 +154,7 @@ def _lines_in_position(
                 sums = np.bincount(place[moving], weights=own[moving], minlength=n_bins)
                 profile = sums / np.sqrt(np.maximum(visits, 1))
                 profile -= visits**0.5 * (sums.sum() / max(visits.sum(), 1))
-                power += np.abs(np.fft.rfft(profile, SEARCH.oversampling * n_bins)) ** 2
+                power += np.abs(np.fft.rfft(profile, n_padded)) ** 2
     resolved = max(3, round(2.0 / travel / float(wavenumber[1])))
     # Slow changes along the way have more power than any pitch, which stands out of what is around it.
     height = power / _around(power, resolved)
