@@ -293,7 +293,10 @@ def test_a_file_that_is_no_plugin_is_refused(changes: list[tuple[str, str]], mes
             r"returns_estimate: mean_force\.py:9: RuntimeError: no luck",
         ),
         ([(BODY, "        raise SystemExit(0)")], r"returns_estimate: mean_force\.py:9: SystemExit: 0"),
-        ([(BODY, "        return {'mass_kg': 1.0}")], "returns_estimate: fit returned a dict, expected an Estimate"),
+        (
+            [(BODY, "        return {'mass_kg': 1.0}")],
+            r"returns_estimate: mean_force\.py:8: PluginError: fit returned a dict, expected an Estimate",
+        ),
         ([("len(target)", "3")], r"returns_estimate: output has shape \(3,\), expected \(\d+,\)"),
         ([("target.mean()", "np.nan")], "returns_estimate: output holds nan in row 0"),
         ([("target.mean()", "np.random.rand()")], "is_deterministic: two runs on the same record differ"),

@@ -368,7 +368,14 @@ def _make_kept(folder: Path) -> list[str]:
         kind: {kind: dict.fromkeys(getattr(models, kind).features, 0.5)}
         for kind in ("effect", "suspect", "value", "unknown", "none")
     }
-    cases = [{"features": own, "truth": {"listed": [{"name": "cogging"}], "unlisted": []}}]
+    cases = [
+        {
+            "features": own,
+            "truth": {"listed": [{"name": "cogging"}], "unlisted": []},
+            "number": 0,
+            "named": [["cogging"]],
+        }
+    ]
     (folder / "calibration.json").write_text(json.dumps(cases, indent=1))
     said = {"effects": {"cogging": 0.5}, "unknown": 0.1, "none": 0.2, "closure": None}
     answers = {"diagnoser": "x", "cases": {"000": {"status": "ok", "message": "", **said, "seconds": 1.0}}}
