@@ -19,7 +19,7 @@ from fdbench.errors import SimulationDiverged
 from fdbench.record import FloatArray
 from fdbench.virtual_axes.bench import between
 from fdbench.virtual_axes.cases import TAKEN_OUT, Tier, how_many
-from fdbench.virtual_axes.library_axis import BACKGROUND, SIZES, TRACE
+from fdbench.virtual_axes.library_axis import BACKGROUND, SIZES, TRACE, drawn_shape
 
 LEAST, MOST = 3.0, 4.0  # mean square of a cause, in units of the noise, and of the measured gap
 BEYOND = (2.5, 6.0)  # standard deviations of a nominal parameter that is a cause
@@ -194,7 +194,7 @@ class Visibility:
         """Return an effect of drawn shape, and of a size by what it changes; that is 0 where it does not show."""
         place = self.replaced_by(kind)
         known = None if place is None else kind.in_place_of(self.ready.nominal.drive.effects[place])
-        effect = _shaped(kind, known or kind.typical(), rng, sized=known is None)
+        effect = kind(**drawn_shape(kind, known or kind.typical(), rng, SIZES if known is None else None))
         is_value = kind.name in self.deviations
         shown = self._shown(effect, is_value)
         if is_value:
@@ -212,27 +212,6 @@ class Visibility:
         hypothesis = self.given.with_effect(effect, self.replaced_by(type(effect)))
         found = float(self.mean_squares([hypothesis], beside_values=not is_value)[0])
         return found if math.isfinite(found) else 0.0
-
-
-def _shaped(kind: type[Effect], typical: Effect, rng: np.random.Generator, *, sized: bool) -> Effect:
-    """Return an effect with drawn sizes, phases and shape; what a diagnosis cannot search for stays typical."""
-    amplitudes = (kind.amplitude, *kind.further_amplitudes) if sized else ()
-    found: dict[str, float] = {}
-    for item in kind.parameters():
-        value = float(getattr(typical, item.name))
-        if item.name in amplitudes:
-            either = item.low < 0.0 and kind.calibrates in ("", "force_offset")
-            value *= between(rng, *SIZES) * (-1.0 if either and rng.random() < 0.5 else 1.0)
-        elif item.whole and item.grid:
-            value = float(rng.choice(item.grid))
-        elif item.phase:
-            value = float(rng.uniform(-math.pi, math.pi))
-        elif item.locate:
-            value *= between(rng, 0.5, 2.0)
-        elif item.grid:
-            value = between(rng, min(item.grid), max(item.grid))
-        found[item.name] = min(max(value, item.low), item.high)
-    return kind(**kind.shape(found))
 
 
 def _bounded(kind: type[Effect], effect: Effect, factor: float) -> Effect:

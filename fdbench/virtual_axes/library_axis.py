@@ -183,24 +183,7 @@ class LibraryBench(Bench):
         replacement = None if index is None else kind.in_place_of(self.drive.effects[index])
         typical = kind.typical() if replacement is None else replacement
         sizes = SIZES_BEYOND_UNCERTAINTY if kind.calibrates else SIZES
-        is_value = kind.calibrates not in ("", "force_offset")  # a lower one could leave less than none
-        amplitudes = (kind.amplitude, *kind.further_amplitudes) if replacement is None else ()
-        found: dict[str, float] = {}
-        for item in kind.parameters():
-            value = float(getattr(typical, item.name))
-            if item.name in amplitudes:
-                sign = -1.0 if item.low < 0.0 and not is_value and rng.random() < 0.5 else 1.0
-                value *= sign * between(rng, *sizes)
-            elif item.whole and item.grid:
-                value = float(rng.choice(item.grid))
-            elif item.phase:
-                value = float(rng.uniform(-math.pi, math.pi))
-            elif item.locate:
-                value *= between(rng, 0.5, 2.0)
-            elif item.grid:
-                value = between(rng, min(item.grid), max(item.grid))
-            found[item.name] = min(max(value, item.low), item.high)
-        return kind.shape(found)
+        return drawn_shape(kind, typical, rng, sizes if replacement is None else None)
 
     def clash(self, name: str, other: str) -> bool:
         """Return whether one effect replaces what the other corrects."""
@@ -273,3 +256,30 @@ def rubbing(drive: FeedDrive, factor: float) -> FeedDrive:
 
 def _off(part: Any, errors: Mapping[str, float]) -> Any:
     return dataclasses.replace(part, **{name: getattr(part, name) * (1.0 + error) for name, error in errors.items()})
+
+
+def drawn_shape(
+    kind: type[Effect], typical: Effect, rng: np.random.Generator, sizes: tuple[float, float] | None
+) -> dict[str, float]:
+    """Return parameters with drawn phases and shape, and factors within ``sizes`` on amplitudes unless that is None.
+
+    What a diagnosis cannot search for stays typical.
+    """
+    is_value = kind.calibrates not in ("", "force_offset")  # a lower one could leave less than none
+    amplitudes = () if sizes is None else (kind.amplitude, *kind.further_amplitudes)
+    found: dict[str, float] = {}
+    for item in kind.parameters():
+        value = float(getattr(typical, item.name))
+        if sizes is not None and item.name in amplitudes:
+            sign = -1.0 if item.low < 0.0 and not is_value and rng.random() < 0.5 else 1.0
+            value *= sign * between(rng, *sizes)
+        elif item.whole and item.grid:
+            value = float(rng.choice(item.grid))
+        elif item.phase:
+            value = float(rng.uniform(-math.pi, math.pi))
+        elif item.locate:
+            value *= between(rng, 0.5, 2.0)
+        elif item.grid:
+            value = between(rng, min(item.grid), max(item.grid))
+        found[item.name] = min(max(value, item.low), item.high)
+    return kind.shape(found)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from axis_lab import case, drive
 from conftest import REPOSITORY, shared_file
+from rotary_servo import SERVO
 
 from fdbench.diagnosis.answer import from_json
 from fdbench.diagnosis.diagnose import diagnose, judged
@@ -27,28 +28,6 @@ from fdbench.report.diagnosis_text import summary
 from fdbench.trials import learn, likeness, machine_calibration, recording_setup, virtual_machine
 from fdbench.trials.learn import Claim
 from fdbench.virtual_axes.library_axis import USUAL
-
-SERVO = """
-axis = "rotary"
-
-[plant]
-kind = "feed_drive"
-travel_rad = 160.0
-velocity_limit_rad_per_s = 20.0
-
-[plant.motor]
-kind = "torque_motor"
-inertia_kg_m2 = 1.9e-4
-viscous_friction_Nm_s_per_rad = 3.3e-4
-
-[[plant.effects]]
-kind = "coulomb_friction"
-coulomb_force_Nm = 0.065
-transition_velocity_rad_per_s = 0.05
-
-[simulation]
-substeps = 10
-"""
 
 Records = tuple[Nominal, list[Record], list[Record]]
 
