@@ -187,7 +187,7 @@ def _searched(
     split, given = ready.split, start(ready.nominal)
     search = Search(ready.readings.coarsened(given, split.noise_models), split, progress)
     search.progress("re-calibrating the nominal parameters")
-    calibrated = search.refine(given)
+    calibrated = search.calibrate(given)
     split = with_run_to_run_covariance(search.readings.replay, ready, calibrated, healthy)
     search.look_at(ready.readings.coarsened(given, split.noise_models), split)
     base = search.refine(calibrated)
@@ -243,7 +243,7 @@ def calibrated_on(
     readings = Readings(ready.readings.replay, runs).coarsened(given, split.noise_models)
     search = Search(readings, split, progress)
     search.progress("calibrating on the baseline")
-    model = search.refine(given)
+    model = search.calibrate(given)
     residuals = [
         {name: measured - readings.alone(place, model)[name] for name, measured in run.channels.items()}
         for place, run in enumerate(runs)

@@ -10,6 +10,7 @@ import inspect
 from abc import ABC
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Self
 
 from numba import njit
@@ -274,8 +275,11 @@ class Effect(ABC):
         return dict(point)
 
     @classmethod
-    def in_place_of(cls, known: "Effect") -> Self | None:
-        """Return the effect of the same size that would replace a known, simpler one, or None if it replaces none."""
+    def in_place_of(cls, known: "Effect", shape: Mapping[str, float] = MappingProxyType({})) -> Self | None:
+        """Return the effect of the same size that would replace a known, simpler one, or None if it replaces none.
+
+        Its shape is the typical one but for what ``shape`` has of it, which is that of an effect of typical size.
+        """
         return None
 
     def linear_part(self) -> LinearPart | None:

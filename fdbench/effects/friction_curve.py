@@ -12,7 +12,7 @@ from fdbench.effects._effect import Effect, Port, kernel, parameter
 class FrictionCurve(Effect):
     r"""Deviation of friction from its nominal curve, alike in both directions: bumps on a logarithmic axis of speed.
 
-    .. math:: F(v) = \operatorname{sgn}(v) \sum_{k=0}^{2} a_k \frac{4 v^2 v_k^2}{(v^2 + v_k^2)^2}, \qquad
+    .. math:: F(v) = \operatorname{sgn}(v) \sum_{k=0}^{3} a_k \frac{4 v^2 v_k^2}{(v^2 + v_k^2)^2}, \qquad
         v_k = 10^{-1 - k/2} v_f
 
     v_f: the fastest speed. Each bump is a_k at its speed and half of that at 0.41 and 2.4 times it. No nominal
@@ -31,7 +31,7 @@ class FrictionCurve(Effect):
 
     port = Port.TABLE_FORCE
     amplitude = "force_0_N"
-    further_amplitudes = ("force_1_N", "force_2_N")
+    further_amplitudes = ("force_1_N", "force_2_N", "force_3_N")
     calibrates = "friction_form"
     expected_failures: ClassVar[Mapping[str, str]] = {
         "is_named_first": "a nominal parameter, which at twice its typical size is within its uncertainty on that axis",
@@ -40,14 +40,15 @@ class FrictionCurve(Effect):
     force_0_N: float = parameter("a_0", low=-1000.0, high=1000.0, typical=5.0)
     force_1_N: float = parameter("a_1", low=-1000.0, high=1000.0, typical=0.0)
     force_2_N: float = parameter("a_2", low=-1000.0, high=1000.0, typical=0.0)
+    force_3_N: float = parameter("a_3", low=-1000.0, high=1000.0, typical=0.0)
     fastest_m_per_s: float = parameter("v_f", low=1e-4, high=100.0, typical=0.3)
 
     @kernel
-    def kernel(t, h, x, v, u, a_0, a_1, a_2, v_f):
+    def kernel(t, h, x, v, u, a_0, a_1, a_2, a_3, v_f):
         square, fast = v * v, 0.01 * v_f * v_f
-        medium, slow = 0.1 * fast, 0.01 * fast
-        bumps = a_0 * fast / ((square + fast) * (square + fast)) + a_1 * medium / (
-            (square + medium) * (square + medium)
-        )
-        slope = 4.0 * abs(v) * (bumps + a_2 * slow / ((square + slow) * (square + slow)))
+        medium, slow, slowest = 0.1 * fast, 0.01 * fast, 0.001 * fast
+        bumps = a_0 * fast / ((square + fast) * (square + fast))
+        bumps += a_1 * medium / ((square + medium) * (square + medium))
+        bumps += a_2 * slow / ((square + slow) * (square + slow))
+        slope = 4.0 * abs(v) * (bumps + a_3 * slowest / ((square + slowest) * (square + slowest)))
         return slope * v, max(slope, 0.0)

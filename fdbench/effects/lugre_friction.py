@@ -1,6 +1,8 @@
 """LuGre friction: bristles that bend before the axis slides (presliding), with a Stribeck curve."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Self, final
 
 from fdbench.effects._effect import Effect, Port, kernel, parameter
@@ -44,15 +46,22 @@ class LugreFriction(Effect):
     coulomb_force_N: float = parameter("F_c", low=0.0, high=5000.0, typical=120.0)
     static_force_N: float = parameter("F_s", low=0.0, high=8000.0, typical=150.0)
     stribeck_velocity_m_per_s: float = parameter("v_s", low=1e-4, high=0.1, typical=3e-3)
-    bristle_stiffness_N_per_m: float = parameter("sigma_0", low=1e4, high=1e9, typical=2e7, grid=(5e6, 2e7, 6e7))
+    bristle_stiffness_N_per_m: float = parameter("sigma_0", low=1e4, high=1e9, typical=2e7, grid=(1e6, 5e6, 2e7, 6e7))
     bristle_damping_N_s_per_m: float = parameter("sigma_1", low=0.0, high=1e6, typical=1e4)
 
     @classmethod
-    def in_place_of(cls, known: Effect) -> Self | None:
-        """Return bristles with the Coulomb level of a known Coulomb friction."""
+    def in_place_of(cls, known: Effect, shape: Mapping[str, float] = MappingProxyType({})) -> Self | None:
+        """Return bristles with the Coulomb level of a known Coulomb friction, which bend as far before they slide."""
         if not isinstance(known, CoulombFriction) or known.coulomb_force_N <= 0.0:
             return None
-        return cls.typical(coulomb_force_N=known.coulomb_force_N, static_force_N=known.coulomb_force_N)
+        effect, level = cls.typical(**shape), known.coulomb_force_N
+        ratio = level / cls.typical().coulomb_force_N
+        bounds = {item.name: item for item in cls.parameters()}
+        bristles = {
+            name: min(max(getattr(effect, name) * ratio, bounds[name].low), bounds[name].high)
+            for name in ("bristle_stiffness_N_per_m", "bristle_damping_N_s_per_m")
+        }
+        return effect.changed(coulomb_force_N=level, static_force_N=level, **bristles)
 
     @kernel
     def kernel(t, h, x, v, u, F_c, F_s, v_s, sigma_0, sigma_1, z):

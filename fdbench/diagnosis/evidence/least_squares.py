@@ -20,15 +20,12 @@ class Fit:
         On the training and on the held-out segments; 1 is noise alone.
     squares : float
         Weighted squared distance on the training segments.
-    penalty : float
-        Squared distance of the nominal parameters in standard deviations.
     """
 
     coefficients: FloatArray
     train: float
     misfit: float
     squares: float
-    penalty: float
 
 
 class Scores:
@@ -37,43 +34,52 @@ class Scores:
     Parameters
     ----------
     evidence : Evidence
-    priors : mapping of int to float
-        Columns with unit prior, and where they stand before the fit, in standard deviations.
+    priors : mapping of int to pair of floats
+        Columns with a prior: where they stand before the fit, in standard deviations, and the weight of their squares.
+    limits : mapping of int to pair of floats
+        Columns whose coefficients are bounded, and between what.
     """
 
-    def __init__(self, evidence: Evidence, priors: Mapping[int, float]) -> None:
-        self.priors = dict(priors)
+    def __init__(
+        self, evidence: Evidence, priors: Mapping[int, tuple[float, float]], limits: Mapping[int, tuple[float, float]]
+    ) -> None:
+        self.priors, self.limits = dict(priors), dict(limits)
         inside = ~evidence.held_out
         self.train, self.test = evidence.products[inside].sum(axis=0), evidence.products[~inside].sum(axis=0)
         self._parts = [(evidence.weights[part], evidence.counts[part]) for part in (inside, ~inside)]
 
     def fit(self, columns: Sequence[int], damping: float = 0.0) -> Fit:
-        """Fit the columns by regularised least squares, the diagonal of the normal matrix raised by ``damping``."""
+        """Fit the columns by regularised least squares, the diagonal of the normal matrix raised by ``damping``.
+
+        Coefficients beyond their limits are held there, and the others fitted again beside them.
+        """
         chosen = list(columns)
         normal, right = self.normal(chosen), self.train[chosen, 0].copy()
         normal[np.diag_indices(len(chosen))] *= 1.0 + damping
         for place, column in enumerate(chosen):
-            right[place] -= self.priors.get(column, 0.0)
-        theta = solved(normal, right)
+            stand, weight = self.priors.get(column, (0.0, 0.0))
+            right[place] -= weight * stand
+        low, high = np.array([self.limits.get(column, (-np.inf, np.inf)) for column in chosen]).T
+        theta, free = solved(normal, right), np.ones(len(chosen), dtype=np.bool_)
+        while (beyond := free & ((theta < low) | (theta > high))).any():
+            free &= ~beyond
+            theta = np.clip(theta, low, high)
+            rest = right[free] - normal[np.ix_(free, ~free)] @ theta[~free]
+            theta[free] = solved(normal[np.ix_(free, free)], rest)
         fitted, judged = (distance(sums, chosen, theta) for sums in (self.train, self.test))
         return Fit(
             coefficients=theta,
             train=float(misfit(fitted, *self._parts[0])),
             misfit=float(misfit(judged, *self._parts[1])),
             squares=fitted,
-            penalty=self._penalty(chosen, theta),
         )
 
     def normal(self, columns: Sequence[int]) -> FloatArray:
         """Return the normal matrix of the columns, priors included."""
         chosen = list(columns)
         normal: FloatArray = self.train[np.ix_(chosen, chosen)].copy()
-        normal[np.diag_indices(len(chosen))] += [float(column in self.priors) for column in chosen]
+        normal[np.diag_indices(len(chosen))] += [self.priors.get(column, (0.0, 0.0))[1] for column in chosen]
         return normal
-
-    def _penalty(self, chosen: list[int], theta: FloatArray) -> float:
-        moved = dict(zip(chosen, theta.tolist(), strict=True))
-        return float(sum((stand + moved.get(column, 0.0)) ** 2 for column, stand in self.priors.items()))
 
 
 def solved(normal: FloatArray, right: FloatArray) -> FloatArray:

@@ -137,9 +137,9 @@ def _of_kind(base: Hypothesis, kind: type[Effect], located: Mapping[str, Sequenc
     for point in itertools.product(*axes):
         shape = kind.shape(dict(point))
         for index, known in enumerate(base.nominal.drive.effects):
-            replacement = None if index in base.replaced else kind.in_place_of(known)
+            replacement = None if index in base.replaced else kind.in_place_of(known, shape)
             if replacement is not None:
-                found.append(Candidate(members=(replacement.changed(**shape),), replaces=index))
+                found.append(Candidate(members=(replacement,), replaces=index))
         effect = kind.typical(**shape, **dict.fromkeys(further, 0.0))
         members = [effect]
         if phase is not None and phase not in shape:

@@ -16,6 +16,7 @@ from fdbench.plants.feed_drive import FeedDrive, RotaryMotor, Table
 from fdbench.record import FloatArray
 
 WIDTH = "transition_velocity_m_per_s"  # parameter that any friction turns its sign over
+OFFSET = "force_offset"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,14 +73,30 @@ class Hypothesis:
             drive = without(drive, index)
         return Variant(plant=drive, extra=merged(offsets, self.effects))
 
-    def penalty(self) -> float:
-        """Return the squared distance from the nominal parameters, in standard deviations."""
-        return float(sum(shift**2 for shift in self.shifts))
+    def room(self) -> list[tuple[float, float]]:
+        """Return for each nominal parameter how far a fit may move it down and up, in standard deviations.
+
+        The form of friction has a limit upwards: what resists at low speed beyond it is an effect, such as Stribeck's.
+        Downwards it has none, as no effect takes friction away there.
+        """
+        kinds = [item.kind for item in nominal_parameters(self.nominal)]
+        most = [MODEL.most_form if kind == "friction_form" else math.inf for kind in kinds]
+        return [(-math.inf, own - shift) for own, shift in zip(most, self.shifts, strict=True)]
 
     def prior_penalty(self) -> float:
         r"""Return :math:`\sum_i (\nu + 1) \ln(1 + s_i^2 / \nu)`, minus twice the log prior of Student's t."""
         freedom = MODEL.freedom
         return float(sum((freedom + 1.0) * math.log1p(shift**2 / freedom) for shift in self.shifts))
+
+    def priors(self, weight: float) -> list[tuple[float, float]]:
+        r"""Return for each nominal parameter where it stands and the weight w of its square in a linear fit.
+
+        .. math:: w_i = \lambda (\nu + 1) / (\nu + s_i^2)
+
+        with which a quadratic has the slope of :math:`\lambda` times `prior_penalty`.
+        """
+        freedom = MODEL.freedom
+        return [(shift, weight * (freedom + 1.0) / (freedom + shift**2)) for shift in self.shifts]
 
     @functools.cached_property
     def far_fetched(self) -> float:
@@ -170,7 +187,7 @@ class NominalParameter:
     index : int
         Of the known effect.
     deviation : float
-        Relative, but N s/m for viscous friction and N for the force offset.
+        Relative, that of a form to the known friction; N s/m for viscous friction and N for the force offset.
     effect : Effect or None
         That carries a force offset, a bump of the friction's form or friction of the motor, without it.
     amplitude : str
@@ -192,6 +209,8 @@ class NominalParameter:
             change = min(max(change, -1.0), 1.0)
             moved = change * amplitude_of(drive.effects[self.index])
             return _with_known(drive, self.index, 1.0 - change), (self.effect.changed(**{self.amplitude: moved}),)
+        if self.kind == "friction_form":
+            change *= known_friction(drive)
         if self.effect is not None:
             return drive, (self.effect.changed(**{self.amplitude: change}),)
         if self.kind == "known_effects":
@@ -216,6 +235,8 @@ class NominalParameter:
         if self.kind in ("known_effects", "friction_side"):
             known = drive.effects[self.index]
             return abs(amplitude_of(known)) * self.deviation
+        if self.kind == "friction_form":
+            return known_friction(drive) * self.deviation
         part = drive.motor if self.side == "motor" else drive.table
         return self.deviation * part.mass_kg if self.kind == "mass" and part is not None else self.deviation
 
@@ -250,20 +271,20 @@ def nominal_parameters(nominal: Nominal) -> tuple[NominalParameter, ...]:
     found += [
         NominalParameter(name=f"known_{known.name}", kind="known_effects", index=index, deviation=doubt.known_effects)
         for index, known in enumerate(drive.effects)
-        if known.calibrates not in ("friction_form", "force_offset")
+        if known.calibrates not in ("friction_form", OFFSET)
     ]
     found += [
         NominalParameter(name=f"width_{known.name}", kind="width", index=index, deviation=doubt.transition_velocity)
         for index, known in enumerate(drive.effects)
         if doubt.transition_velocity > 0.0 and _turns_sign(known)
     ]
-    offsets = [kind for kind in nominal.library if kind.calibrates == "force_offset"]
+    offsets = [kind for kind in nominal.library if kind.calibrates == OFFSET]
     # A known constant force is a weight, as uncertain as a mass.
-    weight = sum(abs(amplitude_of(known)) for known in drive.effects if known.calibrates == "force_offset")
+    weight = sum(abs(amplitude_of(known)) for known in drive.effects if known.calibrates == OFFSET)
     found += [
         NominalParameter(
-            name="force_offset",
-            kind="force_offset",
+            name=OFFSET,
+            kind=OFFSET,
             deviation=math.hypot(nominal.force_offset_N, doubt.mass * weight),
             effect=silent(kind),
             amplitude=kind.amplitude,
@@ -271,7 +292,7 @@ def nominal_parameters(nominal: Nominal) -> tuple[NominalParameter, ...]:
         for kind in offsets[:1]
         if nominal.force_offset_N > 0.0
     ]
-    return (*found, *_friction_side(nominal), *_friction_form(nominal))
+    return (*found, *_friction_form(nominal), *_friction_side(nominal))
 
 
 def _friction_side(nominal: Nominal) -> list[NominalParameter]:
@@ -304,19 +325,23 @@ def _friction_side(nominal: Nominal) -> list[NominalParameter]:
 
 def _friction_form(nominal: Nominal) -> list[NominalParameter]:
     """Return the bumps of a free friction curve, within a share of the friction that is known."""
-    drive, doubt = nominal.drive, nominal.uncertainty
-    known = sum(abs(amplitude_of(item)) for item in drive.effects if _turns_sign(item))
     kinds = [kind for kind in nominal.library if kind.calibrates == "friction_form"]
-    deviation = doubt.friction_form * known
-    if not kinds or deviation == 0.0 or nominal.covered.fastest_m_per_s == 0.0:
+    deviation, fastest = nominal.uncertainty.friction_form, nominal.covered.fastest_m_per_s
+    if not kinds or deviation == 0.0 or fastest == 0.0 or known_friction(nominal.drive) == 0.0:
         return []
-    effect = silent(kinds[0]).changed(fastest_m_per_s=nominal.covered.fastest_m_per_s)
+    effect = silent(kinds[0]).changed(fastest_m_per_s=fastest)
     return [
         NominalParameter(
             name=f"friction_{name}", kind="friction_form", deviation=deviation, effect=effect, amplitude=name
         )
         for name in (kinds[0].amplitude, *kinds[0].further_amplitudes)
     ]
+
+
+def known_friction(drive: FeedDrive) -> float:
+    """Return the friction that a drive is known to have whatever the speed, N."""
+    frictions = (item for item in drive.effects if _turns_sign(item) or item.usually_known)
+    return sum(abs(amplitude_of(item)) for item in frictions if item.calibrates != OFFSET)
 
 
 def _turns_sign(effect: Effect) -> bool:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from fdbench.diagnosis.evidence.evidence import Evidence, fitted_part, gather
 from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.candidates import Candidate, candidates
-from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
 from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_vector, with_parameters
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.periods import located
@@ -83,7 +83,8 @@ class Search:
         for place, kind in enumerate(order):
             candidate, fit = ranked[kind]
             hypothesis = base.with_effect(candidate.members[0], candidate.replaces).moved(fit.coefficients)
-            serious = place < SEARCH.refined and gains[kind] >= SEARCH.serious * most > 0.0
+            first = place < SEARCH.refined or gains[kind] == most
+            serious = first and gains[kind] >= SEARCH.serious * most > 0.0
             if serious:
                 self.progress(f"refining {kind.name}")
                 hypothesis = self.refined_anew(hypothesis, base)
@@ -174,7 +175,9 @@ class Search:
         gathered = self._gather_fitted if fitted_only else self._gather
         evidence = gathered(base, variants, shifted)
         nuisances = list(range(1, 1 + len(shifted)))
-        scores = Scores(evidence, dict(zip(nuisances, base.shifts, strict=True)))
+        alone = float(evidence.squares()[~evidence.held_out, 0].sum())
+        priors, room = base.priors(prior_weight(alone)), base.room()
+        scores = Scores(evidence, dict(enumerate(priors, start=1)), dict(enumerate(room, start=1)))
         squares = np.diagonal(evidence.products[~evidence.held_out].sum(axis=0))
         ratios = np.sqrt(squares / max(float(squares[0]), 1e-300))
         responses = [float(ratios[list(own)].max()) for own in columns]
@@ -192,35 +195,67 @@ class Search:
                 best[candidate.kind], costs[candidate.kind] = (scaled, fit), cost
         return best
 
-    def refine(self, hypothesis: Hypothesis) -> Hypothesis:
-        """Fit all numbers of a hypothesis on the training segments in closed loop.
+    def calibrate(self, given: Hypothesis) -> Hypothesis:
+        """Fit the nominal parameters: first those that a data sheet has, then the form of friction beside them.
 
-        By damped Gauss-Newton steps (Levenberg 1944, Marquardt 1963): the normal matrix has its diagonal raised by
-        several factors at once, all of these steps are simulated together, and the best is taken.
+        A form that moves from the start can stand in for a friction that is not yet of the right size.
+        """
+        form = [item.name for item in nominal_parameters(given.nominal) if item.kind == "friction_form"]
+        return self.refine(self.refine(given, fixed=form)) if form else self.refine(given)
+
+    def refine(self, hypothesis: Hypothesis, fixed: Collection[str] = ()) -> Hypothesis:
+        """Fit all numbers of a hypothesis but fixed ones on the training segments in closed loop.
+
+        What is minimised are the weighted squares and, `prior_weight` times, the prior penalty, by damped Gauss-Newton
+        steps (Levenberg 1944, Marquardt 1963): the normal matrix has its diagonal raised by several factors at once,
+        all of these steps are simulated together, and the best is taken.
         """
         given = hypothesis
         for _ in range(SEARCH.steps):
-            numbers = adjustables_of(hypothesis)
-            evidence = self.probed(hypothesis)
-            scores = Scores(evidence, dict(enumerate(hypothesis.shifts, start=1)))
-            values, scale = parameter_vector(hypothesis), np.array([item.step for item in numbers])
-            steps = (
-                scores.fit(range(1, 1 + len(numbers)), damping).coefficients * scale for damping in SEARCH.dampings
-            )
-            trials = [with_parameters(hypothesis, values + step) for step in steps]
-            judged = self._gather_fitted(hypothesis, trials, trials)
-            inside = ~judged.held_out
-            before, *after = (judged.squares()[inside].sum(axis=0)).tolist()
-            before += hypothesis.penalty()
-            after = [own + trial.penalty() for own, trial in zip(after, trials, strict=True)]
-            best, was = int(np.argmin(after)), hypothesis
-            excess = before - float((judged.weights * judged.counts)[inside].sum())
-            if after[best] < before:
-                hypothesis = trials[best]
-            self._fitted_readings.forget([item for item in (was, *trials) if item not in (given, hypothesis)])
-            if before - after[best] < max(SEARCH.converged * excess, SEARCH.smallest_fall):
+            evidence = self.probed(hypothesis, fixed=fixed)
+            inside = ~evidence.held_out
+            alone = float(evidence.squares()[inside, 0].sum())
+            weight = prior_weight(alone)
+            before = alone + weight * hypothesis.prior_penalty()
+            excess = alone - float((evidence.weights * evidence.counts)[inside].sum())
+            enough = max(SEARCH.converged * excess, SEARCH.smallest_fall)
+            for dampings in (SEARCH.dampings, SEARCH.further_dampings):
+                trials, after, promised = self._steps(hypothesis, evidence, dampings, fixed, weight)
+                best, was = int(np.argmin(after)), hypothesis
+                if after[best] < before:
+                    hypothesis = trials[best]
+                self._fitted_readings.forget([item for item in (was, *trials) if item not in (given, hypothesis)])
+                if after[best] < before or before - promised < enough:
+                    break
+            if before - after[best] < enough:
                 break
         return hypothesis
+
+    def _steps(
+        self,
+        hypothesis: Hypothesis,
+        probed: Evidence,
+        dampings: Sequence[float],
+        fixed: Collection[str],
+        weight: float,
+    ) -> tuple[list[Hypothesis], list[float], float]:
+        """Return the steps of several dampings, the objective after each, and what the undamped linear fit promises."""
+        numbers, values = adjustables_of(hypothesis), parameter_vector(hypothesis)
+        moving = [place for place, item in enumerate(numbers) if item.name not in fixed]
+        known = [(column, place) for column, place in enumerate(moving, 1) if numbers[place].prior]
+        priors, room = hypothesis.priors(weight), hypothesis.room()
+        scores = Scores(
+            probed, {column: priors[place] for column, place in known}, {column: room[place] for column, place in known}
+        )
+        fits = [scores.fit(range(1, 1 + len(moving)), damping) for damping in (0.0, *dampings)]
+        steps = np.zeros((len(fits), len(numbers)))
+        steps[:, moving] = [fit.coefficients for fit in fits]
+        steps *= [item.step for item in numbers]
+        undamped, *trials = (with_parameters(hypothesis, values + step) for step in steps)
+        judged = self._gather_fitted(hypothesis, trials, trials)
+        _, *squares = (judged.squares()[~judged.held_out].sum(axis=0)).tolist()
+        after = [own + weight * trial.prior_penalty() for own, trial in zip(squares, trials, strict=True)]
+        return trials, after, fits[0].squares + weight * undamped.prior_penalty()
 
     def refined_anew(self, hypothesis: Hypothesis, base: Hypothesis) -> Hypothesis:
         """Return the better of two refinements: from here, and where the base is far-fetched, from nominal parameters.
@@ -232,19 +267,23 @@ class Search:
             return found
         anew = self.refine(dataclasses.replace(hypothesis, shifts=(0.0,) * len(hypothesis.shifts)))
         evidence = self._gather_fitted(base, [found, anew], [found, anew])
-        _, *squares = evidence.squares()[~evidence.held_out].sum(axis=0).tolist()
-        return min(zip(squares, (found, anew), strict=True), key=lambda item: item[0] + item[1].penalty())[1]
+        alone, *squares = evidence.squares()[~evidence.held_out].sum(axis=0).tolist()
+        weight = prior_weight(alone)
+        return min(
+            zip(squares, (found, anew), strict=True), key=lambda item: item[0] + weight * item[1].prior_penalty()
+        )[1]
 
-    def probed(self, hypothesis: Hypothesis, beside: Sequence[Hypothesis] = ()) -> Evidence:
-        """Return the responses to a step of each number of a hypothesis, on the runs of which something is fitted.
+    def probed(
+        self, hypothesis: Hypothesis, beside: Sequence[Hypothesis] = (), fixed: Collection[str] = ()
+    ) -> Evidence:
+        """Return the responses to a step of each number but fixed ones, on the runs of which something is fitted.
 
         Those of the hypotheses ``beside`` it follow.
         """
-        values = parameter_vector(hypothesis)
-        probes = [
-            with_parameters(hypothesis, values + row)
-            for row in np.diag([item.step for item in adjustables_of(hypothesis)])
-        ]
+        values, numbers = parameter_vector(hypothesis), adjustables_of(hypothesis)
+        steps = np.diag([item.step for item in numbers])
+        moved = [row for row, item in zip(steps, numbers, strict=True) if item.name not in fixed]
+        probes = [with_parameters(hypothesis, values + row) for row in moved]
         return self._gather_fitted(hypothesis, [*probes, *beside])
 
     def _gather(self, base: Hypothesis, variants: Sequence[Hypothesis], keep: Sequence[Hypothesis] = ()) -> Evidence:
@@ -254,6 +293,16 @@ class Search:
         self, base: Hypothesis, variants: Sequence[Hypothesis], keep: Sequence[Hypothesis] = ()
     ) -> Evidence:
         return gather(self._fitted_readings, self._fitted_split, base, variants, self.split.fitted, keep=keep)
+
+
+def prior_weight(squares: float) -> float:
+    r"""Return how much a prior penalty p counts beside weighted squares S, so that both fit as they are judged.
+
+    .. math:: n \ln S + p, \qquad \mathrm{d}S + \frac{S}{n}\, \mathrm{d}p = 0
+
+    with the effective samples n of `fdbench.diagnosis.search.stage.Stage`: at least 1, where there are fewer samples.
+    """
+    return max(1.0, squares / SEARCH.effective_samples)
 
 
 def _cost(base: Hypothesis, misfit: float, fit: Fit) -> float:

@@ -138,6 +138,6 @@ def _limits(nominal: Nominal) -> dict[str, float]:
     """Return the standard deviation of each kind of nominal parameter, over all places that it is corrected at."""
     found: dict[str, float] = {}
     for item in nominal_parameters(nominal):
-        size = item.deviation if item.effect is not None else item.size(nominal.drive)
+        size = item.size(nominal.drive)
         found[item.kind] = float(np.hypot(found.get(item.kind, 0.0), size))
     return found
