@@ -82,10 +82,16 @@ def _cos_reduced(r):
 
 @kept
 @njit(error_model="numpy", forceinline=True)
-def _quarter_wave(x, shift):
+def _reduced(x):
     k = np.floor(x * TWO_OVER_PI + 0.5)
-    r = ((x - k * HALF_PI_HIGH) - k * HALF_PI_MIDDLE) - k * HALF_PI_LOW
-    quadrant = (np.int64(k) + shift) & 3
+    return np.int64(k), ((x - k * HALF_PI_HIGH) - k * HALF_PI_MIDDLE) - k * HALF_PI_LOW
+
+
+@kept
+@njit(error_model="numpy", forceinline=True)
+def _quarter_wave(x, shift):
+    k, r = _reduced(x)
+    quadrant = (k + shift) & 3
     value = _cos_reduced(r) if quadrant & 1 else _sin_reduced(r)
     return -value if quadrant & 2 else value
 
@@ -100,3 +106,13 @@ def sin(x):
 @njit(error_model="numpy", forceinline=True)
 def cos(x):
     return _quarter_wave(x, 1)
+
+
+@kept
+@njit(error_model="numpy", forceinline=True)
+def sin_cos(x):
+    """Return what sin and cos do, to the bit, for less than both cost."""
+    k, r = _reduced(x)
+    s, c = _sin_reduced(r), _cos_reduced(r)
+    sine, cosine = (c if k & 1 else s), (s if k & 1 else c)
+    return (-sine if k & 2 else sine), (-cosine if (k + 1) & 2 else cosine)

@@ -43,7 +43,7 @@ from fdbench.compilation import kept, lightly_optimised
 
 
 def compiled(function):
-    return lightly_optimised(kept(njit(error_model="numpy", nogil=True)(function)))
+    return lightly_optimised(kept(njit(error_model="numpy", nogil=True)(function)), {level})
 
 
 inlined = njit(error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, no_rewrites=True)
@@ -201,7 +201,9 @@ def source(effects: Sequence[type[Effect]], lanes: int) -> str:
     lines = [line for line in "\n\n".join(text).splitlines() if not line.startswith(empty)]
     body = "\n".join(lines)
     body = body.replace(" + i]", "]").replace(", i]", ", 0]") if lanes == 1 else body
-    return _HEADER.format(names=names, lanes=lanes, constants="\n".join(constants)) + "\n\n" + body + "\n"
+    level = 1 if lanes == 1 else 2  # the second reads a row once where several expressions use it
+    header = _HEADER.format(names=names, lanes=lanes, level=level, constants="\n".join(constants))
+    return header + "\n\n" + body + "\n"
 
 
 def load(text: str, effects: Sequence[type[Effect]]) -> ModuleType:
