@@ -84,14 +84,14 @@ def _cos_reduced(r):
 @njit(error_model="numpy", forceinline=True)
 def _reduced(x):
     k = np.floor(x * TWO_OVER_PI + 0.5)
-    return np.int64(k), ((x - k * HALF_PI_HIGH) - k * HALF_PI_MIDDLE) - k * HALF_PI_LOW
+    return k, ((x - k * HALF_PI_HIGH) - k * HALF_PI_MIDDLE) - k * HALF_PI_LOW
 
 
 @kept
 @njit(error_model="numpy", forceinline=True)
 def _quarter_wave(x, shift):
     k, r = _reduced(x)
-    quadrant = (k + shift) & 3
+    quadrant = (np.int64(k) + shift) & 3
     value = _cos_reduced(r) if quadrant & 1 else _sin_reduced(r)
     return -value if quadrant & 2 else value
 
@@ -113,6 +113,7 @@ def cos(x):
 def sin_cos(x):
     """Return what sin and cos do, to the bit, for less than both cost."""
     k, r = _reduced(x)
+    quadrant = np.int64(k)
     s, c = _sin_reduced(r), _cos_reduced(r)
-    sine, cosine = (c if k & 1 else s), (s if k & 1 else c)
-    return (-sine if k & 2 else sine), (-cosine if (k + 1) & 2 else cosine)
+    sine, cosine = (c if quadrant & 1 else s), (s if quadrant & 1 else c)
+    return (-sine if quadrant & 2 else sine), (-cosine if (quadrant + 1) & 2 else cosine)

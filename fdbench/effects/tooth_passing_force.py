@@ -13,28 +13,36 @@ SMALLEST_CHIP_M = 1e-9
 
 
 @kernel
-def one_tooth(j, force, extra, share, s, c, N_t, pitch, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out):
-    """Add the force of tooth j at the share of a turn, of sine s and cosine c, and turn to the next one."""
+def one_tooth(j, force, extra, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out):
+    """Add the force of tooth j at a share of a turn, of which s and c are sine and cosine, and turn to the next one."""
     phi = TURN * share
     smooth = f_t * s
-    chip = smooth + (e if j % 2 == 0 else -e)
+    chip = smooth + e
     along, edge = a * c + b * s, a_e * c + b_e * s
-    engaged = (j < N_t) & (phi_in < phi) & (phi < phi_out)
+    engaged = (j < N_t) & (phi_in < phi < phi_out)
     without = smooth * along + edge if engaged & (smooth > 0.0) else 0.0
     force += without
     extra += (chip * along + edge if engaged & (chip > 0.0) else 0.0) - without
-    share += pitch
+    share += 1.0 / N_t
     return force, extra, (share - 1.0 if share >= 1.0 else share), s * c_step + c * s_step, c * c_step - s * s_step
 
 
 @kernel
-def four_teeth(j, force, extra, share, s, c, N_t, pitch, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out):
+def four_teeth(j, force, extra, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out):
     """Add the forces of teeth j to j + 3; a loop over them would keep lanes from running side by side."""
-    cut = N_t, pitch, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out
-    force, extra, share, s, c = one_tooth(j, force, extra, share, s, c, *cut)
-    force, extra, share, s, c = one_tooth(j + 1, force, extra, share, s, c, *cut)
-    force, extra, share, s, c = one_tooth(j + 2, force, extra, share, s, c, *cut)
-    return one_tooth(j + 3, force, extra, share, s, c, *cut)
+    force, extra, share, s, c = one_tooth(
+        j, force, extra, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out
+    )
+    force, extra, share, s, c = one_tooth(
+        j + 1, force, extra, share, s, c, N_t, s_step, c_step, f_t, -e, a, b, a_e, b_e, phi_in, phi_out
+    )
+    force, extra, share, s, c = one_tooth(
+        j + 2, force, extra, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out
+    )
+    force, extra, share, s, c = one_tooth(
+        j + 3, force, extra, share, s, c, N_t, s_step, c_step, f_t, -e, a, b, a_e, b_e, phi_in, phi_out
+    )
+    return force, extra, share, s, c
 
 
 @kernel
@@ -48,12 +56,18 @@ def cutting_force(t, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, 
     s_theta, c_theta = sin_cos(theta)
     a, b = -a_p * (K_tc * c_theta + K_rc * s_theta), a_p * (K_tc * s_theta - K_rc * c_theta)
     a_e, b_e = -a_p * (K_te * c_theta + K_re * s_theta), a_p * (K_te * s_theta - K_re * c_theta)
-    cut = N_t, 1.0 / N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out
-    force, extra, share, s, c = four_teeth(0, 0.0, 0.0, share, s, c, *cut)
+    force, extra = 0.0, 0.0
+    force, extra, share, s, c = four_teeth(
+        0, force, extra, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out
+    )
     if N_t > 4.0:
-        force, extra, share, s, c = four_teeth(4, force, extra, share, s, c, *cut)
+        force, extra, share, s, c = four_teeth(
+            4, force, extra, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out
+        )
     if N_t > 8.0:
-        force, extra, share, s, c = four_teeth(8, force, extra, share, s, c, *cut)
+        force, extra, share, s, c = four_teeth(
+            8, force, extra, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out
+        )
     sign = (1.0 if v >= 0.0 else -1.0) if f_t > SMALLEST_CHIP_M else 0.0
     return sign * force, sign * extra
 
