@@ -18,7 +18,8 @@ def one_tooth(j, force, extra, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a
     phi = TURN * share
     smooth = f_t * s
     chip = smooth + e
-    along, edge = a * c + b * s, a_e * c + b_e * s
+    along = a * c + b * s
+    edge = a_e * c + b_e * s
     engaged = (j < N_t) & (phi_in < phi < phi_out)
     without = smooth * along + edge if engaged & (smooth > 0.0) else 0.0
     force += without
@@ -54,11 +55,12 @@ def cutting_force(t, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, 
     s, c = sin_cos(TURN * share)
     s_step, c_step = sin_cos(TURN / N_t)
     s_theta, c_theta = sin_cos(theta)
-    a, b = -a_p * (K_tc * c_theta + K_rc * s_theta), a_p * (K_tc * s_theta - K_rc * c_theta)
-    a_e, b_e = -a_p * (K_te * c_theta + K_re * s_theta), a_p * (K_te * s_theta - K_re * c_theta)
-    force, extra = 0.0, 0.0
+    a = -a_p * (K_tc * c_theta + K_rc * s_theta)
+    b = a_p * (K_tc * s_theta - K_rc * c_theta)
+    a_e = -a_p * (K_te * c_theta + K_re * s_theta)
+    b_e = a_p * (K_te * s_theta - K_re * c_theta)
     force, extra, share, s, c = four_teeth(
-        0, force, extra, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out
+        0, 0.0, 0.0, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out
     )
     if N_t > 4.0:
         force, extra, share, s, c = four_teeth(
