@@ -67,6 +67,5 @@ class RunoutForce(Effect):
     @kernel
     def kernel(t, h, x, v, u, e, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, r):
         turned = t + 0.5 * r / f_s * t * t
-        with_runout = cutting_force(turned, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, e)
-        without = cutting_force(turned, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, 0.0)
-        return with_runout - without, 0.0
+        _, extra = cutting_force(turned, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, e)
+        return extra, 0.0

@@ -6,31 +6,72 @@ from dataclasses import dataclass
 from typing import final
 
 from fdbench.effects._effect import Effect, Port, kernel, parameter
-from fdbench.effects._functions import cos, sin
+from fdbench.effects._functions import sin_cos
 
 PI, TURN = math.pi, 2.0 * math.pi
 SMALLEST_CHIP_M = 1e-9
 
 
 @kernel
+def one_tooth(j, force, extra, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out):
+    """Add the force of tooth j at a share of a turn, of which s and c are sine and cosine, and turn to the next one."""
+    phi = TURN * share
+    smooth = f_t * s
+    chip = smooth + e
+    along = a * c + b * s
+    edge = a_e * c + b_e * s
+    engaged = (j < N_t) & (phi_in < phi < phi_out)
+    without = smooth * along + edge if engaged & (smooth > 0.0) else 0.0
+    force += without
+    extra += (chip * along + edge if engaged & (chip > 0.0) else 0.0) - without
+    share += 1.0 / N_t
+    return force, extra, (share - 1.0 if share >= 1.0 else share), s * c_step + c * s_step, c * c_step - s * s_step
+
+
+@kernel
+def four_teeth(j, force, extra, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out):
+    """Add the forces of teeth j to j + 3; a loop over them would keep lanes from running side by side."""
+    force, extra, share, s, c = one_tooth(
+        j, force, extra, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out
+    )
+    force, extra, share, s, c = one_tooth(
+        j + 1, force, extra, share, s, c, N_t, s_step, c_step, f_t, -e, a, b, a_e, b_e, phi_in, phi_out
+    )
+    force, extra, share, s, c = one_tooth(
+        j + 2, force, extra, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out
+    )
+    force, extra, share, s, c = one_tooth(
+        j + 3, force, extra, share, s, c, N_t, s_step, c_step, f_t, -e, a, b, a_e, b_e, phi_in, phi_out
+    )
+    return force, extra, share, s, c
+
+
+@kernel
 def cutting_force(t, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, e):
-    """Return the force (N) along the axis of all engaged teeth; tooth j runs out by +e if j is even, else by -e."""
-    feed_per_tooth = abs(v) / (f_s * N_t)
+    """Return the force (N) along the axis of all engaged teeth, and what run-out adds: tooth j by e or, odd, by -e."""
+    f_t = abs(v) / (f_s * N_t)
     turns = f_s * t + phi_0 / TURN
-    total = 0.0
-    for j in range(int(N_t)):
-        angle = turns + j / N_t
-        phi = TURN * (angle - math.floor(angle))
-        s = sin(phi)
-        chip = feed_per_tooth * s + (e if j % 2 == 0 else -e)
-        if phi_in < phi < phi_out and chip > 0.0 and feed_per_tooth > SMALLEST_CHIP_M:
-            c = cos(phi)
-            tangential = a_p * (K_tc * chip + K_te)
-            radial = a_p * (K_rc * chip + K_re)
-            along = -tangential * c - radial * s
-            across = tangential * s - radial * c
-            total += along * cos(theta) + across * sin(theta)
-    return total if v >= 0.0 else -total
+    share = turns - math.floor(turns)
+    s, c = sin_cos(TURN * share)
+    s_step, c_step = sin_cos(TURN / N_t)
+    s_theta, c_theta = sin_cos(theta)
+    a = -a_p * (K_tc * c_theta + K_rc * s_theta)
+    b = a_p * (K_tc * s_theta - K_rc * c_theta)
+    a_e = -a_p * (K_te * c_theta + K_re * s_theta)
+    b_e = a_p * (K_te * s_theta - K_re * c_theta)
+    force, extra, share, s, c = four_teeth(
+        0, 0.0, 0.0, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out
+    )
+    if N_t > 4.0:
+        force, extra, share, s, c = four_teeth(
+            4, force, extra, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out
+        )
+    if N_t > 8.0:
+        force, extra, share, s, c = four_teeth(
+            8, force, extra, share, s, c, N_t, s_step, c_step, f_t, e, a, b, a_e, b_e, phi_in, phi_out
+        )
+    sign = (1.0 if v >= 0.0 else -1.0) if f_t > SMALLEST_CHIP_M else 0.0
+    return sign * force, sign * extra
 
 
 @final
@@ -98,5 +139,5 @@ class ToothPassingForce(Effect):
     @kernel
     def kernel(t, h, x, v, u, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, r):
         turned = t + 0.5 * r / f_s * t * t
-        force = cutting_force(turned, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, 0.0)
+        force, _ = cutting_force(turned, v, N_t, f_s, a_p, K_tc, K_rc, K_te, K_re, phi_in, phi_out, theta, phi_0, 0.0)
         return force, 0.0

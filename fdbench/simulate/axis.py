@@ -12,7 +12,7 @@ from fdbench.effects import Effect
 from fdbench.errors import SpecError
 from fdbench.simulate import layout
 from fdbench.simulate.block import MECHANICS_ROWS, ROW, Blocks, Mechanics
-from fdbench.simulate.compose import Slot, compose
+from fdbench.simulate.compose import Shared, Slot, compose
 from fdbench.simulate.random import CHUNK, RandomNumbers, RandomSource
 from fdbench.simulate.system import FloatArray, Noise, Setup, System
 
@@ -111,7 +111,8 @@ class Axis(System):
         width, lane = self._side_by_side, np.arange(self.n_lanes)
         blocks = self._now.values
         self._flat_blocks = self._now.flat
-        stepper = compose(self._kinds, width)
+        self._shared = self._whole_numbers()
+        stepper = compose(self._kinds, width, self._shared)
         clock = self.timing.substeps, self.timing.sampling_time_s
         random = self._numbers.normal, self._numbers.uniform
         self._settings = (*clock, *stepper.calls(self._active), self.reference, *random)
@@ -120,6 +121,18 @@ class Axis(System):
         self._actions = blocks.reshape(-1), first + self._action_row * width
         self._flags = blocks.reshape(-1), first + ROW["DIVERGED"] * width
         self._only_lane = blocks[0, self._action_row], self._out.reshape(-1)
+
+    def _whole_numbers(self) -> Shared:
+        """Return the parameters that are whole numbers and that lanes side by side have alike."""
+        if self._side_by_side == 1:
+            return ()
+        found = []
+        for number, slot in enumerate(self.slots()):
+            for index, parameter in enumerate(slot.effect.parameters()):
+                values = self._initial.values[:, slot.parameter(index)] if parameter.whole else None
+                if values is not None and (values == values[0, 0]).all():
+                    found.append((number, index, float(values[0, 0])))
+        return tuple(found)
 
     def _ranges(self, mechanics: Mechanics, command_limit: float) -> tuple[dict[str, float], FloatArray]:
         """Return the largest magnitude of each column, and what is logged at the start of the reference."""
@@ -200,6 +213,8 @@ class Axis(System):
                 interval = f"[{parameter.low:g}, {parameter.high:g}] {parameter.unit}".rstrip()
                 raise SpecError(f"{slot.effect.name}.{parameter.name}: {outside[0]:g} is outside {interval}.")
         self._write(slot.parameter(0) + np.arange(len(table)), table, lanes)
+        if self._whole_numbers() != self._shared:
+            self._bind()
 
     def set_mechanics(self, mechanics: Sequence[Mechanics], lanes: NDArray[np.intp] | None = None) -> None:
         """Give each of ``lanes`` (default: all) masses, screw and limits of its own, now and for every later `start`.
@@ -216,6 +231,8 @@ class Axis(System):
 
     def _reset(self, lanes: NDArray[np.intp], seeds: Sequence[int]) -> None:
         """Put lanes back to their initial state."""
+        if self._whole_numbers() != self._shared:
+            self._bind()
         now, initial = self._now.values, self._initial.values
         blocks, places = np.divmod(lanes, self._side_by_side)
         now[blocks, :, places] = initial[blocks, :, places]

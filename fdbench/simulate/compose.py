@@ -43,7 +43,7 @@ from fdbench.compilation import kept, lightly_optimised
 
 
 def compiled(function):
-    return lightly_optimised(kept(njit(error_model="numpy", nogil=True)(function)))
+    return lightly_optimised(kept(njit(error_model="numpy", nogil=True)(function)), {level})
 
 
 inlined = njit(error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, no_rewrites=True)
@@ -52,6 +52,8 @@ LANES = {lanes}
 '''
 
 MOST_EFFECTS = 64  # on one axis
+
+Shared = tuple[tuple[int, int, float], ...]  # number of the effect, index of the parameter, value
 
 # Beside time step, position and velocity; in the order in which ports are called.
 PORT_ARGUMENTS = {
@@ -130,8 +132,9 @@ def core_effects() -> tuple[type[Effect], ...]:
     return tuple(registry.get(name) for name, module in modules.items() if module == f"fdbench.effects.{name}")
 
 
-def _call(number: int, slot: Slot, lanes: int) -> str:
+def _call(number: int, slot: Slot, lanes: int, shared: Shared) -> str:
     """Return the case of an effect, whose rows are told by ``calls`` to a lane alone, and by numbers to several."""
+    told = {index: repr(value) for place, index, value in shared if place == number}
     effect, alone = slot.effect, lanes == 1
 
     def row(name: str, first: int, index: int) -> str:
@@ -142,7 +145,7 @@ def _call(number: int, slot: Slot, lanes: int) -> str:
     moving = "w[COMMANDED_V + i]" if effect.follows_command else ("velocity" if alone else "w[v + i]")
     arguments = [*(["t", "h", "position"] if alone else ["w[T + i]", "h", "w[x + i]"]), moving, entering]
     arguments += [f"uniform[{'draw' if alone else slot.uniform}, i]"] if effect.random else []
-    arguments += [row("flag", slot.flag, 1 + j) for j in range(len(effect.parameters()))] + states
+    arguments += [told.get(j, row("flag", slot.flag, 1 + j)) for j in range(len(effect.parameters()))] + states
     targets = ["value", *(["steep"] if effect.port.is_force else []), *(f"z_{j}" for j in range(len(states)))]
     result = ", ".join(targets) if len(targets) > 1 else "(value,)"
     lines = [f"{result} = kernel_{number}({', '.join(arguments)})"]
@@ -181,7 +184,7 @@ def _port(place: int, cases: Sequence[str], lanes: int) -> str:
     )
 
 
-def source(effects: Sequence[type[Effect]], lanes: int) -> str:
+def source(effects: Sequence[type[Effect]], lanes: int, shared: Shared = ()) -> str:
     """Return the text of the generated module, with a case for each of these effects."""
     constants = [f"{name} = {row * lanes}" for row, name in enumerate(layout.ROWS)]
     constants += [f"{name} = {value}" for name, value in vars(layout).items() if name.startswith("OUT_")]
@@ -190,7 +193,7 @@ def source(effects: Sequence[type[Effect]], lanes: int) -> str:
         effect = slot.effect
         effect.check_signature()
         constants.append(f"kernel_{number} = KERNELS[{number}]  # {effect.__module__}.{effect.__name__}")
-        cases[effect.port].append(_call(number, slot, lanes))
+        cases[effect.port].append(_call(number, slot, lanes, shared))
     names = ", ".join(effect.name for effect in effects) or "no effects"
     text = [_port(place, found, lanes) for place, found in enumerate(cases.values()) if found]
     for function in (integrator.propagate, integrator.measure_and_control, integrator.integrate_substep):
@@ -201,7 +204,9 @@ def source(effects: Sequence[type[Effect]], lanes: int) -> str:
     lines = [line for line in "\n\n".join(text).splitlines() if not line.startswith(empty)]
     body = "\n".join(lines)
     body = body.replace(" + i]", "]").replace(", i]", ", 0]") if lanes == 1 else body
-    return _HEADER.format(names=names, lanes=lanes, constants="\n".join(constants)) + "\n\n" + body + "\n"
+    level = 1 if lanes == 1 else 2  # the second reads a row once where several expressions use it
+    header = _HEADER.format(names=names, lanes=lanes, level=level, constants="\n".join(constants))
+    return header + "\n\n" + body + "\n"
 
 
 def load(text: str, effects: Sequence[type[Effect]]) -> ModuleType:
@@ -266,8 +271,10 @@ class Stepper:
 
 
 @lru_cache(maxsize=64)
-def compose(effects: tuple[type[Effect], ...], lanes: int) -> Stepper:
+def compose(effects: tuple[type[Effect], ...], lanes: int, shared: Shared = ()) -> Stepper:
     """Return the stepper for blocks with these effects and this many lanes side by side.
+
+    ``shared`` are parameters that have this value in every lane, whatever the blocks say; none for a lane alone.
 
     Raises
     ------
@@ -286,7 +293,7 @@ def compose(effects: tuple[type[Effect], ...], lanes: int) -> Stepper:
     order = sorted(range(len(effects)), key=keys.__getitem__)
     table = [(cases[n], found[n].flag * lanes, found[n].first_state * lanes, found[n].uniform) for n in order]
     return Stepper(
-        advance=_advance(kinds, lanes),
+        advance=_advance(kinds, lanes, shared),
         order=np.array(order, dtype=np.int64),
         table=np.array(table, dtype=np.int64).reshape(-1, 4),
         ports=np.array([keys[n][0] for n in order], dtype=np.int64),
@@ -294,6 +301,6 @@ def compose(effects: tuple[type[Effect], ...], lanes: int) -> Stepper:
 
 
 @lru_cache(maxsize=64)
-def _advance(kinds: tuple[type[Effect], ...], lanes: int) -> Callable[..., None]:
-    advance: Callable[..., None] = load(source(kinds, lanes), kinds).advance
+def _advance(kinds: tuple[type[Effect], ...], lanes: int, shared: Shared) -> Callable[..., None]:
+    advance: Callable[..., None] = load(source(kinds, lanes, shared), kinds).advance
     return advance

@@ -59,13 +59,17 @@ def adder(kernel: Any) -> Callable[..., None]:
         ``first`` is the sample with which each lane goes on, ``feed`` the deviation from the commanded feedrate.
         """
         h = period / substeps
+        n_lanes = force.shape[1]
+        start, x, v = np.empty(n_lanes), np.empty(n_lanes), np.empty(n_lanes)
         for k in range(force.shape[0] // substeps):
+            for i in range(n_lanes):
+                row = first[i] + k
+                start[i], x[i], v[i] = row * period, reference[row, 0], reference[row, 1] + feed[i]
             for step in range(substeps):
-                for i in range(force.shape[1]):
-                    row = first[i] + k
-                    t = row * period + (step + 0.5) * h
-                    result = kernel(t, h, reference[row, 0], reference[row, 1] + feed[i], 0.0, *values)
-                    force[k * substeps + step, i] += result[0]
+                f = force[k * substeps + step]
+                for i in range(n_lanes):
+                    result = kernel(start[i] + (step + 0.5) * h, h, x[i], v[i], 0.0, *values)
+                    f[i] += result[0]
 
     return add_force
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fdbench.compilation import kept
 from fdbench.effects import Effect
+from fdbench.effects._functions import power
 from fdbench.errors import SpecError
 from fdbench.simulate.exponential import exponential
 from fdbench.simulate.random import RandomNumbers, RandomSource
@@ -62,55 +63,71 @@ class Process:
 
 
 @kept
+@njit(error_model="numpy", forceinline=True)
+def chip_load(u, alpha, offset, slope, linear):  # type: ignore[no-untyped-def]
+    """Return the chip-load term w of a feedrate in mm/s."""
+    return offset + slope * u if linear else power(u, alpha)
+
+
+@kept
 @njit(error_model="numpy")
 def advance(state, count, diverged, action, nodes, added, noise, flow, law, out):  # type: ignore[no-untyped-def]
-    """Advance every lane by ``len(out)`` samples; lane by lane, so that each has the bits of a single one.
+    """Advance every lane by ``len(out)`` samples; lanes are innermost, and each has the bits of a single one.
 
     Parameters
     ----------
-    state, count, diverged : (n_lanes, 2), (n_lanes,), (n_lanes,) arrays, changed in place
+    state, count, diverged : (2, n_lanes), (n_lanes,), (n_lanes,) arrays, changed in place
     action : (n_lanes,) array, m/s
     nodes : (n_samples, 2 substeps + 1) array
         Commanded feedrate, m/s, at both ends and the middle of each substep.
     added : (n_samples,) array
         Force that effects add to the reading, N.
-    noise : (n_lanes, n) array
+    noise : (n, n_lanes) array
         Noise of the reading, N.
     flow, law : arrays of `Process.propagators` and `Process.values`
     out : (n, 5, n_lanes) array, written
         Steady force (N), feedrate (m/s), force read (N), force added (N), diverged.
     """
-    alpha, offset, slope = law[0], law[1], law[2]
-    linear = law[3] > 0.5
-    feedrate_limit, force_limit = law[4], law[5]
-    last = nodes.shape[1] - 1
-    for lane in range(out.shape[2]):
-        x_1, x_2 = state[lane, 0], state[lane, 1]
-        for k in range(out.shape[0]):
+    n_lanes, last = out.shape[2], nodes.shape[1] - 1
+    alpha, offset, slope, linear = law[0], law[1], law[2], law[3] > 0.5
+    feedrate_limit, force_limit, steady = law[4], law[5], law[6]
+    a_11, a_12, b_10, b_11, b_12 = flow[0, 0], flow[0, 1], flow[0, 2], flow[0, 3], flow[0, 4]
+    a_21, a_22, b_20, b_21, b_22 = flow[1, 0], flow[1, 1], flow[1, 2], flow[1, 3], flow[1, 4]
+    x_1, x_2 = state[0], state[1]
+    u_0, u_1, u_2, w = np.empty(n_lanes), np.empty(n_lanes), np.empty(n_lanes), np.empty(n_lanes)
+    inside = np.empty(n_lanes, dtype=np.bool_)
+    for k in range(out.shape[0]):
+        for lane in range(n_lanes):
             row = count[lane] + k
-            u = 1e3 * (nodes[row, 0] + action[lane])
-            w = offset + slope * u if linear else max(u, 0.0) ** alpha
-            inside = abs(u) <= feedrate_limit and (linear or u > 0.0)
-            reading = x_1 + added[row] + noise[lane, k]
-            for node in range(1, last, 2):
-                middle = 1e3 * (nodes[row, node] + action[lane])
-                end = 1e3 * (nodes[row, node + 1] + action[lane])
-                w_middle = offset + slope * middle if linear else max(middle, 0.0) ** alpha
-                w_end = offset + slope * end if linear else max(end, 0.0) ** alpha
-                inside = inside and abs(end) <= feedrate_limit and (linear or min(middle, end) > 0.0)
-                x_3 = flow[0, 0] * x_1 + flow[0, 1] * x_2
-                x_3 += flow[0, 2] * w + flow[0, 3] * w_middle + flow[0, 4] * w_end
-                x_2 = flow[1, 0] * x_1 + flow[1, 1] * x_2
-                x_2 += flow[1, 2] * w + flow[1, 3] * w_middle + flow[1, 4] * w_end
-                x_1, w = x_3, w_end
-            if not (inside and abs(reading) <= force_limit):
-                diverged[lane] = True
-            out[k, 0, lane] = law[6]
+            u_0[lane] = 1e3 * (nodes[row, 0] + action[lane])
+            reading = x_1[lane] + added[row] + noise[k, lane]
+            inside[lane] = (abs(reading) <= force_limit) & (abs(u_0[lane]) <= feedrate_limit)
+            out[k, 0, lane] = steady
             out[k, 1, lane] = nodes[row, 0] + action[lane]
             out[k, 2, lane] = reading
             out[k, 3, lane] = added[row]
+        for lane in range(n_lanes):
+            w[lane] = chip_load(u_0[lane], alpha, offset, slope, linear)
+            inside[lane] &= linear | (u_0[lane] > 0.0)
+        for node in range(1, last, 2):
+            for lane in range(n_lanes):  # apart, since reading places that are known at run time is no vector's work
+                row = count[lane] + k
+                u_1[lane] = 1e3 * (nodes[row, node] + action[lane])
+                u_2[lane] = 1e3 * (nodes[row, node + 1] + action[lane])
+            for lane in range(n_lanes):
+                w_1 = chip_load(u_1[lane], alpha, offset, slope, linear)
+                w_2 = chip_load(u_2[lane], alpha, offset, slope, linear)
+                defined = linear | (min(u_1[lane], u_2[lane]) > 0.0)
+                inside[lane] &= (abs(u_2[lane]) <= feedrate_limit) & defined
+                first = a_11 * x_1[lane] + a_12 * x_2[lane]
+                first += b_10 * w[lane] + b_11 * w_1 + b_12 * w_2
+                second = a_21 * x_1[lane] + a_22 * x_2[lane]
+                second += b_20 * w[lane] + b_21 * w_1 + b_22 * w_2
+                x_1[lane], x_2[lane], w[lane] = first, second, w_2
+        for lane in range(n_lanes):
+            diverged[lane] = diverged[lane] | (not inside[lane])
             out[k, 4, lane] = 1.0 if diverged[lane] else 0.0
-        state[lane, 0], state[lane, 1] = x_1, x_2
+    for lane in range(n_lanes):
         count[lane] += out.shape[0]
 
 
@@ -144,7 +161,7 @@ class SlotMillingSystem(System):
         setup.noise.check_only(("force_N",), "slot milling")
         self._force_noise_N = setup.noise.force_N
         sources = [RandomSource(stream="force_noise", column=0)] if self._force_noise_N > 0.0 else []
-        self._numbers = RandomNumbers(sources, n_lanes, 1, 1)
+        self._numbers = RandomNumbers(sources, n_lanes, n_lanes, 1)
         super().__init__(n_lanes, timing.n_samples, self._numbers)
         per_sample = 2 * timing.substeps
         fine = setup.motion.reference(h / 2.0, self.n_samples * per_sample + 1)
@@ -168,12 +185,12 @@ class SlotMillingSystem(System):
         }
         self.at_rest = np.array([process.steady_force, self._nodes[0, 0], 0.0])
         self._flow, self._law = process.propagators(h), process.values()
-        self._state = np.zeros((n_lanes, 2))
+        self._state = np.zeros((2, n_lanes))
         self._count = np.zeros(n_lanes, dtype=np.intp)
 
     def _reset(self, lanes: NDArray[np.intp], seeds: Sequence[int]) -> None:
         """Put lanes back to zero force."""
-        self._state[lanes] = 0.0
+        self._state[:, lanes] = 0.0
         self._count[lanes] = 0
 
     def _act(self, action: FloatArray | None) -> None:
@@ -181,7 +198,7 @@ class SlotMillingSystem(System):
 
     def _advance(self, rows: FloatArray) -> None:
         n_samples, first = len(rows), self._numbers.position
-        noise = self._force_noise_N * self._numbers.normal[:, first : first + n_samples, 0, 0]
+        noise = self._force_noise_N * self._numbers.normal[0, first : first + n_samples, 0]
         out = np.empty((n_samples, 5, self.n_lanes))
         lanes = self._state, self._count, self._diverged, self._action
         advance(*lanes, self._nodes, self._added, noise, self._flow, self._law, out)

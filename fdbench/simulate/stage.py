@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.effects import Effect
-from fdbench.simulate.axis import compiled
-from fdbench.simulate.exponential import exponential
+from fdbench.simulate.axis import SIDE_BY_SIDE, compiled
+from fdbench.simulate.exponential import exponential, product
 from fdbench.simulate.random import RandomNumbers, RandomSource
-from fdbench.simulate.stage_stepper import compose
+from fdbench.simulate.stage_stepper import ROWS, Pattern, compose
 from fdbench.simulate.system import FloatArray, System
 
 
@@ -90,7 +90,8 @@ class StageSystem(System):
         sources = [
             RandomSource(stream=f"{prefix or 'table_'}position_noise", column=n) for n, prefix in enumerate(prefixes)
         ]
-        self._numbers = RandomNumbers(sources, n_lanes, 1, len(axes))
+        self._side_by_side = SIDE_BY_SIDE if n_lanes >= SIDE_BY_SIDE // 4 else 1
+        self._numbers = RandomNumbers(sources, n_lanes, self._side_by_side, len(axes))
         super().__init__(n_lanes, len(reference), self._numbers)
         self.action_names = tuple(f"{prefix}position_m" for prefix in prefixes)
         names = ("reference_position_m", "reference_velocity_m_per_s", "position_m")
@@ -107,66 +108,102 @@ class StageSystem(System):
         start[:, 2] *= [response.C @ response.rest for response in responses]
         self.at_rest = start.ravel()
         self._kinds = tuple(type(effect) for effect in effects)
-        h = period_s / substeps
-        full, half = (np.stack([response.flow(step) for response in responses]) for step in (h, h / 2.0))
-        table = np.stack([response.table for response in responses])
-        n = full.shape[1]
+        self._pattern, coefficients = _sums(responses, period_s / substeps)
         self._settings = (
-            full,
-            half,
-            np.stack([response.C for response in responses]),
-            table,
-            -np.einsum("ij,ij->i", table[:, 1, :n], half[:, :, n + 4]),
+            period_s,
+            substeps,
+            coefficients,
             np.array([travel, velocity]),
             deviations,
             np.ascontiguousarray(reference),
-            period_s,
-            substeps,
             np.array([value for effect in effects for value in effect.values()]),
         )
         self._rest = np.stack([response.rest for response in responses]) * start[:, :1]
-        n_states = sum(len(kind.states) for kind in self._kinds)
-        self._q = np.zeros((n_lanes, len(axes), n))
-        self._forces = np.zeros((n_lanes, len(axes), 4))
-        self._states = np.zeros((n_lanes, len(axes), n_states))
-        self._count = np.zeros(n_lanes, dtype=np.intp)
-        self._action = np.zeros((len(axes), n_lanes))
+        self._n_states = self._rest.shape[1]
+        n_rows = len(ROWS) + self._n_states + sum(len(kind.states) for kind in self._kinds)
+        self._n_blocks = -(-n_lanes // self._side_by_side)
+        self._blocks = np.zeros((self._n_blocks, len(axes), n_rows, self._side_by_side))
+        self._of_lanes = np.zeros((len(axes), self._n_blocks * self._side_by_side))
         self._every_axis = 0 if len(axes) == 1 else slice(None)  # a place is written faster than a slice
-        self._out = np.empty((1, len(self.columns) + len(self.truth_columns), n_lanes))
+        self._out = np.empty((self._n_blocks, 1, len(self.columns) + len(self.truth_columns), self._side_by_side))
         self._bind()
 
     def _bind(self) -> None:
         """Compose the stepper and gather what every call of it receives."""
-        self._flat_action = self._action.reshape(-1)
-        state = (self._q, self._forces, self._states, self._count, self._diverged)
-        self._fixed = (*self._settings, *state, self._action, self._numbers.normal[..., 0])
-        self._stepper = compiled(compose(self._kinds), (*self._fixed, 0, self._out))
+        stepper = compose(self._kinds, self._pattern, self._n_states, self._side_by_side)
+        self._flat = self._blocks.reshape(*self._blocks.shape[:2], -1)
+        self._actions = self._blocks[:, :, ROWS.index("ACTION")]
+        self._only_action = self._actions[0, :, 0]
+        self._fixed = (*self._settings, self._numbers.normal)
+        self._stepper = compiled(stepper, (self._flat, 0, *self._fixed, self._out))
 
     def _reset(self, lanes: NDArray[np.intp], seeds: Sequence[int]) -> None:
-        """Put lanes to rest at the first commanded position."""
-        self._q[lanes] = self._rest
-        self._forces[lanes] = self._states[lanes] = 0.0
-        self._count[lanes] = 0
+        """Put lanes to rest at the first commanded position, and those that only fill the last block."""
+        filling = np.arange(self.n_lanes, self._n_blocks * self._side_by_side)
+        blocks, places = np.divmod(np.concatenate((lanes, filling)), self._side_by_side)
+        self._blocks[blocks, :, :, places] = 0.0
+        first = len(ROWS)
+        self._blocks[blocks, :, first : first + self._n_states, places] = self._rest
 
     def _act(self, action: FloatArray | None) -> None:
         """Keep the action of each axis, which is added to its commanded position."""
-        self._action[:] = 0.0 if action is None else action
+        if action is None:
+            self._actions[:] = 0.0
+            return
+        self._of_lanes[..., : self.n_lanes] = action
+        self._actions[:] = self._of_lanes.reshape(len(self._rest), self._n_blocks, -1).swapaxes(0, 1)
 
     def _advance(self, rows: FloatArray) -> None:
-        self._stepper(*self._fixed, self._numbers.position, rows)
+        n = len(rows)
+        raw = self._out if n == 1 else np.empty((self._n_blocks, n, *self._out.shape[2:]))
+        self._stepper(self._flat, self._numbers.position, *self._fixed, raw)
+        rows[:] = raw.transpose(1, 2, 0, 3).reshape(n, rows.shape[1], -1)[:, :, : self.n_lanes]
+
+    @property
+    def diverged(self) -> NDArray[np.bool_]:
+        """Which lanes have left the limits, by the flags that the stepper keeps."""
+        flags = self._blocks[:, :, ROWS.index("DIVERGED")].max(axis=1).reshape(-1)[: self.n_lanes]
+        return np.asarray(flags > 0.5)
 
     def advance_one(self, action: float) -> FloatArray:
         """Advance the only lane by one sample; see `System.advance_one`."""
         self._check_end(1)
-        self._flat_action[self._every_axis] = action
+        self._only_action[self._every_axis] = action
         self._next_numbers(1)
-        self._stepper(*self._fixed, self._numbers.position, self._out)
+        self._stepper(self._flat, self._numbers.position, *self._fixed, self._out)
         self._pass(1)
-        return self._out[0, :, 0].copy()
+        return self._out[0, 0, :, 0].copy()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {key: value for key, value in vars(self).items() if key not in ("_fixed", "_stepper", "_flat_action")}
+        bound = {"_actions", "_fixed", "_flat", "_only_action", "_stepper"}
+        return {key: value for key, value in vars(self).items() if key not in bound}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         self._bind()
+
+
+def _sums(responses: Sequence[Response], h: float) -> tuple[Pattern, FloatArray]:
+    """Return the pattern of the stepper's sums for substeps of h, and their coefficients (n_axes, n_coefficients)."""
+    full, half = (np.stack([response.flow(step) for response in responses]) for step in (h, h / 2.0))
+    table = np.stack([response.table for response in responses])
+    n = full.shape[1]
+    state = [f"w[Q_{place} + i]" for place in range(n)]
+    inputs = ["u_0", "u_1", "u_2", "u_3", "f_0", "f_1", "f_2"]
+    # Only the table is asked for in the middle, not the state.
+    middle = np.concatenate(
+        (np.stack([product(*pair) for pair in zip(table[:, :, :n], half, strict=True)]), table[:, :, n:]), axis=2
+    )
+    sums = {
+        "POSITION": (state, np.stack([response.C for response in responses])),
+        "VELOCITY": ([*state, "u_0", "u_1"], table[:, 1]),
+        **{f"MIDDLE_{name}": ([*state, *inputs, "x_0", "v_0"], middle[:, row]) for row, name in enumerate("XVU")},
+        "MOBILITY": (["1.0"], -middle[:, 1, n + 4, None]),
+        **{f"NEXT_{row}": ([*state, *inputs], full[:, row]) for row in range(n)},
+    }
+    pattern, coefficients = [], []
+    for name, (columns, matrix) in sums.items():
+        used = np.flatnonzero(matrix.any(axis=0))
+        pattern.append((name, tuple(columns[place] for place in used)))
+        coefficients.append(matrix[:, used])
+    return tuple(pattern), np.ascontiguousarray(np.hstack(coefficients))

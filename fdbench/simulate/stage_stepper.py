@@ -1,24 +1,31 @@
 """Stepper of a servo stage: exact linear response to a smooth command, effects as forces on the table.
 
-This file is a template. `compose` writes its functions into a generated module, in which ``table_force`` calls the
-kernels of one plant's effects; see `fdbench.simulate.compose`.
+This file is a template. `compose` writes its functions into a generated module that defines the rows and LANES, in
+which ``table_force`` calls the kernels of one plant's effects, and in which names in capitals such as NEXT_0 stand for
+sums over those entries of the stage's matrices that are not zero; see `fdbench.simulate.compose`.
 """
 
 # mypy: ignore-errors
-# ruff: noqa: F821 - table_force is defined in the generated module
+# ruff: noqa: B018, F821, F841, RUF059 - rows, sums and table_force are defined in the generated module
 
 import inspect
+import re
 from collections.abc import Callable
 from functools import lru_cache
-
-import numpy as np
 
 from fdbench.effects import Effect
 from fdbench.simulate.compose import load
 
-_HEADER = '''"""Generated stepper of a servo stage with {names}."""
+# One axis of a block of lanes: last three forces and the weight of their differences, sample number, flag, action,
+# command of the sample, scratch of a substep. Behind them the response's state and the effects' states.
+ROWS = (
+    *("FORCE_0", "FORCE_1", "FORCE_2", "WEIGHT", "INDEX", "DIVERGED", "ACTION"),
+    *("X_0", "V_0", "C_2", "C_3", "T", "X", "V", "COMMANDED_V", "U", "AHEAD", "FORCE", "SLOPE", "PROCESS"),
+    "PROCESS_SUM",
+)
 
-import numpy as np
+_HEADER = '''"""Generated stepper of a servo stage with {names}, {lanes} lane(s) side by side."""
+
 from numba import njit
 
 from fdbench.compilation import kept
@@ -29,43 +36,85 @@ def compiled(function):
 
 
 inlined = njit(error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, no_rewrites=True)
-{kernels}
-
-
-@inlined
-def table_force(t, h, x, v, commanded_v, u, parameters, states):
-    force = slope = process = 0.0
-{calls}
-    return force, slope, process
+LANES = {lanes}
+{constants}
 '''
 
-
-def product(row, z, n):
-    """Return the product of the first n entries of a row and a state."""
-    total = 0.0
-    for i in range(n):
-        total += row[i] * z[i]
-    return total
+Pattern = tuple[tuple[str, tuple[str, ...]], ...]
 
 
-def copy(values, target, n):
-    """Copy n values. An assignment to a slice would be compiled with the text of an error of shapes, for seconds."""
-    for i in range(n):
-        target[i] = values[i]
+def command(tau, x_0, v_0, c_2, c_3):
+    """Return value and first three derivatives of the cubic through the commanded positions and velocities."""
+    return (
+        x_0 + tau * (v_0 + tau * (c_2 + tau * c_3)),
+        v_0 + tau * (2.0 * c_2 + 3.0 * tau * c_3),
+        2.0 * c_2 + 6.0 * tau * c_3,
+        6.0 * c_3,
+    )
 
 
-def parabola(z, place, force, first, second, s, h):
-    """Write value, slope and curvature of the force at s substeps after ``force``, from its backward differences."""
-    z[place] = force + s * (first + 0.5 * (s + 1.0) * second)
-    z[place + 1] = (first + (s + 0.5) * second) / h
-    z[place + 2] = second / h**2
+def parabola(force, first, second, s, h):
+    """Return value, slope and curvature of the force at s substeps after ``force``, from its backward differences."""
+    return force + s * (first + 0.5 * (s + 1.0) * second), (first + (s + 0.5) * second) / h, second / h**2
 
 
-def advance(
-    full, half, output, table, mobility, limits, deviation, reference, period, substeps, parameters,
-    q, forces, states, count, diverged, action, normal, first_normal, out,
-):  # fmt: skip
-    r"""Advance every lane by ``len(out)`` samples; lane by lane, so that each has the bits of a single one.
+def measure(w, c, axis, k, period, limits, deviation, reference, normal, out):
+    """Log one row of an axis, and fit the command of the coming period."""
+    for i in range(LANES):
+        row = int(w[INDEX + i])
+        after = min(row + 1, len(reference) - 1)
+        v_0, v_1 = reference[row, 3 * axis + 1], reference[after, 3 * axis + 1]
+        mean = (reference[after, 3 * axis] - reference[row, 3 * axis]) / period
+        w[X_0 + i] = reference[row, 3 * axis] + w[ACTION + i]
+        w[V_0 + i] = v_0
+        w[C_2 + i] = (3.0 * mean - 2.0 * v_0 - v_1) / period
+        w[C_3 + i] = (v_0 + v_1 - 2.0 * mean) / period**2
+        w[PROCESS_SUM + i] = 0.0
+        out[k, 3 * axis, i] = reference[row, 3 * axis]
+        out[k, 3 * axis + 1, i] = v_0
+    for i in range(LANES):
+        u_0, u_1 = w[X_0 + i], w[V_0 + i]
+        position, velocity = POSITION, VELOCITY
+        inside = abs(position) <= limits[0] and abs(velocity) <= limits[1]
+        w[DIVERGED + i] = w[DIVERGED + i] if inside else 1.0
+        out[k, 3 * axis + 2, i] = position + deviation[axis] * normal[axis, i]
+
+
+def predict(w, c, period, tau, h):
+    """Extrapolate the force to the middle of a substep, and find table, command and time there."""
+    for i in range(LANES):
+        u_0, u_1, u_2, u_3 = command(tau, w[X_0 + i], w[V_0 + i], w[C_2 + i], w[C_3 + i])
+        first = w[WEIGHT + i] * (w[FORCE_0 + i] - w[FORCE_1 + i])
+        second = w[WEIGHT + i] * (w[FORCE_0 + i] - 2.0 * w[FORCE_1 + i] + w[FORCE_2 + i])
+        f_0, f_1, f_2 = parabola(w[FORCE_0 + i], first, second, 0.5, h)
+        x_0, v_0, _, _ = command(tau + 0.5 * h, w[X_0 + i], w[V_0 + i], w[C_2 + i], w[C_3 + i])
+        w[X + i] = MIDDLE_X
+        w[V + i] = MIDDLE_V
+        w[U + i] = MIDDLE_U
+        w[COMMANDED_V + i] = v_0
+        w[T + i] = w[INDEX + i] * period + (tau + 0.5 * h)
+        w[AHEAD + i] = w[FORCE_0 + i] + first + second
+        w[FORCE + i] = 0.0
+        w[SLOPE + i] = 0.0
+        w[PROCESS + i] = 0.0
+
+
+def correct(w, c, tau, h):
+    """Advance the state over a substep under the force that the effects have at its middle."""
+    for i in range(LANES):
+        stiffness = w[SLOPE + i] * MOBILITY
+        f_1, f_2 = w[FORCE_0 + i], w[FORCE_1 + i]
+        force = w[AHEAD + i] + (w[FORCE + i] - w[AHEAD + i]) / (1.0 + stiffness)
+        weight = 1.0 / (1.0 + 16.0 * (stiffness * stiffness))
+        w[FORCE_0 + i], w[FORCE_1 + i], w[FORCE_2 + i], w[WEIGHT + i] = force, f_1, f_2, weight
+        f_0, f_1, f_2 = parabola(force, weight * (force - f_1), weight * (force - 2.0 * f_1 + f_2), -0.5, h)
+        u_0, u_1, u_2, u_3 = command(tau, w[X_0 + i], w[V_0 + i], w[C_2 + i], w[C_3 + i])
+        NEXT_STATE
+        w[PROCESS_SUM + i] += w[PROCESS + i]
+
+
+def advance(blocks, first, period, substeps, coefficients, limits, deviation, reference, parameters, normal, out):
+    r"""Advance every lane of every block by the samples of ``out``.
 
     Between samples the command u is the cubic through its positions and velocities. Over a substep h the force f is the
     parabola through the middles of the last three substeps: it is extrapolated to the middle of the new one, where the
@@ -80,114 +129,101 @@ def advance(
 
     Parameters
     ----------
-    full, half : (n_axes, n, n + 7) arrays
-        Exact flow over a substep and half of it, from q, from u and its three derivatives, from f and its two.
-    output : (n_axes, n) array
-        Position from q.
-    table : (n_axes, 3, n + 2) array
-        Position, velocity and servo force of the table from q, u and the derivative of u.
-    mobility : (n_axes,) array
-        Loss of the table's velocity at half a substep for one newton, m/(N s).
+    blocks : (n_blocks, n_axes, n_rows * LANES) array, changed in place
+    first : int
+        Where the random numbers begin.
+    period, substeps : float, int
+        Sampling time, s; integration substeps in it.
+    coefficients : (n_axes, n_coefficients) array
+        Entries of the matrices in the order of the pattern.
     limits, deviation : (2,), (n_axes,) arrays
         Travel (m) and velocity (m/s) of the table; standard deviation of the reading (m).
     reference : (n_reference, 3 n_axes) array
     parameters : (n_parameters,) array
         Those of all effects.
-    q, forces, states, count, diverged : (n_lanes, n_axes, n), (n_lanes, n_axes, 4), (n_lanes, n_axes, n_states),
-    (n_lanes,), (n_lanes,) arrays, changed in place
-        ``forces`` are the last three and the weight of their differences.
-    action : (n_axes, n_lanes) array
-        Added to the commanded positions, m.
-    normal : (n_lanes, n_random, n_axes) array
-        Standard normal numbers, from ``first_normal`` on.
-    out : (n_samples, 4 n_axes + 1, n_lanes) array, written
+    normal : (n_blocks, n_random, n_axes, LANES) array
+        Standard normal numbers.
+    out : (n_blocks, n_samples, 4 n_axes + 1, LANES) array, written
         Reference position and velocity, and reading, for each axis; mean process force of each axis; diverged.
     """
-    n_axes, n, width = full.shape
+    n_axes = blocks.shape[1]
     h = period / substeps
-    z, middle = np.zeros(width), np.zeros(n + 2)
-    for lane in range(count.size):
-        for k in range(out.shape[0]):
-            row = count[lane]
-            after = min(row + 1, len(reference) - 1)
+    for block in range(blocks.shape[0]):
+        for k in range(out.shape[1]):
+            for i in range(LANES):
+                out[block, k, 4 * n_axes, i] = 0.0
             for axis in range(n_axes):
-                f = forces[lane, axis]
-                v_0, v_1 = reference[row, 3 * axis + 1], reference[after, 3 * axis + 1]
-                x_0 = reference[row, 3 * axis] + action[axis, lane]
-                mean = (reference[after, 3 * axis] - reference[row, 3 * axis]) / period
-                c_2 = (3.0 * mean - 2.0 * v_0 - v_1) / period
-                c_3 = (v_0 + v_1 - 2.0 * mean) / period**2
-                copy(q[lane, axis], z, n)
-                z[n] = x_0
-                z[n + 1] = v_0
-                position = product(output[axis], z, n)
-                velocity = product(table[axis, 1], z, n + 2)
-                if not (abs(position) <= limits[0] and abs(velocity) <= limits[1]):
-                    diverged[lane] = True
-                out[k, 3 * axis, lane] = reference[row, 3 * axis]
-                out[k, 3 * axis + 1, lane] = v_0
-                out[k, 3 * axis + 2, lane] = position + deviation[axis] * normal[lane, first_normal + k, axis]
-                process_sum = 0.0
+                w, c = blocks[block, axis], coefficients[axis]
+                gauss = normal[block, first + k]
+                measure(w, c, axis, k, period, limits, deviation, reference, gauss, out[block])
                 for step in range(substeps):
-                    tau = step * h
-                    z[n] = x_0 + tau * (v_0 + tau * (c_2 + tau * c_3))
-                    z[n + 1] = v_0 + tau * (2.0 * c_2 + 3.0 * tau * c_3)
-                    z[n + 2] = 2.0 * c_2 + 6.0 * tau * c_3
-                    z[n + 3] = 6.0 * c_3
-                    first, second = f[3] * (f[0] - f[1]), f[3] * (f[0] - 2.0 * f[1] + f[2])
-                    ahead = f[0] + first + second
-                    parabola(z, n + 4, f[0], first, second, 0.5, h)
-                    for i in range(n):
-                        middle[i] = product(half[axis, i], z, width)
-                    tau += 0.5 * h
-                    middle[n] = x_0 + tau * (v_0 + tau * (c_2 + tau * c_3))
-                    middle[n + 1] = v_0 + tau * (2.0 * c_2 + 3.0 * tau * c_3)
-                    x = product(table[axis, 0], middle, n + 2)
-                    v = product(table[axis, 1], middle, n + 2)
-                    u = product(table[axis, 2], middle, n + 2)
-                    t = row * period + tau
-                    force, slope, process = table_force(t, h, x, v, middle[n + 1], u, parameters, states[lane, axis])
-                    stiffness = slope * mobility[axis]
-                    f[2], f[1] = f[1], f[0]
-                    f[0] = ahead + (force - ahead) / (1.0 + stiffness)
-                    f[3] = 1.0 / (1.0 + 16.0 * stiffness**2)
-                    first, second = f[3] * (f[0] - f[1]), f[3] * (f[0] - 2.0 * f[1] + f[2])
-                    parabola(z, n + 4, f[0], first, second, -0.5, h)
-                    for i in range(n):
-                        middle[i] = product(full[axis, i], z, width)
-                    copy(middle, z, n)
-                    process_sum += process
-                copy(z, q[lane, axis], n)
-                out[k, 3 * n_axes + axis, lane] = process_sum / substeps
-            out[k, 4 * n_axes, lane] = 1.0 if diverged[lane] else 0.0
-            count[lane] += 1
+                    predict(w, c, period, step * h, h)
+                    table_force(w, h, parameters)
+                    correct(w, c, step * h, h)
+                for i in range(LANES):
+                    w[INDEX + i] += 1.0
+                    out[block, k, 3 * n_axes + axis, i] = w[PROCESS_SUM + i] / substeps
+                    out[block, k, 4 * n_axes, i] = max(out[block, k, 4 * n_axes, i], w[DIVERGED + i])
 
 
-def _call(number: int, effect: type[Effect], parameter: int, state: int) -> str:
-    places = range(parameter, parameter + len(effect.parameters()))
-    values = [f"parameters[{place}]" for place in places]
-    internal = [f"states[{place}]" for place in range(state, state + len(effect.states))]
-    results = ", ".join(["value", "steep", *internal])
-    velocity = "commanded_v" if effect.follows_command else "v"
-    lines = [f"{results} = kernel_{number}({', '.join(['t', 'h', 'x', velocity, 'u', *values, *internal])})"]
-    lines += ["force += value", "slope += steep"]
-    lines += ["process += value"] if effect.disturbance else []
-    return "\n".join(f"    {line}" for line in lines)
+def _call(number: int, effect: type[Effect], parameter: int, state: int, lanes: int) -> list[str]:
+    """Return the loop over lanes that adds one effect; its internal states begin at row ``state``."""
+    values = [f"parameters[{place}]" for place in range(parameter, parameter + len(effect.parameters()))]
+    internal = [f"w[{row * lanes} + i]" for row in range(state, state + len(effect.states))]
+    velocity = "w[COMMANDED_V + i]" if effect.follows_command else "w[V + i]"
+    given = ["w[T + i]", "h", "w[X + i]", velocity, "w[U + i]", *[f"p_{n}" for n in range(len(values))], *internal]
+    kept = [f"z_{n}" for n in range(len(internal))]
+    return [
+        *(f"    p_{n} = {value}" for n, value in enumerate(values)),
+        "    for i in range(LANES):",
+        f"        {', '.join(['value', 'steep', *kept])} = kernel_{number}({', '.join(given)})",
+        "        w[FORCE + i] += value",
+        "        w[SLOPE + i] += steep",
+        *(["        w[PROCESS + i] += value"] if effect.disturbance else []),
+        *(f"        {place} = {name}" for place, name in zip(internal, kept, strict=True)),
+    ]
+
+
+def _sums(text: str, pattern: Pattern) -> str:
+    """Return the text of a function with the sums in place of their names, and their coefficients read before."""
+    read, place = [], 0
+    for name, columns in pattern:
+        terms = [f"c_{place + n} * {column}" for n, column in enumerate(columns)]
+        text, found = re.subn(rf"\b{name}\b", " + ".join(terms) or "0.0", text)
+        read += [f"    c_{n} = c[{n}]" for n in range(place, place + len(columns)) if found]
+        place += len(columns)
+    head, body = text.split('"""\n', 1)
+    return "\n".join([f'{head}"""', *read, body])
 
 
 @lru_cache(maxsize=64)
-def compose(effects: tuple[type[Effect], ...]) -> Callable[..., None]:
-    """Return the compiled `advance` for forces on the table of these kinds."""
-    calls, parameter, state = [], 0, 0
+def compose(effects: tuple[type[Effect], ...], pattern: Pattern, n_states: int, lanes: int) -> Callable[..., None]:
+    """Return the compiled `advance` for forces on the table of these kinds.
+
+    Parameters
+    ----------
+    effects : tuple of Effect classes
+    pattern : tuple of pairs of str and tuple of str
+        Each sum, and what its coefficients that are not zero are multiplied by.
+    n_states, lanes : int
+        States of an axis' response; lanes side by side.
+    """
+    rows = [*ROWS, *(f"Q_{n}" for n in range(n_states))]
+    constants = [f"{name} = {row * lanes}" for row, name in enumerate(rows)]
+    calls, parameter, state = [], 0, len(rows)
     for number, effect in enumerate(effects):
         effect.check_signature()
-        calls.append(_call(number, effect, parameter, state))
+        constants.append(f"kernel_{number} = KERNELS[{number}]")
+        calls += _call(number, effect, parameter, state, lanes)
         parameter += len(effect.parameters())
         state += len(effect.states)
-    header = _HEADER.format(
-        names=", ".join(effect.name for effect in effects) or "no effects",
-        kernels="\n".join(f"kernel_{number} = KERNELS[{number}]" for number in range(len(effects))),
-        calls="\n".join(calls) or "    pass",
-    )
-    functions = [f"@inlined\n{inspect.getsource(function)}" for function in (product, copy, parabola)]
-    return load("\n\n".join([header, *functions, f"@compiled\n{inspect.getsource(advance)}"]), effects).advance
+    names = ", ".join(effect.name for effect in effects) or "no effects"
+    after = [f"z_{n} = NEXT_{n}" for n in range(n_states)] + [f"w[Q_{n} + i] = z_{n}" for n in range(n_states)]
+    text = [f"@inlined\n{inspect.getsource(function)}" for function in (command, parabola)]
+    for function in (measure, predict, correct):
+        source = inspect.getsource(function).replace("NEXT_STATE", "\n        ".join(after))
+        text.append("@inlined\n" + _sums(source, pattern))
+    text.append("\n".join(["@inlined", "def table_force(w, h, parameters):", *calls, "    return"]))
+    text.append(f"@compiled\n{inspect.getsource(advance)}")
+    header = _HEADER.format(names=names, lanes=lanes, constants="\n".join(constants))
+    return load("\n\n".join([header, *text]), effects).advance

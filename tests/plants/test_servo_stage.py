@@ -145,16 +145,18 @@ def test_stiff_friction_stays_stable() -> None:
     assert distances[2] < 0.02
 
 
+@pytest.mark.parametrize("n_lanes", [3, 70], ids=["alone", "side_by_side"])
 @pytest.mark.parametrize("scenario", [STAIRCASE, SPIRAL], ids=["servo_stage", "xy_stage"])
-def test_lanes_have_the_bits_of_a_single_one(scenario: Scenario) -> None:
-    single, several = scenario.system(), scenario.system(3)
-    several.start([5, 6, 7])
+def test_lanes_have_the_bits_of_a_single_one(scenario: Scenario, n_lanes: int) -> None:
+    single, several = scenario.system(), scenario.system(n_lanes)
+    seeds = range(5, 5 + n_lanes)
+    several.start(list(seeds))
     several = pickle.loads(pickle.dumps(several))
-    action = np.array([0.0, 1e-4, -1e-4])
+    action = np.resize([0.0, 1e-4, -1e-4], n_lanes)
     parts = [several.advance(n, action if n == 100 else None) for n in (300, 100, 1, 99)]
     rows = np.concatenate(parts)
-    for lane, seed in enumerate((5, 6, 7)):
-        single.start([seed])
+    for lane in (0, 1, n_lanes - 2, n_lanes - 1):
+        single.start([seeds[lane]])
         expected = [single.advance(300), single.advance(100, action[lane : lane + 1]), single.advance(100)]
         np.testing.assert_array_equal(rows[:, :, lane], np.concatenate(expected)[:, :, 0])
     several.start([8], np.array([1]))

@@ -233,9 +233,9 @@ def system(name: str, n_lanes: int) -> System:
 
 
 def test_lanes_and_splits_have_the_bits_of_one_run() -> None:
-    action = np.array([0.0, 5e-5, -8e-5])
+    action = np.resize([0.0, 5e-5, -8e-5], 11)
     single = [system(RUNOUT[2], 1) for _ in action]
-    lanes = system(RUNOUT[2], 3)
+    lanes = system(RUNOUT[2], len(action))
     together = np.concatenate([lanes.advance(n, action) for n in (1, 7, 250)])
     for lane, alone in enumerate(single):
         np.testing.assert_array_equal(together[:, :, lane], alone.advance(258, action[lane : lane + 1])[:, :, 0])
