@@ -13,7 +13,7 @@ import sys
 import traceback
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from importlib.machinery import SourceFileLoader
+from importlib.machinery import PathFinder, SourceFileLoader
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -145,13 +145,10 @@ class Registry(Generic[T]):
     def _sources(self) -> Mapping[str, _Source]:
         found: dict[str, _Source] = {}
         for package in self.packages():
-            try:
-                specification = importlib.util.find_spec(package)
-            except ImportError as error:
-                raise PluginError(f"{self.kind} package '{package}' cannot be found: {error}") from error
-            if specification is None or not specification.submodule_search_locations:
+            folders = _folders(package)
+            if not folders:
                 raise PluginError(f"{self.kind} package '{package}' is named by an entry point but does not exist.")
-            for folder in specification.submodule_search_locations:
+            for folder in folders:
                 for module in pkgutil.iter_modules([folder]):
                     file = f"{module.name}/__init__.py" if module.ispkg else f"{module.name}.py"
                     if not module.name.startswith("_"):
@@ -224,6 +221,18 @@ def owner(file: Path, registries: Sequence[Registry[Any]]) -> Registry[Any] | No
 @lru_cache(maxsize=32)
 def _packages(group: str) -> tuple[str, ...]:
     return tuple(sorted({point.value for point in entry_points(group=group)}))
+
+
+def _folders(package: str) -> list[str]:
+    """Return the folders of a package, or none if there is no such package; no code of it is executed to find them."""
+    top, *inner = package.split(".")
+    specification = importlib.util.find_spec(top)
+    for part in inner:
+        if specification is None or not specification.submodule_search_locations:
+            return []
+        above = f"{specification.name}.{part}"
+        specification = PathFinder.find_spec(above, specification.submodule_search_locations)
+    return list(specification.submodule_search_locations or ()) if specification is not None else []
 
 
 class _AlwaysCompiled(SourceFileLoader):

@@ -112,8 +112,7 @@ def declare(plugin: str, sandbox: "Sandbox") -> str:
         worker = sandbox.worker(Source(name=path.stem, own=own_files(path), digest="", file=path))
         kind = worker.load(("estimator", "effect")).kind
     except Misbehaved as error:
-        text = str(error).removeprefix("PluginError: ").replace(str(path), plugin)
-        raise PluginError(text if plugin in text else f"{plugin}: {text}") from error
+        raise PluginError(f"{plugin}{str(error).removeprefix(path.name)}") from error
     return estimators.declare(plugin) if kind == "estimator" else effects.add_file(plugin)
 
 

@@ -210,13 +210,12 @@ def test_a_metric_that_fails_spoils_no_other(tmp_path: Path, scenario: str, monk
 
 
 def test_bad_usage_runs_nothing(tmp_path: Path, scenario: str) -> None:
-    broken = estimator_file(tmp_path, "broken", "import no_such_module\n")
     named_oracle = estimator_file(tmp_path, "oracle", FIT + f"return {LIKE_NULL}\n")
     cases: list[tuple[type[FdbenchError], str, list[str], list[str], int, int]] = [
         (UnknownName, "Did you mean least_squares", [scenario], ["least_square"], 1, 1),
         (UnknownName, "Did you mean ShakerConstant-v0", ["ShakerConstan-v0"], [], 1, 1),
         (SpecError, "cannot be read", [str(tmp_path / "none.toml")], [], 1, 1),
-        (PluginError, "cannot be imported", [scenario], [broken], 1, 1),
+        (PluginError, "no such file", [scenario], [str(tmp_path / "none.py")], 1, 1),
         (PluginError, "the benchmark's own", [scenario], [named_oracle], 1, 1),
         (FdbenchError, "given 2 times", [scenario, scenario], [], 1, 1),
         (FdbenchError, "at least 1", [scenario], [], 0, 1),
