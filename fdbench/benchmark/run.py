@@ -324,4 +324,4 @@ def _lasting(scenario: str | Path) -> str:
 
 def _plugins() -> tuple[tuple[int, Path], ...]:
     """Return the plug-in files that another process has to register: number of the registry and path."""
-    return tuple((n, path.resolve()) for n, kind in enumerate(SIMULATION) for path in plugin_files(kind).values())
+    return tuple((n, path) for n, kind in enumerate(SIMULATION) for path in plugin_files(kind).values())

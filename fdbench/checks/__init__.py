@@ -95,12 +95,12 @@ def declare(plugin: str, sandbox: "Sandbox") -> str:
     from fdbench.effects import effects
     from fdbench.errors import PluginError
     from fdbench.estimator import estimators
-    from fdbench.registry import owner
+    from fdbench.registry import lasting, owner
     from fdbench.sandbox import Misbehaved, Source, own_files
 
     if not plugin.endswith(".py"):
         return plugin
-    path = Path(plugin).resolve()
+    path = lasting(Path(plugin))
     every = [registry for registry, _ in kinds(sandbox)]
     if owner(Path(plugin), every) is not None:
         return path.stem
