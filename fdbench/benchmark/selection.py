@@ -3,6 +3,7 @@
 import inspect
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from fdbench.benchmark import oracle
 from fdbench.benchmark.job import Choice, sandbox
@@ -90,9 +91,12 @@ def choice_of(name: str, scenario: Scenario, sources: Mapping[str, Sequence[Path
     """Return the estimator of a row, with its arguments over those that the scenario has for it."""
     if name == oracle.NAME:
         return Choice(name=name, arguments={}, digest=digest([inspect.getsource(oracle).encode()]))
-    estimator = registered(name)
-    own = {**scenario.estimation.hyperparameters.get(estimator, {}), **arguments(name)}
-    files = sources[estimator]
-    return Choice(
-        name=name, arguments=own, digest=estimator_digest(files, own), source=estimator_source(estimator, files)
-    )
+    own, files = arguments_of(name, scenario), sources[registered(name)]
+    source = estimator_source(registered(name), files)
+    file = "" if source.file is None else str(source.file)
+    return Choice(name=name, arguments=own, digest=estimator_digest(files, own), source=source, file=file)
+
+
+def arguments_of(name: str, scenario: Scenario) -> dict[str, Any]:
+    """Return the arguments of the estimator of a row: its own over those that the scenario has for it."""
+    return {**scenario.estimation.hyperparameters.get(registered(name), {}), **arguments(name)}
