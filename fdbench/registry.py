@@ -13,11 +13,11 @@ import sys
 import traceback
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from importlib.machinery import SourceFileLoader
+from importlib.machinery import PathFinder, SourceFileLoader
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 from fdbench.errors import PluginError, UnknownName, did_you_mean
 from fdbench.files import LONGEST_NAME, PLAIN_NAME
@@ -30,6 +30,13 @@ class _Source(NamedTuple):
 
     module: str
     file: Path
+
+
+class _Given(NamedTuple):
+    """A plug-in that was given by its path, and its class once it has been imported."""
+
+    file: Path
+    found: Any = None
 
 
 class Registry(Generic[T]):
@@ -47,7 +54,7 @@ class Registry(Generic[T]):
     def __init__(self, kind: str, base: type[T]) -> None:
         self.kind = kind
         self.base = base
-        self._files: dict[str, type[T] | Path] = {}
+        self._files: dict[str, _Given] = {}
         self._imported: dict[str, type[T]] = {}
 
     def packages(self) -> list[str]:
@@ -72,12 +79,10 @@ class Registry(Generic[T]):
         PluginError
             If the file exists but does not define exactly one plug-in of this kind.
         """
-        given = self._files.get(name)
-        if isinstance(given, Path):
-            self.add_file(given)
-            return self.get(name)
-        if given is not None:
-            return given
+        if name in self._files:
+            if self._files[name].found is None:
+                self.add_file(self._files[name].file)
+            return cast("type[T]", self._files[name].found)
         if name in self._imported:
             return self._imported[name]
         sources = self._sources()
@@ -126,13 +131,12 @@ class Registry(Generic[T]):
             return name_or_file
         file = Path(name_or_file)
         if owner(file, (self,)) is None:
-            self._files[file.stem] = file.resolve()
+            self._files[file.stem] = _Given(lasting(file))
         return file.stem
 
     def files(self) -> dict[str, Path]:
         """Return the files of the plug-ins that were given by path, by name."""
-        given = sorted(self._files.items())
-        return {name: found if isinstance(found, Path) else Path(inspect.getfile(found)) for name, found in given}
+        return {name: given.file for name, given in sorted(self._files.items())}
 
     def forget_files(self) -> None:
         """Know no plug-in any more that was given by path."""
@@ -145,13 +149,10 @@ class Registry(Generic[T]):
     def _sources(self) -> Mapping[str, _Source]:
         found: dict[str, _Source] = {}
         for package in self.packages():
-            try:
-                specification = importlib.util.find_spec(package)
-            except ImportError as error:
-                raise PluginError(f"{self.kind} package '{package}' cannot be found: {error}") from error
-            if specification is None or not specification.submodule_search_locations:
+            folders = _folders(package)
+            if not folders:
                 raise PluginError(f"{self.kind} package '{package}' is named by an entry point but does not exist.")
-            for folder in specification.submodule_search_locations:
+            for folder in folders:
                 for module in pkgutil.iter_modules([folder]):
                     file = f"{module.name}/__init__.py" if module.ispkg else f"{module.name}.py"
                     if not module.name.startswith("_"):
@@ -191,8 +192,13 @@ def add_file(path: str | Path, registries: Sequence[Registry[Any]]) -> str:
         bases = " or ".join(registry.base.__name__ for registry in registries)
         raise PluginError(f"{file}: a plug-in file defines a class derived from {bases}, found none.")
     registry = defined[0] if defined else registries[0]
-    registry._files[file.stem] = registry._only_class(module, file.stem)
+    registry._files[file.stem] = _Given(lasting(file), registry._only_class(module, file.stem))
     return file.stem
+
+
+def lasting(file: Path) -> Path:
+    """Return a path that holds in another folder too; a link keeps its name, which is that of the plug-in."""
+    return file.parent.resolve() / file.name
 
 
 def owner(file: Path, registries: Sequence[Registry[Any]]) -> Registry[Any] | None:
@@ -224,6 +230,18 @@ def owner(file: Path, registries: Sequence[Registry[Any]]) -> Registry[Any] | No
 @lru_cache(maxsize=32)
 def _packages(group: str) -> tuple[str, ...]:
     return tuple(sorted({point.value for point in entry_points(group=group)}))
+
+
+def _folders(package: str) -> list[str]:
+    """Return the folders of a package, or none if there is no such package; no code of it is executed to find them."""
+    top, *inner = package.split(".")
+    specification = importlib.util.find_spec(top)
+    for part in inner:
+        if specification is None or not specification.submodule_search_locations:
+            return []
+        above = f"{specification.name}.{part}"
+        specification = PathFinder.find_spec(above, specification.submodule_search_locations)
+    return list(specification.submodule_search_locations or ()) if specification is not None else []
 
 
 class _AlwaysCompiled(SourceFileLoader):

@@ -272,6 +272,15 @@ def test_a_cache_that_anyone_may_write_to_is_refused(tmp_path: Path, monkeypatch
         compose.cache_folder()
 
 
+def test_a_cache_folder_that_is_set_to_nothing_is_the_usual_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", "")
+    monkeypatch.delenv("FDBENCH_CACHE", raising=False)
+    assert compose.cache_folder() == tmp_path / ".cache" / "fdbench"
+
+
 def command(*words: str, **options: object) -> "subprocess.CompletedProcess[str]":
     own = {"env": {**os.environ}, "cwd": REPOSITORY, **options}
     program = [sys.executable, "-c", "import sys; from fdbench.cli import main; main()", *words]

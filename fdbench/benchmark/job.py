@@ -60,13 +60,14 @@ _kept = _Kept()
 class Choice:
     """The name of a row, its estimator's arguments, the digest of estimator and arguments, and where the estimator is.
 
-    The oracle is nowhere: it is no plug-in.
+    The oracle is nowhere: it is no plug-in. Of a file, the path that it had where the run was begun is kept with it.
     """
 
     name: str
     arguments: Mapping[str, Any]
     digest: str
     source: Source | None = None
+    file: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +149,7 @@ def do(job: Job) -> list[KeptRun]:
     runs = []
     for choice, key in zip(job.choices, job.runs, strict=True):
         utc = datetime.now(UTC).isoformat(timespec="milliseconds")
-        origin = {**job.provenance, "estimator_digest": choice.digest, "utc": utc}
+        origin = {**job.provenance, "estimator_digest": choice.digest, "estimator_file": choice.file, "utc": utc}
         store.forget_estimate(key)
         if trial is None:
             result = _without_scores(key, scenario, status, message, origin)

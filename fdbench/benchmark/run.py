@@ -128,8 +128,8 @@ def run(
     Raises
     ------
     UnknownName, SpecError, PluginError
-        If a scenario, an estimator or a file cannot be loaded, or an estimator refuses its arguments; nothing is run
-        then.
+        If a scenario cannot be loaded, there is no such estimator or file, or an estimator refuses its arguments;
+        nothing is run then. One that cannot be imported has failed in each of its runs.
     FdbenchError
         If a number is out of bounds, an id is given twice, or a worker process dies. What was finished is kept.
     """
@@ -159,7 +159,7 @@ def run(
         _check_hyperparameters(scenario)
     sources, plugins = sources_of(names), _plugins()
     construct_variants(names, sources, limits, plugins)
-    kinds_of = made_for(sources, limits, plugins, store)
+    kinds_of = made_for(sources, limits, plugins, store) if estimators is None else {}
     origin["nonce"] = check_nonce(nonce) if nonce else ""
     if sealed:
         fixed = Seal(
@@ -177,9 +177,7 @@ def run(
     for source, scenario in selected:
         is_of = {scenario.estimation.model, scenario.plant.name}
         own_names = [
-            name
-            for name in names
-            if estimators is not None or (kinds := kinds_of.get(registered(name))) is None or is_of.intersection(kinds)
+            name for name in names if (kinds := kinds_of.get(registered(name))) is None or is_of.intersection(kinds)
         ]
         choices = tuple(choice_of(name, scenario, sources) for name in own_names)
         own = _jobs(source, scenario, choices, range(1) if scenario.measured else drawn, keep_estimates, origin)
@@ -326,4 +324,4 @@ def _lasting(scenario: str | Path) -> str:
 
 def _plugins() -> tuple[tuple[int, Path], ...]:
     """Return the plug-in files that another process has to register: number of the registry and path."""
-    return tuple((n, path.resolve()) for n, kind in enumerate(SIMULATION) for path in plugin_files(kind).values())
+    return tuple((n, path) for n, kind in enumerate(SIMULATION) for path in plugin_files(kind).values())

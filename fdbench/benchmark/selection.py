@@ -3,6 +3,7 @@
 import inspect
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from fdbench.benchmark import oracle
 from fdbench.benchmark.job import Choice, sandbox
@@ -39,13 +40,19 @@ def construct_variants(
     limits: WorkerLimits,
     plugins: tuple[tuple[int, Path], ...],
 ) -> None:
-    """Construct each variant once, so that one that refuses its arguments does so before anything is run."""
+    """Construct each variant once, so that one that refuses its arguments does so before anything is run.
+
+    One that cannot even be imported is left to its run, which reports it.
+    """
     for name in names:
         if given := arguments(name):
             estimator = registered(name)
             try:
                 worker = sandbox(limits, plugins).worker(estimator_source(estimator, sources[estimator]))
                 worker.load()
+            except Misbehaved:
+                continue
+            try:
                 worker.construct(given)
             except Misbehaved as error:
                 text = str(error).removeprefix("PluginError: ").removeprefix("SpecError: ")
@@ -57,23 +64,15 @@ def made_for(
 ) -> dict[str, tuple[str, ...] | None]:
     """Return what each estimator is made for, None for anything; what is known of its very code is not asked again.
 
-    An installed one that cannot be imported is for anything, so that it is reported.
-
-    Raises
-    ------
-    PluginError
-        If one that was given by path cannot be imported.
+    One that cannot be imported is for anything, so that each of its runs reports it.
     """
-    known, found, by_path = store.made_for(), dict[str, tuple[str, ...] | None](), registry.files()
+    known, found = store.made_for(), dict[str, tuple[str, ...] | None]()
     for name, files in sources.items():
         content = estimator_digest(files, {})
         if content not in known:
             try:
                 known[content] = sandbox(limits, plugins).worker(estimator_source(name, files)).load().made_for
-            except Misbehaved as error:
-                if name in by_path:
-                    text = str(error).removeprefix("PluginError: ")
-                    raise PluginError(text if str(by_path[name]) in text else f"{by_path[name]}: {text}") from error
+            except Misbehaved:
                 found[name] = None
                 continue
         found[name] = known[content]
@@ -92,9 +91,12 @@ def choice_of(name: str, scenario: Scenario, sources: Mapping[str, Sequence[Path
     """Return the estimator of a row, with its arguments over those that the scenario has for it."""
     if name == oracle.NAME:
         return Choice(name=name, arguments={}, digest=digest([inspect.getsource(oracle).encode()]))
-    estimator = registered(name)
-    own = {**scenario.estimation.hyperparameters.get(estimator, {}), **arguments(name)}
-    files = sources[estimator]
-    return Choice(
-        name=name, arguments=own, digest=estimator_digest(files, own), source=estimator_source(estimator, files)
-    )
+    own, files = arguments_of(name, scenario), sources[registered(name)]
+    source = estimator_source(registered(name), files)
+    file = "" if source.file is None else str(source.file)
+    return Choice(name=name, arguments=own, digest=estimator_digest(files, own), source=source, file=file)
+
+
+def arguments_of(name: str, scenario: Scenario) -> dict[str, Any]:
+    """Return the arguments of the estimator of a row: its own over those that the scenario has for it."""
+    return {**scenario.estimation.hyperparameters.get(registered(name), {}), **arguments(name)}

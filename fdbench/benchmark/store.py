@@ -125,7 +125,7 @@ class KeptRun:
     peak_memory_MB : float or None
         Largest resident memory of the worker during ``fit``, as the system says; None of the oracle.
     provenance : mapping of str to str
-        The columns ``PROVENANCE``.
+        The columns ``PROVENANCE``, and ``estimator_file``: the path of an estimator that is not installed.
     scores, parameters : tuples
     traceback : str
         Calls that led to a failure of the estimator, as far as they are known.

@@ -95,12 +95,12 @@ def declare(plugin: str, sandbox: "Sandbox") -> str:
     from fdbench.effects import effects
     from fdbench.errors import PluginError
     from fdbench.estimator import estimators
-    from fdbench.registry import owner
+    from fdbench.registry import lasting, owner
     from fdbench.sandbox import Misbehaved, Source, own_files
 
     if not plugin.endswith(".py"):
         return plugin
-    path = Path(plugin).resolve()
+    path = lasting(Path(plugin))
     every = [registry for registry, _ in kinds(sandbox)]
     if owner(Path(plugin), every) is not None:
         return path.stem
@@ -112,8 +112,7 @@ def declare(plugin: str, sandbox: "Sandbox") -> str:
         worker = sandbox.worker(Source(name=path.stem, own=own_files(path), digest="", file=path))
         kind = worker.load(("estimator", "effect")).kind
     except Misbehaved as error:
-        text = str(error).removeprefix("PluginError: ").replace(str(path), plugin)
-        raise PluginError(text if plugin in text else f"{plugin}: {text}") from error
+        raise PluginError(f"{plugin}{str(error).removeprefix(path.name)}") from error
     return estimators.declare(plugin) if kind == "estimator" else effects.add_file(plugin)
 
 

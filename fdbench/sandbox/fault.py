@@ -30,7 +30,11 @@ def described(error: BaseException, own: tuple[str, ...], memory_MB: float) -> d
         said = f"needed more than {memory_MB:g} MB of memory{f' ({text})' if text else ''}"
     else:
         said = f"{_name(error)}: {text}" if text else _name(error)
-    shown = "".join(traceback.format_list(frames[-MOST_FRAMES:]))[-LONGEST_TRACEBACK:]
+    # The calls into a module that cannot be imported are those of the cause.
+    calls = (
+        frames if inside or error.__cause__ is None else [*frames, *traceback.extract_tb(error.__cause__.__traceback__)]
+    )
+    shown = "".join(traceback.format_list(calls[-MOST_FRAMES:]))[-LONGEST_TRACEBACK:]
     return {
         "place": place,
         "text": said,

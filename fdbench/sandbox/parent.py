@@ -99,10 +99,19 @@ class Worker:
         return self._source != source
 
     def load(self, kinds: Sequence[str] = ("estimator",)) -> Declaration:
-        """Import the plug-in, unless it has been, and return what it says of itself."""
+        """Import the plug-in, unless it has been, and return what it says of itself.
+
+        Raises
+        ------
+        Misbehaved
+            If it cannot be imported; the message begins with the name of its file.
+        """
         if self._declaration is None:
             file = None if self._source.file is None else str(self._source.file)
-            header = self._ask({"do": "load", "name": self._source.name, "file": file, "kinds": list(kinds)}).header
+            try:
+                header = self._ask({"do": "load", "name": self._source.name, "file": file, "kinds": list(kinds)}).header
+            except Misbehaved as error:
+                raise Misbehaved(self._of_its_file(str(error)), error.traceback) from error
             models, announced = header.get("made_for"), header.get("expected_failures")
             places = header.get("places")
             if not (models is None or (isinstance(models, list) and all(isinstance(model, str) for model in models))):
@@ -121,6 +130,15 @@ class Worker:
                 places={_clean(method): _clean(place) for method, place in places.items()},
             )
         return self._declaration
+
+    def _of_its_file(self, message: str) -> str:
+        """Return what is said of an import, beginning with the name of the file that was to be imported."""
+        text = message.removeprefix("PluginError: ")
+        if self._source.file is None:
+            return text
+        name = self._source.file.name
+        text = text.removeprefix(f"{self._source.file}: ")
+        return text if text.startswith(f"{name}:") else f"{name}: {text}"
 
     def located(self, what: str, message: str) -> str:
         """Return a message with file and line where the method begins that gives an answer, if no better is known."""

@@ -31,14 +31,15 @@ def own_files(file: Path) -> tuple[Path, ...]:
 
     That is what begins with its name and a dot, such as weights, and the modules that it imports, directly or not. An
     estimator may read what is here: a link, which may lead to the results, what a run has written, and this package are
-    none of its own.
+    none of its own. Of a plug-in file that is a link, folder and name are those of what it leads to.
     """
-    named = [path for path in sorted(file.parent.glob(f"{glob.escape(file.stem)}.*")) if not _is_of_a_run(path)]
-    found, waiting = dict.fromkeys([file, *filter(_is_plain, named)]), [file]
+    real = file.resolve()
+    named = [path for path in sorted(real.parent.glob(f"{glob.escape(real.stem)}.*")) if not _is_of_a_run(path)]
+    found, waiting = dict.fromkeys([file, real, *filter(_is_plain, named)]), [real]
     while waiting:
         for name in sorted(_imported(waiting.pop()) - {PACKAGE.name}):
-            package = sorted((file.parent / name).rglob("*.py"))
-            new = [path for path in (file.parent / f"{name}.py", *package) if _is_plain(path) and path not in found]
+            package = sorted((real.parent / name).rglob("*.py"))
+            new = [path for path in (real.parent / f"{name}.py", *package) if _is_plain(path) and path not in found]
             found |= dict.fromkeys(new)
             waiting += new
     return tuple(found)

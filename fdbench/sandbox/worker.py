@@ -142,7 +142,7 @@ class PluginServer:
                 for value in vars(module).values():
                     if isinstance(value, Dispatcher) and value.stats.cache_path is not None:
                         kept(value)
-        files = (*own, *(file for _, file in plugins))
+        files = (*own, *(os.path.realpath(file) for _, file in plugins))
         reach = Reach((*self._reach.read, *files), self._reach.listed)
         written = (self._folder, folder)
         confine(reach, written, memory_MB, has_landlock=has_landlock, has_seccomp=has_seccomp)

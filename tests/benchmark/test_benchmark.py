@@ -14,9 +14,11 @@ from short_scenario import short_scenario
 from threadpoolctl import threadpool_limits
 
 from fdbench.benchmark import job, provenance
+from fdbench.benchmark import run as running
 from fdbench.benchmark.run import Progress, Summary, run
 from fdbench.benchmark.store import PARAMETER_COLUMNS, SCORE_COLUMNS, KeptRun, RunKey, Store
 from fdbench.benchmark.validate import check_estimate
+from fdbench.effects import effects
 from fdbench.errors import FdbenchError, PluginError, SpecError, UnknownName
 from fdbench.estimator import Estimate, estimators
 from fdbench.regression import Regression
@@ -206,17 +208,60 @@ def test_a_metric_that_fails_spoils_no_other(tmp_path: Path, scenario: str, monk
     assert scores.loc[("null", "disturbance_error"), "status"] == "ok"
 
 
+PUSH = """
+from dataclasses import dataclass
+from typing import final
+from fdbench.effects import Effect, Port, kernel, parameter
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Push(Effect):
+    port, amplitude = Port.TABLE_FORCE, "push_N"
+    push_N: float = parameter("F", low=0.0, high=1e6, typical=1.0)
+
+    @kernel
+    def kernel(t, h, x, v, u, F):
+        return F, 0.0
+"""
+
+
+def test_a_plugin_given_by_a_link_has_the_name_of_the_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for registry in (effects, estimators):
+        monkeypatch.setattr(registry, "_files", {})
+    place = tmp_path / "of_others"
+    place.mkdir()
+    (place / "weighed.txt").write_text("0.25", "utf-8")
+    fit = "return Estimate(parameters={'beta_1': float(open(__file__[:-2] + 'txt').read())})"
+    for link, name, text in (("mine", "weighed", FIT + fit), ("own_push", "push", PUSH), ("faulty", "broken", "1 / 0")):
+        (tmp_path / f"{link}.py").symlink_to(estimator_file(place, name, text))
+    own = '[[reality.effects]]\nkind = "own_push"\npush_N = 0.5\n\n'
+    scenario = short_scenario(tmp_path, "Short-v0", **{"[[reality.effects]]": own + "[[reality.effects]]"})
+    monkeypatch.chdir(tmp_path)
+    effects.add_file("own_push.py")
+    run([scenario], ["mine.py", "faulty.py", "least_squares"], 1, "out")
+    kept = Store("out").read_estimate(key("mine"))
+    assert kept is not None
+    assert kept.estimate.parameters == {"beta_1": 0.25}
+    reasons = {name: Store("out").read_run(key(name)).message for name in ("mine", "faulty", "least_squares")}  # type: ignore[union-attr]
+    assert reasons.pop("faulty") == "faulty.py: cannot be imported: line 1: ZeroDivisionError: division by zero"
+    assert set(reasons.values()) == {""}
+    ((number, file),) = running._plugins()
+    job.forget_plugins()  # as in another process
+    job.load_plugin(number, file)
+    assert load_scenario(scenario).reality.effects[0].name == "own_push"
+    job.forget_plugins()
+
+
 # ---- bad usage ----
 
 
 def test_bad_usage_runs_nothing(tmp_path: Path, scenario: str) -> None:
-    broken = estimator_file(tmp_path, "broken", "import no_such_module\n")
     named_oracle = estimator_file(tmp_path, "oracle", FIT + f"return {LIKE_NULL}\n")
     cases: list[tuple[type[FdbenchError], str, list[str], list[str], int, int]] = [
         (UnknownName, "Did you mean least_squares", [scenario], ["least_square"], 1, 1),
         (UnknownName, "Did you mean ShakerConstant-v0", ["ShakerConstan-v0"], [], 1, 1),
         (SpecError, "cannot be read", [str(tmp_path / "none.toml")], [], 1, 1),
-        (PluginError, "cannot be imported", [scenario], [broken], 1, 1),
+        (PluginError, "no such file", [scenario], [str(tmp_path / "none.py")], 1, 1),
         (PluginError, "the benchmark's own", [scenario], [named_oracle], 1, 1),
         (FdbenchError, "given 2 times", [scenario, scenario], [], 1, 1),
         (FdbenchError, "at least 1", [scenario], [], 0, 1),

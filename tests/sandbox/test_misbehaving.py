@@ -1,6 +1,7 @@
 """Estimators that fail, crash, hang or answer nonsense are rows, with the place in their file; the run goes on."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -9,10 +10,14 @@ from pathlib import Path
 
 import pytest
 from short_scenario import short_scenario
+from typer.testing import CliRunner
 
+from fdbench import registry
 from fdbench.benchmark.run import run
+from fdbench.benchmark.statistics import run_statuses
 from fdbench.benchmark.store import RunKey, Store
-from fdbench.errors import FdbenchError, PluginError
+from fdbench.cli import app
+from fdbench.errors import FdbenchError
 from fdbench.estimator import estimators
 from fdbench.sandbox import seccomp
 
@@ -136,27 +141,102 @@ def test_limits_out_of_bounds_are_refused(tmp_path: Path) -> None:
         run(["ShakerConstant-v0"], [], 1, tmp_path, memory_limit_MB=1.0)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("import os\nos._exit(0)\n", r"may not end its process"),
-        ("import ctypes\nctypes.string_at(0)\n", r"line 2|:2: crashed with SIGSEGV"),
-        ("from fdbench.scenario import load_scenario\n", r"line 1: .*may not import fdbench\.scenario"),
-        ("raise KeyboardInterrupt\n", r":1: KeyboardInterrupt"),
-        (f"x = 1{'+1' * 100_000}\n", r"cannot be imported: RecursionError"),
-        (f"x = {'-' * 200_000}1\n", r"cannot be imported: MemoryError"),
-        (MADE_FOR_A_TEXT, r"made_for is 'velocity_loop', expected names such as \('velocity_loop',\), or None"),
-    ],
-)
-def test_a_file_that_cannot_be_imported_is_refused_before_anything_is_run(
-    text: str, message: str, tmp_path: Path
+# ---- while they are imported ----
+
+AT_IMPORT = {
+    "ends": ("import os\nos._exit(0)\n", "cannot be imported: line 2: Refused: an estimator may not end its process"),
+    "exits": ("import sys\n\nsys.exit(0)\n", "cannot be imported: line 3: SystemExit: 0"),
+    "breaks": ("x = 1\ndef f(:\n", "cannot be imported: line 2: SyntaxError: invalid syntax"),
+    "lacks": ("import nothing_of_this_name\n", "cannot be imported: line 1: ModuleNotFoundError: No module named"),
+    "raises": ("x = 1\n\nx / 0\n", "cannot be imported: line 3: ZeroDivisionError: division by zero"),
+    "crashes_at_once": ("import ctypes\nctypes.string_at(0)\n", "2: crashed with SIGSEGV"),
+    "reads": (
+        "from fdbench.scenario import load_scenario\n",
+        "cannot be imported: line 1: Refused: an estimator may not",
+    ),
+    "interrupts": ("raise KeyboardInterrupt\n", "1: KeyboardInterrupt"),
+    "adds": (f"x = 1{'+1' * 100_000}\n", "cannot be imported: RecursionError"),
+    "nests": (f"x = {'-' * 200_000}1\n", "cannot be imported: MemoryError"),
+    "is_made_for_a_text": (MADE_FOR_A_TEXT, "made_for is 'velocity_loop', expected names such as ('velocity_loop',)"),
+    "is_empty": ("x = 1\n", "a plug-in file defines exactly one Estimator, found no class derived from it."),
+    "hangs": ("x = 1\nwhile True:\n    x += 1\n", "3: took longer than 5 s"),
+}
+
+
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    """Return the results of files that are at fault while they are imported, beside one that fits."""
+    folder = tmp_path_factory.mktemp("imported")
+    files = [folder / f"{name}.py" for name in AT_IMPORT]
+    for file, (text, _) in zip(files, AT_IMPORT.values(), strict=True):
+        file.write_text(text, "utf-8")
+    scenario = short_scenario(folder, "Short-v0")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(estimators, "_files", {})
+        for is_endless in (False, True):
+            chosen = [str(file) for file in files if (file.stem == "hangs") == is_endless]
+            names = chosen if is_endless else [*chosen, f"{folder / 'lacks.py'}[a=1]", "least_squares"]
+            run([scenario], names, 1, folder / "out", time_limit_s=TIME_S if is_endless else 300.0)
+    return Store(folder / "out")
+
+
+@pytest.mark.parametrize("name", AT_IMPORT)
+def test_a_file_that_cannot_be_imported_is_a_row(name: str, imported: Store) -> None:
+    found = imported.read_run(RunKey("Short-v0", name, 0))
+    assert found is not None
+    message = AT_IMPORT[name][1]
+    assert found.message.startswith(f"{name}.py:{'' if message[0].isdigit() else ' '}{message}")
+    assert found.status == "failed"
+    assert {score.status for score in found.scores} == {"failed"}
+    executed = name not in ("breaks", "adds", "nests", "is_made_for_a_text", "is_empty")
+    assert (f'{name}.py", line ' in found.traceback) == executed
+
+
+def test_those_that_can_be_imported_are_run_as_ever(imported: Store) -> None:
+    statuses = run_statuses(imported.scores()).set_index("estimator")["status"]
+    assert sorted(statuses[statuses == "ok"].index) == ["least_squares", "null", "oracle"]
+    assert sorted(statuses[statuses == "failed"].index) == sorted([*AT_IMPORT, "lacks[a=1]"])
+
+
+def test_the_command_goes_on_over_a_file_that_cannot_be_imported(tmp_path: Path) -> None:
+    file, scenario = tmp_path / "faulty.py", short_scenario(tmp_path, "Short-v0")
+    file.write_text("x = 1\n\nx / 0\n", "utf-8")
+    options = ["--scenario", scenario, "--jobs", "1", "--no-report", "--traceback", "--out", str(tmp_path / "out")]
+    alone = CliRunner().invoke(app, ["run", "--estimator", str(file), *options])
+    assert alone.exit_code == 1
+    assert "No run went well, null and oracle apart: 3 failed." in alone.stdout
+    assert re.search(r"faulty on Short-v0, seed 0:\n.*faulty\.py\", line 3, in <module>\n", alone.stderr, re.DOTALL)
+    for wrong in (str(tmp_path / "fauly.py"), f"{file}[a]", "least_square"):
+        refused = CliRunner().invoke(app, ["run", "--estimator", wrong, *options])
+        assert (refused.exit_code, refused.stdout) == (2, "")
+
+
+def test_an_installed_package_that_cannot_be_imported_is_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    file = tmp_path / "faulty.py"
-    file.write_text(text, "utf-8")
-    with pytest.raises(PluginError, match=message) as caught:
-        run(["ShakerConstant-v0"], [str(file)], 1, tmp_path / "out")
-    assert str(file) in str(caught.value)
-    assert not (tmp_path / "out").exists()
+    inner = tmp_path / "faulty_package" / "inner"
+    inner.mkdir(parents=True)
+    (inner.parent / "__init__.py").write_text("print('executed')\nraise ValueError('at import')\n", "utf-8")
+    for name in ("__init__", "one_of_it"):
+        (inner / f"{name}.py").write_text("", "utf-8")
+    information = tmp_path / "faulty-1.0.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: faulty\nVersion: 1.0\n", "utf-8")
+    (information / "entry_points.txt").write_text("[fdbench.estimators]\nfaulty = faulty_package.inner\n", "utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    registry._packages.cache_clear()
+    try:
+        assert "one_of_it" in estimators.names()
+        assert "executed" not in "".join(capfd.readouterr())
+        run([short_scenario(tmp_path, "Short-v0")], ["one_of_it"], 1, tmp_path / "out")
+    finally:
+        monkeypatch.undo()
+        registry._packages.cache_clear()
+    found = Store(tmp_path / "out").read_run(RunKey("Short-v0", "one_of_it", 0))
+    assert found is not None
+    place = "estimator 'one_of_it' (faulty_package.inner.one_of_it) cannot be imported: "
+    assert (found.status, found.message) == ("failed", f"{place}ValueError: at import")
+    assert 'faulty_package/__init__.py", line 2' in found.traceback
 
 
 # ---- processes ----
@@ -207,6 +287,7 @@ def gone(pids: set[int]) -> bool:
 # Which refuses them to begin with.
 WITHOUT_SECCOMP = """
 import sys
+from fdbench import registry
 from fdbench.benchmark.run import run
 from fdbench.sandbox import seccomp
 seccomp.is_available = lambda: False
