@@ -12,6 +12,7 @@ from fdbench.motions.jerk_limited_moves import JerkLimitedMoves
 from fdbench.plants._controllers import Cascade
 from fdbench.plants.feed_drive import Table
 from fdbench.scenario import load_scenario
+from fdbench.simulate.axis import Axis
 
 CASCADE = Cascade(
     position_gain_per_s=40.0,
@@ -213,3 +214,24 @@ def test_lane_settings_are_checked() -> None:
         made.set_parameters(len(made.effects) - len(LIBRARY), np.array([99.0]))
     with pytest.raises(SpecError, match="an elastic axis is expected in every lane"):
         made.set_mechanics([rigid().mechanics()])
+
+
+def test_a_whole_number_that_lanes_no_longer_share_is_their_own() -> None:
+    scenario = load_scenario("MillingIncreasing-v0")
+    several, single = scenario.system(70), scenario.system(1)
+    assert isinstance(several, Axis)
+    assert isinstance(single, Axis)
+    number = [effect.name for effect in several.effects].index("tooth_passing_force")
+    values = several.effects[number].changed(teeth=5.0).values()
+    several.start(list(range(70)))
+    several.advance(900)
+    several.set_parameters(number, np.array(values)[:, None], np.array([66]))
+    found = several.advance(100)
+    for lane in (65, 66):
+        single.set_parameters(number, np.array(single.effects[number].values()))
+        single.start([lane])
+        single.advance(900)
+        if lane == 66:
+            single.set_parameters(number, np.array(values))
+        np.testing.assert_array_equal(found[:, :, lane], single.advance(100)[:, :, 0])
+    assert np.ptp(found[:, -3, 65]) != np.ptp(found[:, -3, 66])
