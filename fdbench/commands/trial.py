@@ -93,16 +93,21 @@ def trial_learn(
     folders: Annotated[list[Path], typer.Argument(help="Folders of trials of tiers L and G.")],
     output: Annotated[Path, typer.Option("-o", "--output", callback=writable, help="TOML file of what is learned.")],
     key: Annotated[list[Path], typer.Option(help="File of the key; once for each folder, in their order.")],
+    further: Annotated[
+        bool, typer.Option(help="Go on from what the package has learned, instead of from nothing.")
+    ] = False,
 ) -> None:
     """Learn from trials of tiers L and G how far the diagnosis can be trusted; its probabilities are learned there."""
     from rich.console import Console
 
+    from fdbench.diagnosis.judge import probability_models
     from fdbench.trials.learn import KINDS, learn
 
     if len(key) != len(folders):
         raise SpecError(f"--key: {len(key)} for {len(folders)} folders; give one for each, in their order.")
     with Console(stderr=True).status("learning") as status:
-        found = learn(list(zip(folders, key, strict=True)), output, status.update)
+        before = probability_models.models() if further else None
+        found = learn(list(zip(folders, key, strict=True)), output, status.update, before)
     for kind in KINDS:
         own = [claim.right for claim in found if claim.kind == kind]
         say(f"{kind}: {len(own)} claims, {sum(own)} right")

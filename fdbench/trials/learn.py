@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fdbench.diagnosis.diagnose import diagnose
-from fdbench.diagnosis.judge.probability_models import Feature, Features, ProbabilityModel
+from fdbench.diagnosis.judge.probability_models import Feature, Features, ProbabilityModel, ProbabilityModels
 from fdbench.diagnosis.judge.verdict import OR
 from fdbench.errors import SpecError
 from fdbench.files import write_text
@@ -110,12 +110,16 @@ def newton(design: FloatArray, right: FloatArray, share: FloatArray, before: Flo
     return weights
 
 
-def write_models(found: Sequence[Claim], output: Path, source: str) -> None:
-    """Fit each kind of claim and write the file that `fdbench.diagnosis.judge.probability_models` reads."""
+def write_models(found: Sequence[Claim], output: Path, source: str, further: ProbabilityModels | None = None) -> None:
+    """Fit each kind of claim and write the file that `fdbench.diagnosis.judge.probability_models` reads.
+
+    With ``further`` models those are learned further, instead of new ones.
+    """
     lines = [f'source = "{source}"']
     for kind in KINDS:
         own = [claim for claim in found if claim.kind == kind]
-        model = fitted(balanced(own, UNLISTED) if kind == "unknown" else own)
+        before = None if further is None else getattr(further, kind)
+        model = fitted(balanced(own, UNLISTED) if kind == "unknown" else own, before)
         lines += ["", f"[{kind}]", f"bias = {model.bias:.4f}", f"claims = {model.claims}", f"right = {model.right}", ""]
         lines += [f"[{kind}.features]"]
         lines += [
@@ -126,7 +130,10 @@ def write_models(found: Sequence[Claim], output: Path, source: str) -> None:
 
 
 def learn(
-    trials: Sequence[tuple[Path, Path]], output: Path, progress: Callable[[str], None] | None = None
+    trials: Sequence[tuple[Path, Path]],
+    output: Path,
+    progress: Callable[[str], None] | None = None,
+    further: ProbabilityModels | None = None,
 ) -> Sequence[Claim]:
     """Diagnose every case of trials to learn from, fit the probability models on their opened keys, and write them.
 
@@ -139,6 +146,8 @@ def learn(
         Folder of a trial and its key: of tier L, and of G, whose axes are of many kinds.
     output : path
     progress : callable, optional
+    further : ProbabilityModels, optional
+        What is learned further: weights stay near those of these models.
 
     Raises
     ------
@@ -169,6 +178,8 @@ def learn(
         if len(rights) < 2:
             folders = " and ".join(str(folder) for folder, _ in trials)
             raise SpecError(f"{folders}: claims of kind '{kind}' that are right and wrong are needed; make more cases.")
-    write_models(found, output, "; ".join(sources))
+    if further is not None:
+        sources = [further.source, *(f"further {source}" for source in sources)]
+    write_models(found, output, "; ".join(sources), further)
     kept.unlink()
     return found

@@ -90,6 +90,20 @@ def test_models_are_read_as_they_were_written(tmp_path) -> None:
         assert models.value.probability(claim.features) == pytest.approx(expected.probability(claim.features), abs=1e-3)
 
 
+def test_models_are_learned_further_from_those_before(tmp_path) -> None:
+    rng = np.random.default_rng(8)
+    files = [tmp_path / name for name in ("before.toml", "after.toml")]
+    many, few = ([claim for kind in learn.KINDS for claim in claims_of(kind, n, rng)] for n in (400, 12))
+    learn.write_models(many, files[0], "many")
+    before = read(confidence.ProbabilityModels, load_toml(files[0]), files[0].name)
+    learn.write_models(few, files[1], "few", before)
+    after = read(confidence.ProbabilityModels, load_toml(files[1]), files[1].name)
+    anew = learn.fitted([claim for claim in few if claim.kind == "value"])
+    moved = abs(after.value.features["one"].weight - before.value.features["one"].weight)
+    assert after.value.claims == 412
+    assert 0.0 < moved < abs(anew.features["one"].weight - before.value.features["one"].weight)
+
+
 def test_a_model_is_never_surer_than_its_claims() -> None:
     model = ProbabilityModel(
         bias=0.0, features={"s": Feature(centre=0.0, scatter=1.0, weight=50.0)}, claims=98, right=49
