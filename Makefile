@@ -43,7 +43,7 @@ benchmark: $(RUNTIME)
 test: $(TEST)
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not processors and not pages"
 
-# Tutorials and how-to pages, executed block after block; those of README.md are part of `make test`.
+# README.md, tutorials and how-to pages, executed block after block; README's short ones are part of `make test` too.
 test-pages: $(TEST)
 	$(BIN)/python -m pytest -n 2 --no-loadscope-reorder -q -m pages tests
 
