@@ -2,15 +2,18 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from axis_lab import drive
 
+from fdbench.diagnosis.evidence.evidence import gather
+from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.model.hypothesis import nominal_parameters, start
-from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import white
@@ -94,3 +97,41 @@ def test_beside_a_far_fetched_base_an_effect_is_also_fitted_from_the_nominal_val
     assert found.prior_penalty() <= own.refine(tried).prior_penalty()
     assert found.prior_penalty() < 5.0
     assert found.effects[0].values()[0] == pytest.approx(true.values()[0], rel=0.2)
+
+
+def test_a_step_that_overshoots_is_tried_smaller(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mass three times the nominal one: told that a step is ten times as far, a fit still gets there."""
+    nominal = dataclasses.replace(NOMINAL, uncertainty=Uncertainty(mass=0.5))
+    own = search(effects.get("inertia_mismatch").typical())
+    given = start(nominal)
+    plain = own.refine(given)
+    fit = Scores.fit
+
+    def far(self: Scores, columns: Sequence[int], damping: float = 0.0) -> Fit:
+        found = fit(self, columns, damping)
+        return dataclasses.replace(found, coefficients=60.0 * found.coefficients)
+
+    monkeypatch.setattr(Scores, "fit", far)
+    found = own.refine(given)
+    evidence = gather(own.readings, own.split, given, [plain, found])
+    before, best, reached = evidence.squares()[~evidence.held_out].sum(axis=0)
+    assert reached - best < 0.5 * (before - best)
+
+
+def test_the_form_of_friction_leaves_what_is_more_to_an_effect() -> None:
+    """Beyond its limit upwards a fit does not move it; downwards, where no effect is, it does."""
+    nominal = NOMINAL.beside(Covered(fastest_m_per_s=0.1, longest_s=5.0, force_N=100.0))
+    place = [item.kind for item in nominal_parameters(nominal)].index("friction_form")
+    room = start(nominal).moved(np.eye(len(nominal_parameters(nominal)))[place]).room()
+    assert room[place] == (-math.inf, MODEL.most_form - 1.0)
+    assert room[0] == (-math.inf, math.inf)
+
+
+def test_a_prior_pulls_as_the_penalty_that_hypotheses_are_compared_by() -> None:
+    """The slope of w s^2 is that of the penalty at s, times its weight."""
+    shift, weight, step = 1.7, 3.0, 1e-6
+    base = start(NOMINAL).moved([shift])
+    (stand, own), *_ = base.priors(weight)
+    rise = base.moved([step]).prior_penalty() - base.moved([-step]).prior_penalty()
+    assert stand == shift
+    assert 2.0 * own * shift == pytest.approx(weight * rise / (2.0 * step), rel=1e-6)
