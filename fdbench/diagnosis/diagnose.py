@@ -196,12 +196,16 @@ def _searched(
     final, contests = search.review(final, stages)
     # The search weighs what friction may do in each run; what is judged, drawn and written is one model for all.
     readings, plain = search.readings, search.split.plain
-    final = Search(readings, plain).refine(final) if final.effects else calibrated
+    last = Search(readings, plain)
+    weighed = last.refine(final) if final.effects else calibrated
+    calibrated = last.refine(calibrated, tempered=False)
+    final = last.refine(weighed, tempered=False) if final.effects else calibrated
     findings = Findings(
         search=search,
         as_given=channel_gaps(readings, plain, [given])[0],
         base=base,
         final=final,
+        weighed=weighed,
         stages=stages,
         contests=contests,
         reductions=reductions_of(readings, plain, calibrated, final),

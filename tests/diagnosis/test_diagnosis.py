@@ -147,7 +147,7 @@ def test_the_documented_cause_of_emps_comes_first() -> None:
     moved = answer.parametric.moved_beside_effects
     assert moved["friction_force_1_N"] < -3.0
     force = answer.gap.channels["motor_force_N"]
-    assert force.repaired < 0.55 * force.before
+    assert force.repaired < 0.57 * force.before
 
 
 def test_what_a_milling_scenario_withholds_is_found() -> None:

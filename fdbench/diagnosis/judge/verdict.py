@@ -36,8 +36,9 @@ class Findings:
     search : Search
     as_given : (n_channels,) array
         Mean squared held-out gap of the model as given, in units of the floor.
-    base, final : Hypothesis
-        What the search began with, and with effects.
+    base, final, weighed : Hypothesis
+        What the search began with, with effects, and that as hypotheses are compared: nominal parameters that hardly
+        matter are where they were.
     stages, contests : sequences of Stage
         Of the search, and for each final effect the model without it beside its rivals.
     reductions : Reductions
@@ -49,6 +50,7 @@ class Findings:
     as_given: FloatArray
     base: Hypothesis
     final: Hypothesis
+    weighed: Hypothesis
     stages: Sequence[Stage]
     contests: Sequence[Stage]
     reductions: Reductions
@@ -156,7 +158,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
             )
         )
     corrected = Shares(found.as_given, interpolated).of(np.maximum(found.as_given - recalibrated, 0.0))
-    values, value_features_of, moved = deviating_parameters(search, found.final, corrected, models)
+    values, value_features_of, moved = deviating_parameters(search, found.weighed, corrected, models)
     causes += [dataclasses.replace(value, probability=discount * value.probability) for value in values]
     causes += [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))

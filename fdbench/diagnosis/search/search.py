@@ -203,19 +203,20 @@ class Search:
         form = [item.name for item in nominal_parameters(given.nominal) if item.kind == "friction_form"]
         return self.refine(self.refine(given, fixed=form)) if form else self.refine(given)
 
-    def refine(self, hypothesis: Hypothesis, fixed: Collection[str] = ()) -> Hypothesis:
+    def refine(self, hypothesis: Hypothesis, fixed: Collection[str] = (), *, tempered: bool = True) -> Hypothesis:
         """Fit all numbers of a hypothesis but fixed ones on the training segments in closed loop.
 
         What is minimised are the weighted squares and, `prior_weight` times, the prior penalty, by damped Gauss-Newton
         steps (Levenberg 1944, Marquardt 1963): the normal matrix has its diagonal raised by several factors at once,
-        all of these steps are simulated together, and the best is taken.
+        all of these steps are simulated together, and the best is taken. What is to predict best, and is compared with
+        nothing, is fitted by all samples as they are, not ``tempered``.
         """
         given = hypothesis
         for _ in range(SEARCH.steps):
             evidence = self.probed(hypothesis, fixed=fixed)
             inside = ~evidence.held_out
             alone = float(evidence.squares()[inside, 0].sum())
-            weight = prior_weight(alone)
+            weight = prior_weight(alone) if tempered else 1.0
             before = alone + weight * hypothesis.prior_penalty()
             excess = alone - float((evidence.weights * evidence.counts)[inside].sum())
             enough = max(SEARCH.converged * excess, SEARCH.smallest_fall)
