@@ -21,7 +21,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters, s
 from fdbench.diagnosis.model.nominal import Nominal, load_nominal
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import noise_models
-from fdbench.diagnosis.records.runs import Run, prepare
+from fdbench.diagnosis.records.runs import RecordedRun, prepare
 from fdbench.effects import Effect, Port
 from fdbench.reading import read_record
 from fdbench.record import FloatArray, Record
@@ -52,7 +52,7 @@ class MeasuredAxis:
 
     def __init__(self, nominal: Nominal, record: Record) -> None:
         self.nominal, self.record = nominal, record
-        self.run: Run = prepare(record, nominal.drive)
+        self.run: RecordedRun = prepare(record, nominal.drive)
         self.noise_models = noise_models([self.run])
         self.replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
         self.paper = start(nominal)

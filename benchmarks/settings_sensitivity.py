@@ -25,7 +25,7 @@ from fdbench.diagnosis.evidence.prepare import Aligned
 from fdbench.diagnosis.judge.verdict import Verdict
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay, Variant
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import STAGES, Setting, changed, settings
 from fdbench.errors import FdbenchError
 from fdbench.record import FloatArray, Record
@@ -86,7 +86,7 @@ class CaseBench:
         def judged(*given: Any) -> Verdict:
             raise Judged(judge(*given))
 
-        def simulate(replay: Replay, run: Run, variants: Sequence[Variant]) -> dict[str, FloatArray]:
+        def simulate(replay: Replay, run: RecordedRun, variants: Sequence[Variant]) -> dict[str, FloatArray]:
             own = (hashlib.sha256(run.reference.tobytes()).digest(), run.start(), run.period_s, replay.substeps)
             keys = [(*own, variant) for variant in variants]
             new = [place for place, key in enumerate(keys) if key not in self.known]

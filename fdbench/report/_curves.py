@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fdbench.diagnosis.diagnose import Diagnosis
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.record import FloatArray
 from fdbench.report._figures import AFTER, BEFORE, INK, SOFT, TRUTH, Curve, Figure, Panel, Style, labelled
 from fdbench.report._page import Block, Folded, note
@@ -59,7 +59,7 @@ class Curves:
         return replace(drawn, title=title, panels=[replace(drawn.panels[0], height_px=260)])
 
     @property
-    def runs(self) -> Sequence[Run]:
+    def runs(self) -> Sequence[RecordedRun]:
         return self.found.split.runs
 
     def of(self, channel: str) -> tuple[list[FloatArray], list[FloatArray]]:

@@ -17,7 +17,7 @@ from fdbench.diagnosis.evidence.run_to_run import Repeatability
 from fdbench.diagnosis.model.hypothesis import Hypothesis, silent, start
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
-from fdbench.diagnosis.records.runs import COMMAND, DEFLECTION, SIDES, Run
+from fdbench.diagnosis.records.runs import COMMAND, DEFLECTION, SIDES, RecordedRun
 from fdbench.diagnosis.repaired import table_of, toml_lines
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.errors import SpecError
@@ -100,12 +100,12 @@ class RecordingSetup:
         return any(artefact.interpolated for artefact in self.ready.artefacts)
 
     @staticmethod
-    def command(run: Run) -> FloatArray:
+    def command(run: RecordedRun) -> FloatArray:
         """Return the command (n, 3) of a run; where it was followed, the motion that was measured."""
         return run.reference if run.motion is None else np.column_stack((run.motion[0], run.reference[:, 1:]))
 
     @staticmethod
-    def with_run_up(run: Run) -> FloatArray:
+    def with_run_up(run: RecordedRun) -> FloatArray:
         """Return the command of a run after a run-up, at whose end the axis moves as it did where the record begins.
 
         Before a command that repeats itself is the end of a lap; else the speed rises from rest.

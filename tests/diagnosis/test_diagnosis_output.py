@@ -25,7 +25,7 @@ from fdbench.diagnosis.model.nominal import Nominal, load_nominal
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record, delay_of
-from fdbench.diagnosis.records.runs import Run, prepare
+from fdbench.diagnosis.records.runs import RecordedRun, prepare
 from fdbench.diagnosis.repaired import model_text, table_of, toml_lines, write_repaired
 from fdbench.effects import effects
 from fdbench.errors import FdbenchError, RecordError
@@ -58,7 +58,9 @@ def simulated(nominal: Nominal, seed: int, *extra: Any) -> Record:
     velocity = np.gradient(position, PERIOD_S)
     reference = np.column_stack((position, velocity, np.gradient(velocity, PERIOD_S)))
     names = ("motor_force_N", "position_m")
-    run = Run(name="x", period_s=PERIOD_S, reference=reference, channels=dict.fromkeys(names, position), lap=None)
+    run = RecordedRun(
+        name="x", period_s=PERIOD_S, reference=reference, channels=dict.fromkeys(names, position), lap=None
+    )
     replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
     channels = replay.simulate(run, [Variant(plant=nominal.drive, extra=extra)])
     rng = np.random.default_rng(seed)
@@ -142,7 +144,7 @@ def gaps_of(left: np.ndarray, velocity: np.ndarray) -> Gaps:
     """Return what is left of one channel in units of its floor, beside a command."""
     position = np.cumsum(velocity) * PERIOD_S
     reference = np.column_stack((position, velocity, np.gradient(velocity, PERIOD_S)))
-    run = Run(name="x", period_s=PERIOD_S, reference=reference, channels={"position_m": position}, lap=None)
+    run = RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels={"position_m": position}, lap=None)
     return Gaps(runs=[run], scaled=[{"position_m": left}], noise_models={"position_m": white(1.0, measured=True)})
 
 

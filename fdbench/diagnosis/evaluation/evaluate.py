@@ -17,7 +17,7 @@ from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.model.virtual_controller import prepared
 from fdbench.diagnosis.records.noise_model import NoiseModel, noise_floor
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import RECORDS
 from fdbench.errors import RecordError, SpecError
 from fdbench.record import FloatArray, Record
@@ -36,14 +36,14 @@ class Evaluated:
     Attributes
     ----------
     evaluation : Evaluation
-    runs : list of Run
+    runs : list of RecordedRun
         Of the records, as the first model sees them.
     predictions : mapping of (way, model) to list of Prediction
         One for each run.
     """
 
     evaluation: Evaluation
-    runs: list[Run]
+    runs: list[RecordedRun]
     predictions: Mapping[tuple[str, str], list[Prediction]]
 
 
@@ -52,7 +52,7 @@ class _Bench:
     """A model with the runs that it is evaluated on."""
 
     nominal: Nominal
-    runs: list[Run]
+    runs: list[RecordedRun]
     warnings: list[str]
 
 
@@ -140,7 +140,7 @@ def _left_out(bench: _Bench) -> list[str]:
 # ---- scores ----
 
 
-def _scores(way: str, model: str, runs: Sequence[Run], found: Sequence[Prediction]) -> list[PredictionScore]:
+def _scores(way: str, model: str, runs: Sequence[RecordedRun], found: Sequence[Prediction]) -> list[PredictionScore]:
     shadows = [_shadow(run, own) for run, own in zip(runs, found, strict=True)]
     scores = []
     for channel in found[0].measured:
@@ -151,7 +151,7 @@ def _scores(way: str, model: str, runs: Sequence[Run], found: Sequence[Predictio
     return scores
 
 
-def _shadow(run: Run, found: Prediction) -> Run:
+def _shadow(run: RecordedRun, found: Prediction) -> RecordedRun:
     """Return the run with errors in place of readings, so that repeats are compared by what the model leaves."""
     inside = slice(found.first, found.first + len(next(iter(found.measured.values()))))
     own, share = run.motion or (run.reference[:, 0], RECORDS.same_command)
@@ -191,7 +191,7 @@ def _score(
 
 
 def _comparisons(
-    models: Sequence[str], runs: Sequence[Run], found: Mapping[tuple[str, str], Sequence[Prediction]]
+    models: Sequence[str], runs: Sequence[RecordedRun], found: Mapping[tuple[str, str], Sequence[Prediction]]
 ) -> list[ModelComparison]:
     if len(models) < 2:
         return []

@@ -9,7 +9,7 @@ import numpy as np
 from fdbench.diagnosis.evaluation.effect_forces import EffectForces
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.plausibility import noise_estimate
-from fdbench.diagnosis.records.runs import DEFLECTION, Run
+from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
 from fdbench.effects import Port
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import FeedDrive
@@ -32,18 +32,18 @@ class Prediction:
     predicted: dict[str, FloatArray]
 
 
-def closed_loop(replay: Replay, run: Run) -> Prediction:
+def closed_loop(replay: Replay, run: RecordedRun) -> Prediction:
     """Return what the model makes of the command of a run, from the measured start on."""
     simulated = replay.simulate(run, [Variant(plant=replay.drive)])
     return Prediction(first=0, measured=run.channels, predicted={name: own[0] for name, own in simulated.items()})
 
 
-def lumped(drive: FeedDrive, run: Run) -> FeedDrive:
+def lumped(drive: FeedDrive, run: RecordedRun) -> FeedDrive:
     """Return the drive as it is seen by the sensors of a run: one mass, unless both sides of a screw were measured."""
     return drive if DEFLECTION in run.channels else dataclasses.replace(drive, screw=None)
 
 
-def sides(drive: FeedDrive, run: Run) -> tuple[FloatArray, FloatArray]:
+def sides(drive: FeedDrive, run: RecordedRun) -> tuple[FloatArray, FloatArray]:
     """Return the positions of motor and table; of one mass they are the same."""
     position = run.channels["position_m"]
     stretch = run.channels.get(DEFLECTION)
@@ -55,7 +55,7 @@ def sides(drive: FeedDrive, run: Run) -> tuple[FloatArray, FloatArray]:
 # ---- inverse dynamics ----
 
 
-def useful_band_Hz(drive: FeedDrive, run: Run) -> float:
+def useful_band_Hz(drive: FeedDrive, run: RecordedRun) -> float:
     r"""Return up to which frequency the force of the inverse dynamics is not noise.
 
     White noise of the position, of standard deviation s, makes in the band up to f a force of
@@ -77,7 +77,7 @@ def low_passed(values: FloatArray, band_Hz: float, period_s: float) -> FloatArra
     return np.asarray(sosfiltfilt(butter(ORDER, band_Hz, fs=1.0 / period_s, output="sos"), values))
 
 
-def inverse_dynamics(drive: FeedDrive, run: Run, band_Hz: float) -> Prediction:
+def inverse_dynamics(drive: FeedDrive, run: RecordedRun, band_Hz: float) -> Prediction:
     r"""Return the motor force that the model needs for the measured motion.
 
     .. math:: F = m_m \ddot x_m + B_m \dot x_m + f_m + m_t \ddot x_t + B_t \dot x_t + f_t
@@ -130,7 +130,7 @@ def _middle(x: FloatArray, h: float) -> FloatArray:
 # ---- one step ahead ----
 
 
-def one_step_ahead(drive: FeedDrive, run: Run) -> Prediction:
+def one_step_ahead(drive: FeedDrive, run: RecordedRun) -> Prediction:
     r"""Return position and velocity one sample on, from the two samples before and the measured force.
 
     With the exact propagation :math:`z_{k+1} = A z_k + B w_k + C f_k` of the positions z and velocities w under forces

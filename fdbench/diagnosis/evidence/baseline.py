@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdbench.diagnosis.records.noise_model import NoiseModel
-from fdbench.diagnosis.records.runs import Run, same_command
+from fdbench.diagnosis.records.runs import RecordedRun, same_command
 from fdbench.record import FloatArray
 
 
@@ -20,28 +20,28 @@ class Baseline:
 
     Attributes
     ----------
-    runs : sequence of Run
+    runs : sequence of RecordedRun
         One for each command, the mean of its repeats.
     residuals : sequence of mappings
         Channels of each, less those simulated, (n_samples,).
     """
 
-    runs: Sequence[Run]
+    runs: Sequence[RecordedRun]
     residuals: Sequence[Mapping[str, FloatArray]]
 
-    def of(self, run: Run) -> tuple[Run, Mapping[str, FloatArray]] | None:
+    def of(self, run: RecordedRun) -> tuple[RecordedRun, Mapping[str, FloatArray]] | None:
         """Return the baseline of a run's command and its residuals, if there is one."""
         pairs = zip(self.runs, self.residuals, strict=True)
         return next((pair for pair in pairs if same_command(pair[0], run)), None)
 
-    def corrected(self, run: Run) -> Run:
+    def corrected(self, run: RecordedRun) -> RecordedRun:
         """Return a run less what the model leaves of its baseline; as it is where its command has none."""
         known = self.of(run)
         if known is None:
             return run
         return dataclasses.replace(run, channels={name: own - known[1][name] for name, own in run.channels.items()})
 
-    def noise(self, found: Mapping[str, NoiseModel], runs: Sequence[Run]) -> Mapping[str, NoiseModel]:
+    def noise(self, found: Mapping[str, NoiseModel], runs: Sequence[RecordedRun]) -> Mapping[str, NoiseModel]:
         r"""Return noise models that hold for corrected runs: the baseline's own noise is in all repeats alike.
 
         .. math:: S \to S (1 + n / n_0)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.record import FloatArray
 
@@ -160,7 +160,7 @@ def gather(
     )
 
 
-def segment_length(run: Run) -> int:
+def segment_length(run: RecordedRun) -> int:
     """Return the samples of a segment."""
     return max(8, round(EVIDENCE.segment_s / run.period_s))
 

@@ -23,7 +23,7 @@ from fdbench.diagnosis.model.virtual_controller import prepared
 from fdbench.diagnosis.records.conditions import Apart, apart, restless
 from fdbench.diagnosis.records.noise_model import NoiseModel, noise_models, raised
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record
-from fdbench.diagnosis.records.runs import Run, merged, prepare, same_command
+from fdbench.diagnosis.records.runs import RecordedRun, merged, prepare, same_command
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.errors import RecordError
 from fdbench.record import Record
@@ -38,7 +38,7 @@ class Aligned:
     ----------
     nominal : Nominal
         As given, or with a virtual controller.
-    runs : list of Run
+    runs : list of RecordedRun
         Of the records and then of the held-out ones, in one condition; samples that the logger held are bridged.
     n_fitted : int
         How many of the runs are of records that are not held out.
@@ -49,20 +49,20 @@ class Aligned:
     artefacts : list of Artefact
     others : list of Apart
         Runs of another condition, which are in none of the rest.
-    unsteady : list of Run
+    unsteady : list of RecordedRun
         Those with a force that does not repeat with the motion.
     warnings : list of str
     """
 
     nominal: Nominal
-    runs: list[Run]
+    runs: list[RecordedRun]
     n_fitted: int
     readings: Readings
     split: Split
     judged_on: str
     artefacts: list[Artefact]
     others: list[Apart]
-    unsteady: list[Run]
+    unsteady: list[RecordedRun]
     warnings: list[str]
 
 
@@ -94,7 +94,7 @@ def aligned(
     nominal = nominal.beside(Covered(fastest_m_per_s=fastest, longest_s=longest, force_N=force))
     drive = nominal.drive
     replay, given = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
-    runs: list[Run] = []
+    runs: list[RecordedRun] = []
     counts, unsteady = [], []
     for run in raw_runs:
         as_nominal = replay.alone(run, given.variant())
@@ -188,7 +188,9 @@ def with_run_to_run_covariance(
     return dataclasses.replace(ready.split, noise_models=noise, changes=changes)
 
 
-def split_runs(records: Sequence[Run], holdouts: Sequence[Run], found: Mapping[str, NoiseModel]) -> tuple[Split, str]:
+def split_runs(
+    records: Sequence[RecordedRun], holdouts: Sequence[RecordedRun], found: Mapping[str, NoiseModel]
+) -> tuple[Split, str]:
     """Return what is fitted and what is judged on.
 
     With held-out records these are judged on; else the last laps of records that repeat themselves, else the last of
@@ -215,12 +217,12 @@ def split_runs(records: Sequence[Run], holdouts: Sequence[Run], found: Mapping[s
     return Split(runs=records, held_out=masks, noise_models=found), by
 
 
-def _is_last_repeat(runs: Sequence[Run], index: int) -> bool:
+def _is_last_repeat(runs: Sequence[RecordedRun], index: int) -> bool:
     repeats_before = any(same_command(runs[index], other) for other in runs[:index])
     return repeats_before and not any(same_command(runs[index], other) for other in runs[index + 1 :])
 
 
-def check_alike(runs: Sequence[Run]) -> None:
+def check_alike(runs: Sequence[RecordedRun]) -> None:
     """Raise a RecordError unless all runs have the same channels and clock."""
     first = runs[0]
     for run in runs[1:]:

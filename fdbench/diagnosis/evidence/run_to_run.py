@@ -14,7 +14,7 @@ import numpy as np
 from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import SMALLEST, NoiseModel, noise_models, spectrum_of
-from fdbench.diagnosis.records.runs import Run, deviations, repeated, same_command
+from fdbench.diagnosis.records.runs import RecordedRun, deviations, repeated, same_command
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.record import FloatArray
 
@@ -53,7 +53,7 @@ def within(floor: NoiseModel, left: Sequence[FloatArray]) -> NoiseModel:
     return dataclasses.replace(floor, spectrum=spectrum, from_run_to_run=between)
 
 
-def responses(replay: Replay, model: Hypothesis, run: Run) -> FloatArray:
+def responses(replay: Replay, model: Hypothesis, run: RecordedRun) -> FloatArray:
     """Return what one standard deviation of each nominal parameter that changes from run to run does to the channels.
 
     An array (n_parameters, n_channels, n_samples).
@@ -77,7 +77,7 @@ class Repeatability:
     replay : Replay
     model : Hypothesis
         About which responses are taken.
-    runs : sequence of Run
+    runs : sequence of RecordedRun
         Before repeats are merged.
 
     Attributes
@@ -86,9 +86,9 @@ class Repeatability:
         Noise of each channel; with repeated records, apart from what changes from run to run.
     """
 
-    def __init__(self, replay: Replay, model: Hypothesis, runs: Sequence[Run]) -> None:
+    def __init__(self, replay: Replay, model: Hypothesis, runs: Sequence[RecordedRun]) -> None:
         self._replay, self._model = replay, model
-        self._known: list[tuple[Run, FloatArray]] = []
+        self._known: list[tuple[RecordedRun, FloatArray]] = []
         self.noise_models = noise_models(runs, model.nominal.way)
         n_changing = sum(item.changes_from_run_to_run for item in nominal_parameters(model.nominal))
         self._root = np.zeros((n_changing, n_changing))
@@ -125,14 +125,14 @@ class Repeatability:
         """Covariance of the nominal parameters from run to run, in their standard deviations, (n_values, n_values)."""
         return np.asarray(self._root @ self._root.T)
 
-    def _responses(self, run: Run) -> FloatArray:
+    def _responses(self, run: RecordedRun) -> FloatArray:
         known = next((found for other, found in self._known if same_command(run, other)), None)
         if known is None:
             known = responses(self._replay, self._model, run)
             self._known.append((run, known))
         return known
 
-    def change(self, run: Run, noise: Mapping[str, NoiseModel]) -> Change | None:
+    def change(self, run: RecordedRun, noise: Mapping[str, NoiseModel]) -> Change | None:
         """Return the directions in which a run may differ from others of its command, if any."""
         if not self._root.any():
             return None

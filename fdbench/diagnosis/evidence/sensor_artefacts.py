@@ -12,7 +12,7 @@ from numba import njit
 from fdbench.compilation import kept
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.noise_model import NoiseModel
-from fdbench.diagnosis.records.runs import DEFLECTION, Run
+from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.effects import Effect, Port, effects
 from fdbench.plants.feed_drive import FeedDrive
@@ -47,7 +47,7 @@ class Artefact:
 # ---- repeated samples ----
 
 
-def interpolated(run: Run, simulated: Mapping[str, FloatArray]) -> tuple[Run, int]:
+def interpolated(run: RecordedRun, simulated: Mapping[str, FloatArray]) -> tuple[RecordedRun, int]:
     """Return the run with repeated samples replaced, and how many there were.
 
     A sample counts as repeated where the model moves by far more than the noise while every channel is as before. The
@@ -70,7 +70,7 @@ def interpolated(run: Run, simulated: Mapping[str, FloatArray]) -> tuple[Run, in
     return dataclasses.replace(run, channels=channels, held=held), int(held.sum())
 
 
-def held_artefact(raw: Sequence[Run], mended: Sequence[Run], counts: Sequence[int]) -> Artefact | None:
+def held_artefact(raw: Sequence[RecordedRun], mended: Sequence[RecordedRun], counts: Sequence[int]) -> Artefact | None:
     """Return the effect of the logger, by how many samples it repeated; None without any, or without such an effect."""
     kinds = [kind for kind in map(effects.get, effects.names()) if kind.port is Port.LOGGING]
     n_held, n_samples = sum(counts), sum(run.n_samples for run in raw)
@@ -96,7 +96,7 @@ def held_artefact(raw: Sequence[Run], mended: Sequence[Run], counts: Sequence[in
 # ---- readings on a grid ----
 
 
-def grid_artefact(runs: Sequence[Run], replay: Replay, length: float) -> Artefact | None:
+def grid_artefact(runs: Sequence[RecordedRun], replay: Replay, length: float) -> Artefact | None:
     """Return the effect of an encoder that leaves the differences between readings as they are, or None.
 
     Such an effect moves every reading to a grid: applied once more, it changes nothing. The grid that the differences
@@ -126,7 +126,7 @@ def grid_artefact(runs: Sequence[Run], replay: Replay, length: float) -> Artefac
     )
 
 
-def _readings(runs: Sequence[Run], drive: FeedDrive, port: Port) -> Iterator[FloatArray]:
+def _readings(runs: Sequence[RecordedRun], drive: FeedDrive, port: Port) -> Iterator[FloatArray]:
     own = drive.controller.uses_table == (port is Port.TABLE_SCALE)
     for run in runs:
         if own:
@@ -186,7 +186,7 @@ def _median(values: FloatArray) -> float:
     return float(np.median(np.abs(values)))
 
 
-def _energy(runs: Sequence[Run], replay: Replay, effect: Effect) -> dict[str, float]:
+def _energy(runs: Sequence[RecordedRun], replay: Replay, effect: Effect) -> dict[str, float]:
     sums = dict.fromkeys(runs[0].channels, 0.0)
     for run in runs:
         pair = [Variant(plant=replay.drive), Variant(plant=replay.drive, extra=(effect,))]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fdbench.diagnosis.evidence.run_to_run import Change
 from fdbench.diagnosis.records.noise_model import NoiseModel
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.record import FloatArray
 
 
@@ -16,7 +16,7 @@ from fdbench.record import FloatArray
 class Split:
     """Runs, and which samples of each are judged on instead of fitted."""
 
-    runs: Sequence[Run]
+    runs: Sequence[RecordedRun]
     held_out: Sequence[NDArray[np.bool_]]
     noise_models: Mapping[str, NoiseModel]
     changes: Sequence[Change | None] = ()

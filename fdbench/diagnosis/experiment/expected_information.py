@@ -22,7 +22,7 @@ from fdbench.diagnosis.judge.look_alikes import divided, indistinguishable
 from fdbench.diagnosis.judge.probability_models import ProbabilityModels
 from fdbench.diagnosis.model.candidates import candidates, middle_shapes
 from fdbench.diagnosis.model.readings import Readings
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.search.stage import Rival, Stage
 from fdbench.diagnosis.settings import EVIDENCE, EXPERIMENT, SEARCH
 from fdbench.record import FloatArray
@@ -222,12 +222,12 @@ class Forecaster:
             trajectory=trajectory, names=self.names, now=self.now, before=self.before, after=np.array(after)
         )
 
-    def _recorded(self, trajectory: Trajectory) -> Run | None:
+    def _recorded(self, trajectory: Trajectory) -> RecordedRun | None:
         """Return what the base of the stage would do."""
         reference = np.ascontiguousarray(trajectory.reference)
         names = self.split.runs[0].channels
         still = np.full(len(reference), reference[0, 0])
-        run = Run(
+        run = RecordedRun(
             name=trajectory.words,
             period_s=trajectory.period_s,
             reference=reference,

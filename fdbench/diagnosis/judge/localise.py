@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fdbench.diagnosis.answer import Cell, FrequencyCell, Pair, PositionCell, TimeCell, VelocityCell, Where
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.records.noise_model import NoiseModel
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import EVIDENCE, JUDGE
 from fdbench.record import FloatArray
 from fdbench.statistics import drawn_counts, percentile_interval
@@ -39,7 +39,7 @@ CellT = TypeVar("CellT", bound=Cell)
 class Gaps:
     """What is left of each channel of each run, in units of its floor."""
 
-    runs: Sequence[Run]
+    runs: Sequence[RecordedRun]
     scaled: Sequence[Mapping[str, FloatArray]]
     noise_models: Mapping[str, NoiseModel]
 
@@ -92,7 +92,7 @@ class Gaps:
         return np.concatenate(found)
 
 
-def phase_of(run: Run) -> NDArray[np.intp]:
+def phase_of(run: RecordedRun) -> NDArray[np.intp]:
     """Return the phase of motion of each sample, as an index of `PHASES`, from the command alone."""
     velocity, acceleration = run.reference[:, 1], run.reference[:, 2]
     fastest = max(float(np.max(np.abs(velocity))), 1e-12)

@@ -11,7 +11,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.conditions import Apart
-from fdbench.diagnosis.records.runs import Run, between_laps
+from fdbench.diagnosis.records.runs import RecordedRun, between_laps
 from fdbench.diagnosis.search.periods import inertia_and_drag
 from fdbench.diagnosis.settings import EVIDENCE, JUDGE
 from fdbench.plants.feed_drive import FeedDrive
@@ -39,7 +39,7 @@ def process_forces(found: Sequence[Apart], readings: Readings, final: Hypothesis
     return [_process_force(item, readings, final, drive) for item in found]
 
 
-def unsteady_forces(runs: Sequence[Run], replay: Replay, nominal: Hypothesis) -> list[ProcessForce]:
+def unsteady_forces(runs: Sequence[RecordedRun], replay: Replay, nominal: Hypothesis) -> list[ProcessForce]:
     """Return the force that acts in each record where it does not repeat with the motion: beside the nominal model.
 
     A model that is fitted to such a record takes up a part of the force. What the nominal one leaves has the errors of
@@ -68,7 +68,7 @@ def _process_force(item: Apart, readings: Readings, final: Hypothesis, drive: Fe
     return _described(run, force, _quiet(run, force) if error is None else error, "repeats" if repeats else "model")
 
 
-def _described(run: Run, force: FloatArray, error: float, beside: str) -> ProcessForce:
+def _described(run: RecordedRun, force: FloatArray, error: float, beside: str) -> ProcessForce:
     time = JUDGE.force_balance_margin_s + np.arange(len(force)) * run.period_s
     there = np.flatnonzero(np.abs(force) > JUDGE.sure_of_force * error)
     first, last = (there[0], there[-1]) if len(there) else (0, len(force) - 1)
@@ -89,7 +89,7 @@ def _described(run: Run, force: FloatArray, error: float, beside: str) -> Proces
     )
 
 
-def force_on_axis(run: Run, channels: Channels, usual: Channels, drive: FeedDrive) -> FloatArray:
+def force_on_axis(run: RecordedRun, channels: Channels, usual: Channels, drive: FeedDrive) -> FloatArray:
     r"""Return the force on an axis beyond what acts on it usually, below 60 Hz, without its ends, in N.
 
     .. math:: d = m \Delta\ddot x + B \Delta\dot x - \Delta F
@@ -104,7 +104,7 @@ def force_on_axis(run: Run, channels: Channels, usual: Channels, drive: FeedDriv
     return np.asarray(smoothed(found, h)[margin : len(found) - margin])
 
 
-def _error_of_repeats(repeats: Sequence[Run], drive: FeedDrive) -> float | None:
+def _error_of_repeats(repeats: Sequence[RecordedRun], drive: FeedDrive) -> float | None:
     """Return the root mean square of the force between two repeats, or two laps of one; None where there is neither."""
     first = repeats[0]
     if len(repeats) > 1:
@@ -116,7 +116,7 @@ def _error_of_repeats(repeats: Sequence[Run], drive: FeedDrive) -> float | None:
     return rms(force_on_axis(first, apart_by_a_lap, none, drive))
 
 
-def _quiet(run: Run, force: FloatArray) -> float:
+def _quiet(run: RecordedRun, force: FloatArray) -> float:
     """Return the standard deviation about the mean in the quietest tenth of short stretches."""
     n_parts = max(1, round(len(force) * run.period_s / EVIDENCE.segment_s))
     return float(np.quantile([np.std(part) for part in np.array_split(force, n_parts)], 0.1))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fdbench.diagnosis.answer import Dependence, Most
 from fdbench.diagnosis.evidence.split import Split
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
@@ -86,7 +86,7 @@ def _most(
 class TriedFunction:
     """A function that is tried: of what, in what unit, on roots or not, and whether both directions have their own."""
 
-    places: Callable[[Run], FloatArray]
+    places: Callable[[RecordedRun], FloatArray]
     unit: str
     root: bool = False
     by_direction: bool = False

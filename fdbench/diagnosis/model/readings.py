@@ -7,7 +7,7 @@ import numpy as np
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.noise_model import NoiseModel
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
@@ -27,10 +27,10 @@ class Readings:
     Parameters
     ----------
     replay : Replay
-    runs : sequence of Run
+    runs : sequence of RecordedRun
     """
 
-    def __init__(self, replay: Replay, runs: Sequence[Run]) -> None:
+    def __init__(self, replay: Replay, runs: Sequence[RecordedRun]) -> None:
         self.replay = replay
         self.runs = runs
         self._kept: dict[Key, dict[int, Channels]] = {}

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from fdbench.diagnosis.records.runs import DEFLECTION, Run
+from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
 from fdbench.effects import Effect
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
@@ -75,7 +75,7 @@ class Replay:
         self._uniform = max(1, sum(kind.random for kind in self.kinds))
         self._stepper = compose(self.kinds, WIDTH)
 
-    def simulate(self, run: Run, variants: Sequence[Variant]) -> dict[str, FloatArray]:
+    def simulate(self, run: RecordedRun, variants: Sequence[Variant]) -> dict[str, FloatArray]:
         """Return each channel of the run as simulated, (n_variants, n_samples); not finite where a variant diverges.
 
         Readings are free of noise; every variant starts from the measured position and velocity.
@@ -95,7 +95,7 @@ class Replay:
             list(_threads().map(advance, blocks))
         return result
 
-    def alone(self, run: Run, variant: Variant) -> dict[str, FloatArray]:
+    def alone(self, run: RecordedRun, variant: Variant) -> dict[str, FloatArray]:
         """Return each channel of the run as one variant has it, (n_samples,)."""
         return {name: values[0] for name, values in self.simulate(run, [variant]).items()}
 
@@ -105,7 +105,7 @@ class Replay:
         found.substeps = substeps
         return found
 
-    def _pieces(self, run: Run, variants: Sequence[Variant]) -> Iterator[tuple[slice, dict[str, FloatArray]]]:
+    def _pieces(self, run: RecordedRun, variants: Sequence[Variant]) -> Iterator[tuple[slice, dict[str, FloatArray]]]:
         """Yield each stretch of samples and the channels there, (n_samples, WIDTH)."""
         blocks = Blocks(self.kinds, WIDTH, WIDTH)
         where = {kind: place for place, kind in enumerate(self.kinds)}  # the last of a kind is no known one

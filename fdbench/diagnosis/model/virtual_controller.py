@@ -22,7 +22,7 @@ from fdbench.diagnosis.records.plausibility import check_content, check_sizes, n
 from fdbench.diagnosis.records.runs import (
     COMMAND,
     SIDES,
-    Run,
+    RecordedRun,
     channels_of,
     lap_length,
     position_column,
@@ -37,7 +37,7 @@ from fdbench.simulate.stability import is_stable
 FREQUENCIES = 400
 
 
-def prepared(nominal: Nominal, records: Sequence[Record]) -> tuple[Nominal, list[Run], list[str]]:
+def prepared(nominal: Nominal, records: Sequence[Record]) -> tuple[Nominal, list[RecordedRun], list[str]]:
     """Return the runs of records, the model to simulate them with, and warnings in words.
 
     Where the model has a controller and every record its command, the model stays as it is. Else the controller becomes
@@ -178,7 +178,7 @@ def holds(drive: FeedDrive, controller: Following, period_s: float) -> bool:
     return bool(np.abs(states[:, :, 0] @ gain).max() < MODEL.highest_peak)
 
 
-def follow(record: Record, drive: FeedDrive) -> Run:
+def follow(record: Record, drive: FeedDrive) -> RecordedRun:
     """Return the run of a record whose command is made from its measured motion and force.
 
     Parameters
@@ -197,7 +197,7 @@ def follow(record: Record, drive: FeedDrive) -> Run:
     if controller.smoothed_Hz is None:
         channels = readings
     motion = smoothed(position, period, controller.bandwidth_Hz)
-    run = Run(
+    run = RecordedRun(
         name=record.source,
         period_s=period,
         reference=motion,

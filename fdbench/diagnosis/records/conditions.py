@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdbench.diagnosis.records.runs import Run, between_laps, by_command, deviations, same_command
+from fdbench.diagnosis.records.runs import RecordedRun, between_laps, by_command, deviations, same_command
 from fdbench.diagnosis.settings import RECORDS
 from fdbench.record import FloatArray
 from fdbench.statistics import rms
@@ -18,11 +18,11 @@ FORCE = "motor_force_N"
 class Apart:
     """A run of another condition than that which is diagnosed, and the runs of its command in that condition."""
 
-    run: Run
-    repeats: tuple[Run, ...]
+    run: RecordedRun
+    repeats: tuple[RecordedRun, ...]
 
 
-def apart(runs: Sequence[Run]) -> list[Apart]:
+def apart(runs: Sequence[RecordedRun]) -> list[Apart]:
     """Return the runs that are not of the condition of most, which is the first of several with as many runs.
 
     A record may name its condition. Of records that do not, repeats of one command are of one condition unless their
@@ -40,7 +40,7 @@ def apart(runs: Sequence[Run]) -> list[Apart]:
     ]
 
 
-def _largest_of_one_condition(group: Sequence[Run]) -> list[Run]:
+def _largest_of_one_condition(group: Sequence[RecordedRun]) -> list[RecordedRun]:
     """Return the largest part of repeats of one command that differ by no more than noise, the first of equal ones."""
     differences = np.array([[rms(_unlike(_force(a) - _force(b), a.reference)) for b in group] for a in group])
     floors = [rms(between_laps(_force(run), run.lap)) for run in group if run.lap]
@@ -59,7 +59,7 @@ def _largest_of_one_condition(group: Sequence[Run]) -> list[Run]:
     return [group[index] for index in max(parts, key=len)]
 
 
-def restless(run: Run) -> bool:
+def restless(run: RecordedRun) -> bool:
     """Return whether a force acts that does not repeat with the motion: laps differ by a tenth of the force and more.
 
     Such laps are no repeats, and what they differ by is no noise.
@@ -70,7 +70,7 @@ def restless(run: Run) -> bool:
     return rms(left) > math.sqrt(2.0) * RECORDS.restless * rms(run.channels[FORCE])
 
 
-def _force(run: Run) -> FloatArray:
+def _force(run: RecordedRun) -> FloatArray:
     return deviations(run, FORCE)
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.diagnosis.records.runs import COMMAND, Run
+from fdbench.diagnosis.records.runs import COMMAND, RecordedRun
 from fdbench.diagnosis.settings import PLAUSIBLE
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import FeedDrive
@@ -20,12 +20,12 @@ FROZEN_FORCE_S, FROZEN_FORCE = 0.1, 0.5  # time that it stands still; share of i
 SPIKE_SHAPE = 0.3  # of its height, by which what lies before and after a spike may differ
 
 
-def check_damage(run: Run, drive: FeedDrive, noise_m: float) -> None:
+def check_damage(run: RecordedRun, drive: FeedDrive, noise_m: float) -> None:
     """Raise a RecordError where a stretch of a run was not made by a machine; the message says which, and what to do.
 
     Parameters
     ----------
-    run : Run
+    run : RecordedRun
     drive : FeedDrive
         The nominal model; its mass tells which jumps no force could make.
     noise_m : float
@@ -54,11 +54,11 @@ def check_damage(run: Run, drive: FeedDrive, noise_m: float) -> None:
     _refuse_spikes(run, drive, noise_m)
 
 
-def _place(run: Run, sample: int) -> str:
+def _place(run: RecordedRun, sample: int) -> str:
     return f"sample {sample} ({time_text(sample * run.period_s)})"
 
 
-def _least_bend(run: Run, drive: FeedDrive, noise_m: float) -> float:
+def _least_bend(run: RecordedRun, drive: FeedDrive, noise_m: float) -> float:
     """Return the second difference of the position that no force, noise or encoder could make, m."""
     position, h = run.channels[POSITION], run.period_s
     steps = np.abs(np.diff(position))
@@ -71,7 +71,7 @@ def _least_bend(run: Run, drive: FeedDrive, noise_m: float) -> float:
     )
 
 
-def _jumps(run: Run, least: float) -> NDArray[np.intp]:
+def _jumps(run: RecordedRun, least: float) -> NDArray[np.intp]:
     """Return the samples after which the position bends as no force could bend it; those held by the logger do not."""
     bent = np.abs(np.diff(run.channels[POSITION], 2)) > least
     if run.held is not None:
@@ -80,7 +80,7 @@ def _jumps(run: Run, least: float) -> NDArray[np.intp]:
     return np.asarray(np.flatnonzero(bent), dtype=np.intp)
 
 
-def _refuse_many_spikes(run: Run, least: float) -> None:
+def _refuse_many_spikes(run: RecordedRun, least: float) -> None:
     """Refuse spikes of one sample, however many: the position bends away and back, by s, -2 s and s.
 
     A sample that the logger held bends so too, but repeats its neighbour.
@@ -106,7 +106,9 @@ def _stretches(inside: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
 
 
-def _refuse_frozen(run: Run, position: FloatArray, force: FloatArray, jumps: NDArray[np.intp], noise_m: float) -> None:
+def _refuse_frozen(
+    run: RecordedRun, position: FloatArray, force: FloatArray, jumps: NDArray[np.intp], noise_m: float
+) -> None:
     """Refuse a stretch in which nothing changes though the axis is told to move, or which begins with a jump."""
     same = (np.diff(position) == 0.0) & (np.diff(force) == 0.0)
     fewest = max(PLAUSIBLE.frozen_samples, round(PLAUSIBLE.frozen_s / run.period_s))
@@ -127,7 +129,7 @@ def _refuse_frozen(run: Run, position: FloatArray, force: FloatArray, jumps: NDA
             )
 
 
-def _refuse_copies(run: Run, position: FloatArray, force: FloatArray) -> None:
+def _refuse_copies(run: RecordedRun, position: FloatArray, force: FloatArray) -> None:
     """Refuse a block of rows that is repeated to the last digit."""
     order = np.lexsort((np.arange(len(force)), position, force))
     twin = (np.diff(force[order]) == 0.0) & (np.diff(position[order]) == 0.0)
@@ -142,7 +144,7 @@ def _refuse_copies(run: Run, position: FloatArray, force: FloatArray) -> None:
             )
 
 
-def _refuse_spikes(run: Run, drive: FeedDrive, noise_m: float) -> None:
+def _refuse_spikes(run: RecordedRun, drive: FeedDrive, noise_m: float) -> None:
     """Refuse a short spike of the force that the axis would have felt, but did not."""
     force, position, h = run.channels[FORCE], run.channels[POSITION], run.period_s
     usual, beside = float(np.quantile(np.abs(force), 0.995)), PLAUSIBLE.beside_spike_samples
@@ -163,14 +165,14 @@ def _refuse_spikes(run: Run, drive: FeedDrive, noise_m: float) -> None:
             )
 
 
-def check_force_is_own(run: Run, simulated: FloatArray) -> None:
+def check_force_is_own(run: RecordedRun, simulated: FloatArray) -> None:
     """Raise a RecordError where the force of a run is not the one that moves the axis.
 
     Whatever acts beside it, a motor's force has in it what the motion asks for, unless it is limited.
 
     Parameters
     ----------
-    run : Run
+    run : RecordedRun
     simulated : (n_samples,) array
         Force of the nominal model along the run's command, N.
     """
@@ -185,7 +187,7 @@ def check_force_is_own(run: Run, simulated: FloatArray) -> None:
         )
 
 
-def check_force_is_alive(run: Run, simulated: FloatArray) -> None:
+def check_force_is_alive(run: RecordedRun, simulated: FloatArray) -> None:
     """Raise a RecordError where the force stands still, below its limit, while the motion asks for another one.
 
     For the parameters see `check_force_is_own`.

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from fdbench.diagnosis.records.runs import Run, differences
+from fdbench.diagnosis.records.runs import RecordedRun, differences
 from fdbench.diagnosis.settings import RECORDS
 from fdbench.record import FloatArray
 
@@ -87,7 +87,7 @@ class Way:
     turn_m: float | None = None
 
 
-def noise_floor(runs: Sequence[Run], channel: str, way: Way | None = None) -> NoiseModel:
+def noise_floor(runs: Sequence[RecordedRun], channel: str, way: Way | None = None) -> NoiseModel:
     """Return the floor of a channel.
 
     With repeats (of records, or of laps within one) it is half of what they differ by, drift from repeat to repeat
@@ -100,7 +100,7 @@ def noise_floor(runs: Sequence[Run], channel: str, way: Way | None = None) -> No
     return NoiseModel(spectrum=assumed(without_profile(runs, left, way or Way())), measured=False)
 
 
-def without_profile(runs: Sequence[Run], signals: Sequence[FloatArray], way: Way) -> list[FloatArray]:
+def without_profile(runs: Sequence[RecordedRun], signals: Sequence[FloatArray], way: Way) -> list[FloatArray]:
     """Return signals without their mean at each position and direction, where the axis came by several times.
 
     What repeats with the position is no noise. A mean over V visits takes 1/V of the noise, which is given back.
@@ -175,7 +175,7 @@ def _long_enough(values: FloatArray, length: int) -> FloatArray:
     return np.pad(values, (0, missing), mode="reflect") if missing > 0 else values
 
 
-def noise_models(runs: Sequence[Run], way: Way | None = None) -> Mapping[str, NoiseModel]:
+def noise_models(runs: Sequence[RecordedRun], way: Way | None = None) -> Mapping[str, NoiseModel]:
     """Return the floor of each channel."""
     return {channel: noise_floor(runs, channel, way) for channel in runs[0].channels}
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fdbench.diagnosis.records.damage import check_damage, check_force_is_alive, check_force_is_own
-from fdbench.diagnosis.records.runs import COMMAND, Run
+from fdbench.diagnosis.records.runs import COMMAND, RecordedRun
 from fdbench.diagnosis.settings import PLAUSIBLE
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import FeedDrive
@@ -28,7 +28,7 @@ def check_sizes(record: Record) -> None:
             )
 
 
-def check_content(runs: Sequence[Run]) -> None:
+def check_content(runs: Sequence[RecordedRun]) -> None:
     """Raise a RecordError where the force of a run has a damaged sample, or no run shows a motion or a force."""
     for run in runs:
         force = np.abs(run.channels[FORCE])
@@ -55,18 +55,18 @@ def noise_estimate(values: FloatArray) -> float:
     return float(np.median(np.abs(np.diff(values, 4)))) / (0.6745 * math.sqrt(70.0)) if len(values) > 4 else 0.0
 
 
-def _moves(run: Run) -> bool:
+def _moves(run: RecordedRun) -> bool:
     position = run.channels[POSITION]
     commanded = run.motion is None and float(np.ptp(run.reference[:, 0])) > 0.0
     return commanded or float(np.ptp(position)) > PLAUSIBLE.motion * noise_estimate(position)
 
 
-def check_record(run: Run, drive: FeedDrive) -> None:
+def check_record(run: RecordedRun, drive: FeedDrive) -> None:
     """Raise a RecordError where a run cannot belong to the drive, before anything is simulated.
 
     Parameters
     ----------
-    run : Run
+    run : RecordedRun
     drive : FeedDrive
         The nominal model: its travel and velocity limit, and whether its controller closes a position loop.
 
@@ -120,7 +120,7 @@ def check_record(run: Run, drive: FeedDrive) -> None:
         _check_position(run, command, span)
 
 
-def _check_position(run: Run, command: FloatArray, span: float) -> None:
+def _check_position(run: RecordedRun, command: FloatArray, span: float) -> None:
     position = run.channels[POSITION]
     slope, correlation = _slope(command, position), _correlation(command, position)
     if correlation < PLAUSIBLE.swapped:
@@ -146,12 +146,12 @@ def _check_position(run: Run, command: FloatArray, span: float) -> None:
         )
 
 
-def check_alignment(run: Run, simulated: Mapping[str, FloatArray]) -> list[str]:
+def check_alignment(run: RecordedRun, simulated: Mapping[str, FloatArray]) -> list[str]:
     """Compare a run with its nominal simulation, and return warnings in words.
 
     Parameters
     ----------
-    run : Run
+    run : RecordedRun
     simulated : mapping of str to (n_samples,) array
         Channels of the same command on the nominal model, not re-calibrated.
 
@@ -206,7 +206,7 @@ def check_alignment(run: Run, simulated: Mapping[str, FloatArray]) -> list[str]:
     return warnings + _clock_warnings(run, delays)
 
 
-def _clock_warnings(run: Run, delays: Mapping[str, float]) -> list[str]:
+def _clock_warnings(run: RecordedRun, delays: Mapping[str, float]) -> list[str]:
     late = {name: delay for name, delay in delays.items() if abs(delay) > 1.0}
     if len(late) == 2 and abs(late[FORCE] - late[POSITION]) <= 1.0 + PLAUSIBLE.common_delay * abs(late[POSITION]):
         late = {f"{FORCE} and {POSITION} together": late[POSITION]}
@@ -220,7 +220,7 @@ def _clock_warnings(run: Run, delays: Mapping[str, float]) -> list[str]:
     ]
 
 
-def delay_of(run: Run, simulated: Mapping[str, FloatArray], channel: str) -> float:
+def delay_of(run: RecordedRun, simulated: Mapping[str, FloatArray], channel: str) -> float:
     """Return by how many samples a measured channel comes after the simulated one; 0 where a shift explains little.
 
     Positions are compared by their speeds. The least mean squared distance of the scaled channels within 1 s, half a

@@ -18,7 +18,7 @@ DEFLECTION = "motor_minus_table_position_m"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Run:
+class RecordedRun:
     """One record as the diagnosis sees it.
 
     Attributes
@@ -70,11 +70,11 @@ class Run:
         slope, offset = np.polyfit(np.arange(len(first)) * self.period_s, first, 1)
         return float(offset), float(slope)
 
-    def as_read(self) -> "Run":
+    def as_read(self) -> "RecordedRun":
         """Return the run with its channels as they were read."""
         return self if self.readings is None else dataclasses.replace(self, channels=dict(self.readings))
 
-    def up_to(self, n_samples: int) -> "Run":
+    def up_to(self, n_samples: int) -> "RecordedRun":
         """Return the beginning of the run."""
 
         def part(signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -90,13 +90,13 @@ class Run:
             readings=None if self.readings is None else part(self.readings),
         )
 
-    def beside(self, nominal: Mapping[str, FloatArray]) -> "Run":
+    def beside(self, nominal: Mapping[str, FloatArray]) -> "RecordedRun":
         """Return the run with what the nominal model leaves of it."""
         left = {name: values - nominal[name] for name, values in self.channels.items()}
         return dataclasses.replace(self, left=left)
 
 
-def prepare(record: Record, drive: FeedDrive) -> Run:
+def prepare(record: Record, drive: FeedDrive) -> RecordedRun:
     """Return the run of a record with its command, to be simulated with the nominal controller.
 
     Raises
@@ -115,7 +115,7 @@ def prepare(record: Record, drive: FeedDrive) -> Run:
     velocity = rate(position, period) if velocity is None else velocity
     acceleration = record.get("reference_acceleration_m_per_s2")
     acceleration = rate(velocity, period) if acceleration is None else acceleration
-    return Run(
+    return RecordedRun(
         name=record.source,
         period_s=period,
         reference=np.column_stack((position, velocity, acceleration)),
@@ -186,7 +186,7 @@ def lap_length(position: FloatArray, period_s: float, same: float) -> int | None
     return None
 
 
-def same_command(a: Run, b: Run) -> bool:
+def same_command(a: RecordedRun, b: RecordedRun) -> bool:
     """Return whether two runs are repeats of one command."""
     if a.n_samples != b.n_samples or a.period_s != b.period_s:
         return False
@@ -194,7 +194,7 @@ def same_command(a: Run, b: Run) -> bool:
     return bool(np.max(np.abs(own - other)) <= share * max(float(np.ptp(own)), 1e-12))
 
 
-def repeated(runs: Sequence[Run]) -> list[tuple[Run, Run]]:
+def repeated(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, RecordedRun]]:
     """Return each run that is repeated, and the next run of its command."""
     found = []
     for index, run in enumerate(runs):
@@ -204,7 +204,7 @@ def repeated(runs: Sequence[Run]) -> list[tuple[Run, Run]]:
     return found
 
 
-def differences(runs: Sequence[Run], channel: str) -> list[FloatArray]:
+def differences(runs: Sequence[RecordedRun], channel: str) -> list[FloatArray]:
     """Return what is left of a channel between repeats: records of one command, or else laps within a record.
 
     Each difference has twice the variance of the noise. Where motions are followed, it is that of what the nominal
@@ -221,14 +221,14 @@ def between_laps(values: FloatArray, lap: int) -> FloatArray:
     return values[lap:] - values[:-lap]
 
 
-def deviations(run: Run, channel: str) -> FloatArray:
+def deviations(run: RecordedRun, channel: str) -> FloatArray:
     """Return a channel as repeats are compared in it: where motions are followed, what the model leaves of it."""
     return run.channels[channel] if run.left is None or run.motion is None else run.left[channel]
 
 
-def by_command(runs: Sequence[Run]) -> list[list[Run]]:
+def by_command(runs: Sequence[RecordedRun]) -> list[list[RecordedRun]]:
     """Return the repeats of each command, in the order in which the commands come first."""
-    groups: list[list[Run]] = []
+    groups: list[list[RecordedRun]] = []
     for run in runs:
         group = next((group for group in groups if same_command(group[0], run)), None)
         if group is None:
@@ -238,12 +238,12 @@ def by_command(runs: Sequence[Run]) -> list[list[Run]]:
     return groups
 
 
-def merged(runs: Sequence[Run]) -> list[Run]:
+def merged(runs: Sequence[RecordedRun]) -> list[RecordedRun]:
     """Return one run for each command, the mean of its repeats; their noise is lower by the root of their number."""
     return [_mean(group) for group in by_command(runs)]
 
 
-def _mean(group: Sequence[Run]) -> Run:
+def _mean(group: Sequence[RecordedRun]) -> RecordedRun:
     first = group[0]
     channels = {name: np.asarray(np.mean([run.channels[name] for run in group], axis=0)) for name in first.channels}
     reference = first.reference if first.motion is None else np.mean([run.reference for run in group], axis=0)

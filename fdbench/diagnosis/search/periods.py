@@ -10,7 +10,7 @@ from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.records.noise_model import NoiseModel
-from fdbench.diagnosis.records.runs import DEFLECTION, Run
+from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
 from fdbench.diagnosis.settings import MODEL, SEARCH
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
@@ -55,7 +55,7 @@ def located(readings: Readings, split: Split, base: Hypothesis) -> Mapping[str, 
 
 
 def inverse_dynamics_residuals(
-    run: Run, gap: Mapping[str, FloatArray], noise_models: Mapping[str, NoiseModel], drive: FeedDrive
+    run: RecordedRun, gap: Mapping[str, FloatArray], noise_models: Mapping[str, NoiseModel], drive: FeedDrive
 ) -> FloatArray:
     r"""Return the inverse-dynamics residuals of a run, (n_balances, ..., n_samples - 3), in units of their noise.
 
@@ -101,7 +101,7 @@ def inertia_and_drag(mass_kg: float, viscous: float, x: FloatArray, h: float) ->
     return np.asarray(mass_kg * acceleration + viscous * (x[..., 2:-1] - x[..., 1:-2]) / h)
 
 
-def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[float]:
+def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[RecordedRun]) -> list[float]:
     """Return the lines that stand out of the spectrum of any run, the sharpest first."""
     from scipy.signal import periodogram
 
@@ -122,14 +122,14 @@ def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[Run]) -> list[floa
     return lines[: SEARCH.lines]
 
 
-def _travel(runs: Sequence[Run]) -> tuple[float, float]:
+def _travel(runs: Sequence[RecordedRun]) -> tuple[float, float]:
     """Return the lowest position of all runs, and how far the highest is from it."""
     lowest = min(float(run.channels["position_m"].min()) for run in runs)
     return lowest, max(float(run.channels["position_m"].max()) for run in runs) - lowest
 
 
 def _lines_in_position(
-    gaps: Sequence[FloatArray], runs: Sequence[Run], turn_m: float | None, length: float
+    gaps: Sequence[FloatArray], runs: Sequence[RecordedRun], turn_m: float | None, length: float
 ) -> list[float]:
     """Return the wavelengths that stand out in the profiles over position, and orders of the lead that may be there.
 

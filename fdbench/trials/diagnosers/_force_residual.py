@@ -11,7 +11,7 @@ import numpy as np
 from fdbench.diagnosis.judge.force_balance_check import low_pass
 from fdbench.diagnosis.model.candidates import Candidate
 from fdbench.diagnosis.model.nominal import Nominal
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.effects import Effect, Port
 from fdbench.record import FloatArray
 
@@ -22,7 +22,7 @@ SEEN = (Port.MOTOR_FORCE, Port.TABLE_FORCE, Port.TABLE_INERTIA, Port.COMMAND)
 class InverseMotion:
     """One run as an inverse model sees it: smoothed, differentiated, thinned out."""
 
-    def __init__(self, run: Run, nominal: Nominal) -> None:
+    def __init__(self, run: RecordedRun, nominal: Nominal) -> None:
         drive = nominal.drive
         self.period_s = run.period_s
         position = smooth(run.channels["position_m"], run.period_s)

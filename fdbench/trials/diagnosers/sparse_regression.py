@@ -9,7 +9,7 @@ from fdbench.diagnosis.evidence.prepare import merged_runs
 from fdbench.diagnosis.model.candidates import Candidate, candidates
 from fdbench.diagnosis.model.hypothesis import nominal_parameters, start
 from fdbench.diagnosis.model.nominal import Nominal
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.search.periods import located
 from fdbench.record import FloatArray, Record
 from fdbench.statistics import drawn_counts
@@ -101,7 +101,7 @@ class SparseRegression(Diagnoser):
         return [item for item, _ in active], xi, float(rest / max(energy, 1e-30))
 
 
-def _products(runs: Sequence[Run], nominal: Nominal, every: Sequence[Candidate]) -> FloatArray:
+def _products(runs: Sequence[RecordedRun], nominal: Nominal, every: Sequence[Candidate]) -> FloatArray:
     """Return products of the residual (column 0) and all members' responses, summed over segments."""
     found = []
     for run in runs:

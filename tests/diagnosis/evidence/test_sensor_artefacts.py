@@ -7,17 +7,17 @@ from axis_lab import drive
 from fdbench.diagnosis.evidence.sensor_artefacts import grid_artefact, held_artefact, interpolated
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.model.replay import Replay
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 
 PERIOD_S, N = 1e-3, 3000
 TIME_S = np.arange(N) * PERIOD_S
 NOMINAL = Nominal(plant=drive(), simulation=Simulation(substeps=10))
 
 
-def run_of(position: np.ndarray, held: np.ndarray | None = None) -> Run:
+def run_of(position: np.ndarray, held: np.ndarray | None = None) -> RecordedRun:
     reference = np.column_stack((position, np.gradient(position, PERIOD_S), np.zeros(len(position))))
     channels = {"motor_force_N": 50.0 * np.cos(3.0 * TIME_S), "position_m": position}
-    return Run(name="x", period_s=PERIOD_S, reference=reference, channels=channels, lap=None, held=held)
+    return RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=channels, lap=None, held=held)
 
 
 def test_repeated_samples_are_interpolated_over() -> None:
@@ -26,7 +26,7 @@ def test_repeated_samples_are_interpolated_over() -> None:
     held = np.zeros(N, dtype=np.bool_)
     held[[100, 101, 102, 900, 2000]] = True
     fresh = np.maximum.accumulate(np.where(held, 0, np.arange(N)))
-    stale = Run(
+    stale = RecordedRun(
         name="x",
         period_s=PERIOD_S,
         reference=clean.reference,

@@ -30,7 +30,7 @@ from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import white
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.search.stage import Rival, Stage
 from fdbench.diagnosis.settings import EXPERIMENT
 from fdbench.effects import Effect, effects
@@ -58,7 +58,7 @@ def lab() -> Lab:
     replay = Replay(model.drive, model.library, model.simulation.substeps)
     reference = moves((0.0, 0.05, 0.0), (0.02,), 1.0, PERIOD_S)
     still = dict.fromkeys(FLOORS, np.zeros(len(reference)))
-    run = Run(name="slow", period_s=PERIOD_S, reference=reference, channels=still, lap=None)
+    run = RecordedRun(name="slow", period_s=PERIOD_S, reference=reference, channels=still, lap=None)
     simulated = replay.simulate(run, [start(model).with_effect(GAP).variant()])
     run = dataclasses.replace(run, channels={name: values[0] for name, values in simulated.items()})
     noise_models = {name: white(rms, measured=True) for name, rms in FLOORS.items()}

@@ -8,7 +8,7 @@ from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.judge.residual_dependence import dependences
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.records.noise_model import white
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.specification import load_toml, read
 from fdbench.virtual_axes import cases as tiers
 
@@ -31,7 +31,7 @@ def split_of(rest: np.ndarray, rng: np.random.Generator) -> tuple[Split, list[di
     for _ in range(2):
         force = 20.0 * np.sin(STROKES[:, 0] / 0.05)
         channels = {"motor_force_N": force + rest + rng.standard_normal(len(rest)), "position_m": STROKES[:, 0]}
-        runs.append(Run(name="strokes", period_s=PERIOD_S, reference=STROKES, channels=channels, lap=None))
+        runs.append(RecordedRun(name="strokes", period_s=PERIOD_S, reference=STROKES, channels=channels, lap=None))
     held_out = [np.full(len(rest), out) for out in (False, True)]
     noise_models = {"motor_force_N": white(1.0, measured=True), "position_m": white(1e-7, measured=True)}
     model = {"motor_force_N": force, "position_m": STROKES[:, 0] + 1e-7}

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from fdbench.diagnosis.records.noise_model import Way, assumed, noise_floor, raised, spectrum_of, white, without_profile
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 
 PERIOD_S, N = 1e-3, 20_000
 
 
-def run_of(values: np.ndarray) -> Run:
+def run_of(values: np.ndarray) -> RecordedRun:
     reference = np.zeros((len(values), 3))
-    return Run(name="x", period_s=PERIOD_S, reference=reference, channels={"position_m": values}, lap=None)
+    return RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels={"position_m": values}, lap=None)
 
 
 def test_a_spectrum_adds_up_to_the_mean_square() -> None:
@@ -45,7 +45,7 @@ def test_what_repeats_with_the_position_is_no_noise() -> None:
     noise = 2.0 * rng.standard_normal(N)
     rough = np.interp(position, np.arange(250) * 2e-4, 6.0 * rng.standard_normal(250), period=0.05)
     force = noise + rough
-    run = Run(
+    run = RecordedRun(
         name="x",
         period_s=PERIOD_S,
         reference=np.zeros((N, 3)),
@@ -61,6 +61,10 @@ def test_what_repeats_with_the_position_is_no_noise() -> None:
 
 def test_the_mean_over_few_visits_gives_the_noise_back() -> None:
     rng, way = np.random.default_rng(3), np.concatenate([np.linspace(0.0, 1.0, 2000), np.linspace(1.0, 0.0, 2000)] * 3)
-    runs = [Run(name="x", period_s=PERIOD_S, reference=np.zeros((12_000, 3)), channels={"position_m": way}, lap=None)]
+    runs = [
+        RecordedRun(
+            name="x", period_s=PERIOD_S, reference=np.zeros((12_000, 3)), channels={"position_m": way}, lap=None
+        )
+    ]
     (left,) = without_profile(runs, [rng.standard_normal(12_000)], Way(bin_m=4e-4))
     assert np.std(left) == pytest.approx(1.0, rel=0.03)

@@ -8,7 +8,7 @@ from axis_lab import drive
 
 from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.records.noise_model import white
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.search.periods import _lines_in_position, _lines_in_time, inverse_dynamics_residuals
 
 PERIOD_S = 1e-3
@@ -16,10 +16,10 @@ STROKES = moves((0.0, 0.2, 0.0), (0.1,), 4.0, PERIOD_S)
 NOISE = {"motor_force_N": white(2.0, measured=True), "position_m": white(1e-12, measured=True)}
 
 
-def run_along(reference: np.ndarray) -> Run:
+def run_along(reference: np.ndarray) -> RecordedRun:
     position = reference[:, 0]
     channels = {"motor_force_N": np.zeros(len(position)), "position_m": position}
-    return Run(name="x", period_s=PERIOD_S, reference=reference, channels=channels, lap=None)
+    return RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=channels, lap=None)
 
 
 def test_lines_are_found_and_noise_has_none() -> None:

@@ -17,7 +17,7 @@ from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncert
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import white
-from fdbench.diagnosis.records.runs import Run
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Rival, Stage
 from fdbench.diagnosis.settings import MODEL
@@ -38,7 +38,7 @@ def search(*extra: Effect) -> Search:
     for stops in ((0.0, 0.06, 0.01), (0.0, 0.05, 0.02)):
         reference = moves(stops, (0.08,), 2.0, PERIOD_S)
         still = dict.fromkeys(FLOORS, np.zeros(len(reference)))
-        run = Run(name="x", period_s=PERIOD_S, reference=reference, channels=still, lap=None)
+        run = RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=still, lap=None)
         simulated = replay.simulate(run, [base.variant()])
         noisy = {name: own[0] + FLOORS[name] * rng.standard_normal(len(own[0])) for name, own in simulated.items()}
         runs.append(dataclasses.replace(run, channels=noisy))
