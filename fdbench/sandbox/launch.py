@@ -25,7 +25,7 @@ _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 START_S = 120.0
 
 
-class Terms(NamedTuple):
+class LaunchTerms(NamedTuple):
     """What a server is started with: of which process, what it may import from, and its environment."""
 
     pid: int
@@ -33,7 +33,7 @@ class Terms(NamedTuple):
     environment: tuple[tuple[str, str], ...]
 
     @classmethod
-    def now(cls) -> "Terms":
+    def now(cls) -> "LaunchTerms":
         """Return the terms of a server that would be started now."""
         kept = {name: os.environ[name] for name in _KEPT_VARIABLES if name in os.environ}
         kept |= {name: value for name, value in os.environ.items() if name.startswith(_KEPT_BEGINNINGS)}
@@ -44,7 +44,7 @@ class Terms(NamedTuple):
 class ForkServer:
     """The other end of `fdbench.sandbox.server`."""
 
-    def __init__(self, terms: Terms) -> None:
+    def __init__(self, terms: LaunchTerms) -> None:
         self.terms = terms
         self._control, theirs = socket.socketpair()
         with theirs:
@@ -116,7 +116,7 @@ _server: ForkServer | None = None
 def fork_server() -> ForkServer:
     """Return the server of this process: one for all, until it ends or would be started on other terms."""
     global _server
-    terms = Terms.now()
+    terms = LaunchTerms.now()
     if _server is None or not _server.is_alive or _server.terms != terms:
         _server = ForkServer(terms)
     return _server
