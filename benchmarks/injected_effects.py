@@ -61,7 +61,7 @@ class MeasuredAxis:
 
     def change(self, hypothesis: Hypothesis) -> dict[str, FloatArray]:
         """Return what a hypothesis changes in each channel against the nominal model."""
-        simulated = self.replay.simulate(self.run, [self.paper.variant(), hypothesis.variant()])
+        simulated = self.replay.simulate(self.run, [self.paper.variant, hypothesis.variant])
         return {name: both[1] - both[0] for name, both in simulated.items()}
 
     def joined(self, change: Mapping[str, FloatArray]) -> FloatArray:

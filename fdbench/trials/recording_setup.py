@@ -129,7 +129,7 @@ class RecordingSetup:
 
     def axis(self, machine: Hypothesis, noises: Noises) -> LibraryAxis:
         """Return a machine that records can be made of."""
-        variant, nominal = machine.variant(), self.ready.nominal
+        variant, nominal = machine.variant, self.ready.nominal
         reach_m = max(float(np.abs(self.with_run_up(run)[:, 0]).max()) for run in self.ready.runs)
         # The zero of a record may lie anywhere, and what was recorded is within the limits.
         drive = dataclasses.replace(

@@ -85,7 +85,7 @@ class Visibility:
         found = []
         noise = self.ready.split.noise_models
         for run in self.ready.split.runs:
-            simulated = self._replay.simulate(run, [item.variant() for item in (self.given, *hypotheses)])
+            simulated = self._replay.simulate(run, [item.variant for item in (self.given, *hypotheses)])
             found.append(np.hstack([(own[1:] - own[0]) / noise[name].total for name, own in simulated.items()]))
         return found
 
@@ -116,7 +116,7 @@ class Visibility:
         """Mean squared gap of the records to the nominal model in units of the noise, but for its values."""
         noise, sizes = self.ready.split.noise_models, []
         for place, run in enumerate(self.ready.split.runs):
-            simulated = self._replay.alone(run, self.given.variant())
+            simulated = self._replay.alone(run, self.given.variant)
             left = np.concatenate([(run.channels[name] - own) / noise[name].total for name, own in simulated.items()])
             basis = self._nominal_changes[place]
             sizes.append(float(np.mean((left - basis @ (basis.T @ left)) ** 2)))

@@ -273,7 +273,7 @@ def test_a_late_force_without_command_is_warned_of() -> None:
     nominal, (run,), (said,) = prepared(load_nominal(MODEL), [Record(no_command(columns) | {"motor_force_N": late})])
     check_record(run, nominal.drive)
     replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
-    as_nominal = replay.simulate(run, [start(nominal).variant()])
+    as_nominal = replay.simulate(run, [start(nominal).variant])
     warnings = check_alignment(run, {name: values[0] for name, values in as_nominal.items()})
     assert "no column reference_position_m" in said
     (delay,) = [float(found) for text in warnings for found in re.findall(r"motor_force_N: ([\d.]+) samples", text)]

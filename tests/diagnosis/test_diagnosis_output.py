@@ -290,7 +290,7 @@ def test_repaired_model_is_read_back(found: Diagnosis, tmp_path: Path) -> None:
     assert [type(effect).name for effect in again.drive.effects] == [
         *("coulomb_friction", "constant_force", "direction_dependent_friction", "friction_curve"),
     ]
-    assert again.drive.mass_kg == found.final.variant().plant.mass_kg
+    assert again.drive.mass_kg == found.final.variant.plant.mass_kg
 
 
 def test_repaired_model_moves_as_the_final_hypothesis(found: Diagnosis) -> None:
@@ -299,7 +299,7 @@ def test_repaired_model_moves_as_the_final_hypothesis(found: Diagnosis) -> None:
     alone = Replay(model.drive, (), model.simulation.substeps).simulate(run, [Variant(plant=model.drive)])
     nominal = found.final.nominal
     final = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
-    expected = final.simulate(run, [found.final.variant()])
+    expected = final.simulate(run, [found.final.variant])
     assert np.ptp(expected["motor_force_N"]) > 50.0
     for name, tolerance in (("motor_force_N", 1e-6), ("position_m", 1e-12)):
         np.testing.assert_allclose(alone[name], expected[name], rtol=0.0, atol=tolerance)
@@ -525,7 +525,7 @@ def checked(nominal: Nominal, record: Record) -> list[str]:
     run = prepare(record, nominal.drive)
     check_record(run, nominal.drive)
     replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
-    on_paper = replay.simulate(run, [start(nominal).variant()])
+    on_paper = replay.simulate(run, [start(nominal).variant])
     return check_alignment(run, {name: column[0] for name, column in on_paper.items()})
 
 

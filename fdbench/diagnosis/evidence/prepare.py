@@ -97,7 +97,7 @@ def aligned(
     runs: list[RecordedRun] = []
     counts, unsteady = [], []
     for run in raw_runs:
-        as_nominal = replay.alone(run, given.variant())
+        as_nominal = replay.alone(run, given.variant)
         warnings += check_alignment(run, as_nominal)
         mended, n_held = interpolated(run, as_nominal)
         if baseline is not None:
@@ -176,7 +176,7 @@ def with_run_to_run_covariance(
     """
     runs = ready.runs
     if not all(floor.measured for floor in ready.split.noise_models.values()):
-        runs = [run.beside(replay.alone(run, calibrated.variant())) for run in runs]
+        runs = [run.beside(replay.alone(run, calibrated.variant)) for run in runs]
     found = Repeatability(replay, calibrated, runs)
     noise: Mapping[str, NoiseModel] = found.noise_models
     if baseline is not None:

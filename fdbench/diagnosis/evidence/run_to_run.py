@@ -60,7 +60,7 @@ def responses(replay: Replay, model: Hypothesis, run: RecordedRun) -> FloatArray
     """
     changing = [item.changes_from_run_to_run for item in nominal_parameters(model.nominal)]
     moved = [item for item, changes in zip(model.moved_in_turn(), changing, strict=True) if changes]
-    simulated = replay.simulate(run, [item.variant() for item in (model, *moved)])
+    simulated = replay.simulate(run, [item.variant for item in (model, *moved)])
     return np.stack([simulated[name][1:] - simulated[name][0] for name in run.channels], axis=1)
 
 

@@ -234,7 +234,7 @@ class Forecaster:
             channels=dict.fromkeys(names, still),
             lap=None,
         )
-        channels = self.replay.alone(run, self.stage.base.variant())
+        channels = self.replay.alone(run, self.stage.base.variant)
         missed = np.abs(channels["position_m"] - reference[:, 0]).max()
         follows = all(np.isfinite(each).all() for each in channels.values()) and missed <= self.most_missed_m
         return replace(run, channels=channels) if follows else None

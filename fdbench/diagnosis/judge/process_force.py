@@ -47,7 +47,7 @@ def unsteady_forces(runs: Sequence[RecordedRun], replay: Replay, nominal: Hypoth
     """
     found = []
     for run in runs:
-        force = force_on_axis(run, run.channels, replay.alone(run, nominal.variant()), nominal.nominal.drive)
+        force = force_on_axis(run, run.channels, replay.alone(run, nominal.variant), nominal.nominal.drive)
         found.append(_described(run, force, _quiet(run, force), "nominal"))
     return found
 
@@ -58,7 +58,7 @@ def _process_force(item: Apart, readings: Readings, final: Hypothesis, drive: Fe
         usual: Channels = {name: np.mean([own.channels[name] for own in repeats], axis=0) for name in run.channels}
         error = _error_of_repeats(repeats, drive)
     else:
-        usual = readings.replay.alone(run, final.variant())
+        usual = readings.replay.alone(run, final.variant)
         lefts = [
             force_on_axis(own, own.channels, readings.alone(place, final), drive)
             for place, own in enumerate(readings.runs)

@@ -9,7 +9,7 @@ from fdbench.effects import Effect
 
 def as_nominal(hypothesis: Hypothesis) -> Nominal:
     """Return a hypothesis as a model of its own: what it adds is known from now on, what it replaces is gone."""
-    variant = hypothesis.variant()
+    variant = hypothesis.variant
     effects = [item for index, item in enumerate(variant.plant.effects) if index not in hypothesis.replaced]
     for added in variant.extra:
         place = next((index for index, item in enumerate(effects) if _adds_up(item, added)), None)

@@ -61,8 +61,9 @@ class Hypothesis:
     effects: tuple[Effect, ...] = ()
     replaced: tuple[int, ...] = ()
 
+    @functools.cached_property
     def variant(self) -> Variant:
-        """Return the drive that is simulated."""
+        """The drive that is simulated."""
         drive = self.nominal.drive
         offsets: tuple[Effect, ...] = ()
         for calibration, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True):

@@ -49,7 +49,7 @@ class Readings:
         for key, item in zip(keys, hypotheses, strict=True):
             if key not in new and place not in self._kept.get(key, ()):
                 new[key] = len(variants)
-                variants.append(item.variant())
+                variants.append(item.variant)
         found = self.replay.simulate(run, variants) if variants else {}
         kept = {key: self._kept[key][place] for key in keys if key not in new}
         for key in map(_key, keep):

@@ -7,8 +7,10 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
+from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
 from fdbench.effects import Effect
@@ -18,11 +20,13 @@ from fdbench.simulate import layout
 from fdbench.simulate.block import Blocks, Mechanics
 from fdbench.simulate.compose import compose, core_effects
 
+Lanes = WeakKeyDictionary["Variant", dict[float, tuple[FloatArray, NDArray[np.bool_]]]]
+
 WIDTH = 8  # few effects in a block beat many lanes in it
 PIECE = 1024  # samples simulated at once, which stay in the processor's cache
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Variant:
     """One lane: a plant, perhaps re-calibrated, with effects that the nominal model lacks."""
 
@@ -73,7 +77,9 @@ class Replay:
             places = (place for place, other in enumerate(self.kinds) if other is kind and place not in self._known)
             self._known.append(next(places))
         self._uniform = max(1, sum(kind.random for kind in self.kinds))
+        self._last = {kind: place for place, kind in enumerate(self.kinds)}  # of a kind, is no known one
         self._stepper = compose(self.kinds, WIDTH)
+        self._lanes: Lanes = WeakKeyDictionary()
 
     def simulate(self, run: RecordedRun, variants: Sequence[Variant]) -> dict[str, FloatArray]:
         """Return each channel of the run as simulated, (n_variants, n_samples); not finite where a variant diverges.
@@ -102,23 +108,32 @@ class Replay:
     def with_substeps(self, substeps: int) -> "Replay":
         """Return the simulator with another number of substeps."""
         found = copy.copy(self)
-        found.substeps = substeps
+        found.substeps, found._lanes = substeps, WeakKeyDictionary()
         return found
+
+    def _lane(self, variant: Variant, period_s: float) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return the rows of a variant at rest, (n_rows,), and which kinds of effects it has; made once, then kept."""
+        kept = self._lanes.setdefault(variant, {})
+        if period_s not in kept:
+            blocks = Blocks(self.kinds, 1, 1)
+            blocks.set_mechanics(_mechanics(variant.plant), period_s / self.substeps)
+            blocks.set_scalars({"LOGGED_PER_N": 1.0, **variant.plant.controller.rows()})
+            active = np.zeros(len(self.kinds), dtype=np.bool_)
+            known = zip(self._known, variant.plant.effects, strict=True)
+            for place, effect in (*known, *((self._last[item.declared], item) for item in variant.extra)):
+                active[place] = True
+                blocks.set_effect(place, effect)
+            kept[period_s] = blocks.values[0, :, 0], active
+        return kept[period_s]
 
     def _pieces(self, run: RecordedRun, variants: Sequence[Variant]) -> Iterator[tuple[slice, dict[str, FloatArray]]]:
         """Yield each stretch of samples and the channels there, (n_samples, WIDTH)."""
         blocks = Blocks(self.kinds, WIDTH, WIDTH)
-        where = {kind: place for place, kind in enumerate(self.kinds)}  # the last of a kind is no known one
-        active = np.zeros(len(self.kinds), dtype=np.bool_)
-        blocks.place(*run.start(), run.period_s)
-        for lane in range(WIDTH):
-            variant, own = variants[min(lane, len(variants) - 1)], np.array([lane])
-            blocks.set_mechanics(_mechanics(variant.plant), run.period_s / self.substeps, own)
-            blocks.set_scalars({"LOGGED_PER_N": 1.0, **variant.plant.controller.rows()}, own)
-            known = zip(self._known, variant.plant.effects, strict=True)
-            for place, effect in (*known, *((where[item.declared], item) for item in variant.extra)):
-                active[place] = True
-                blocks.set_effect(place, effect, True, own)
+        lanes = [self._lane(variant, run.period_s) for variant in variants]
+        lanes += [lanes[-1]] * (WIDTH - len(lanes))
+        blocks.values[0] = np.stack([rows for rows, _ in lanes], axis=1)
+        blocks.place(*run.start, run.period_s)
+        active = np.logical_or.reduce([own for _, own in lanes])
         reference = np.ascontiguousarray(run.reference)
         normal = np.zeros((1, PIECE, layout.NORMAL_COLUMNS, WIDTH))
         uniform = np.ones((1, PIECE, self._uniform, WIDTH))

@@ -207,7 +207,7 @@ def follow(record: Record, drive: FeedDrive) -> RecordedRun:
         condition=record.provenance.get("condition"),
         readings=None if controller.smoothed_Hz is None else readings,
     )
-    start, slope = run.start()
+    start, slope = run.start
     span = controller.difference_span
     back = np.concatenate((start - slope * period * np.arange(span, 0, -1), position[:-span]))
     velocity = (position - back) / (span * period)

@@ -1,6 +1,7 @@
 """Runs: records prepared for comparison with a simulation of the same command."""
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -64,8 +65,9 @@ class RecordedRun:
         """Number of samples."""
         return len(self.reference)
 
+    @functools.cached_property
     def start(self) -> tuple[float, float]:
-        """Return position (m) and velocity (m/s) at the first sample, by a line through the first few."""
+        """Position (m) and velocity (m/s) at the first sample, by a line through the first few."""
         first = self.channels["position_m"][: RECORDS.start_samples]
         slope, offset = np.polyfit(np.arange(len(first)) * self.period_s, first, 1)
         return float(offset), float(slope)

@@ -59,7 +59,7 @@ def lab() -> Lab:
     reference = moves((0.0, 0.05, 0.0), (0.02,), 1.0, PERIOD_S)
     still = dict.fromkeys(FLOORS, np.zeros(len(reference)))
     run = RecordedRun(name="slow", period_s=PERIOD_S, reference=reference, channels=still, lap=None)
-    simulated = replay.simulate(run, [start(model).with_effect(GAP).variant()])
+    simulated = replay.simulate(run, [start(model).with_effect(GAP).variant])
     run = dataclasses.replace(run, channels={name: values[0] for name, values in simulated.items()})
     noise_models = {name: white(rms, measured=True) for name, rms in FLOORS.items()}
     held_out = [np.zeros(len(reference), dtype=np.bool_)]

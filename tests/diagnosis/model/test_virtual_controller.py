@@ -54,7 +54,7 @@ def simulated(nominal: Nominal, records: Sequence[Record]) -> list[tuple[dict[st
     replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
     pairs = []
     for run in runs:
-        columns = replay.simulate(run, [start(nominal).variant()])
+        columns = replay.simulate(run, [start(nominal).variant])
         pairs.append((run.channels, {name: values[0] for name, values in columns.items()}))
     return pairs
 

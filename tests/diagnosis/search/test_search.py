@@ -39,7 +39,7 @@ def search(*extra: Effect) -> Search:
         reference = moves(stops, (0.08,), 2.0, PERIOD_S)
         still = dict.fromkeys(FLOORS, np.zeros(len(reference)))
         run = RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=still, lap=None)
-        simulated = replay.simulate(run, [base.variant()])
+        simulated = replay.simulate(run, [base.variant])
         noisy = {name: own[0] + FLOORS[name] * rng.standard_normal(len(own[0])) for name, own in simulated.items()}
         runs.append(dataclasses.replace(run, channels=noisy))
     held_out = [np.full(run.n_samples, place == 1) for place, run in enumerate(runs)]
