@@ -43,14 +43,13 @@ benchmark: $(RUNTIME)
 test: $(TEST)
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not processors and not pages"
 
-# README.md, tutorials and how-to pages, executed block after block; README's short ones are part of `make test` too.
+# README.md, tutorials and how-to pages, executed block after block.
 test-pages: $(TEST)
 	$(BIN)/python -m pytest -n 2 --no-loadscope-reorder -q -m pages tests
 
-# As on other processors: kernels of linear algebra without vectors and with wide ones, machine code for any.
-WIDE := $(shell grep -qw avx512dq /proc/cpuinfo 2>/dev/null && echo OPENBLAS_CORETYPE=SkylakeX || echo OPENBLAS_CORETYPE=Haswell)
+# As on other processors: kernels of linear algebra without vectors and with narrower ones, machine code for any.
 test-processors: $(TEST)
-	@for processor in "OPENBLAS_CORETYPE=Prescott NUMBA_CPU_NAME=generic" "$(WIDE)"; do \
+	@for processor in "OPENBLAS_CORETYPE=Prescott NUMBA_CPU_NAME=generic" "OPENBLAS_CORETYPE=Haswell"; do \
 	  echo "as on $$processor"; env $$processor $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -q -m linear_algebra tests || exit; \
 	done
 	@echo "as on several, one beside the other"; $(BIN)/python -m pytest -q -m processors tests

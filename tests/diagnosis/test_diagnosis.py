@@ -77,7 +77,7 @@ def test_the_same_signal_has_all_its_names() -> None:
     assert "shaker_force" in {kind.name for kind in without.library}
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_nothing_is_named_where_nothing_is_hidden(seed: int) -> None:
     answer = diagnose(*case((), seed)).answer
     assert answer.no_gap_probability + answer.unknown_probability > 0.9

@@ -28,7 +28,6 @@ PAGES = [
 PAGES += sorted((REPOSITORY / "examples").rglob("*.md"))
 BLOCK = re.compile(r"(?P<before>[^\n]*)\n+```(?P<language>\w*)\n(?P<text>.*?)^```$", re.M | re.S)
 SLOW = "<!-- slow -->"
-LONG = "<!-- long -->"
 COMMANDS = (
     *("list", "import", "run", "verify", "reproduce", "leaderboard", "compare", "report", "record"),
     *("diagnose", "evaluate", "show", "plot", "trial", "check", "new"),
@@ -69,16 +68,16 @@ def check_text(expected: str, printed: str) -> None:
     assert checker.check_output(expected, printed, options), checker.output_difference(example, printed, options)
 
 
-def run_in_order(found: list[Block], folder: Path, left_out: tuple[str, ...] = (SLOW,)) -> int:
+def run_in_order(found: list[Block], folder: Path) -> int:
     """Run blocks as a newcomer would, hold each text against what the block before it printed; return how many.
 
-    A block after a line of ``left_out`` is not run, and what it prints not compared.
+    A block after a line of ``SLOW`` is not run, and what it prints not compared.
     """
     printed, compared = "", 0
     is_run = False
     for block in found:
         if block.language in ("python", "sh", "toml"):
-            is_run = block.before not in left_out
+            is_run = block.before != SLOW
             printed = run(block, folder) if is_run else ""
         elif block.language == "text" and is_run:
             check_text(block.text, printed)
@@ -86,21 +85,12 @@ def run_in_order(found: list[Block], folder: Path, left_out: tuple[str, ...] = (
     return compared
 
 
-def run_readme(folder: Path, left_out: tuple[str, ...]) -> int:
-    for entry in REPOSITORY.iterdir():
-        if not entry.name.startswith(".") and entry.name not in ("results", "leaderboard.md"):
-            (folder / entry.name).symlink_to(entry)
-    return run_in_order(blocks(README), folder, left_out)
-
-
-def test_short_blocks_of_readme_do_what_they_say(tmp_path: Path) -> None:
-    assert run_readme(tmp_path, (SLOW, LONG)) >= 2
-    assert sum(block.before == LONG for block in blocks(README)) == 2
-
-
 @pytest.mark.pages
 def test_blocks_of_readme_do_what_they_say(tmp_path: Path) -> None:
-    assert run_readme(tmp_path, (SLOW,)) >= 3
+    for entry in REPOSITORY.iterdir():
+        if not entry.name.startswith(".") and entry.name not in ("results", "leaderboard.md"):
+            (tmp_path / entry.name).symlink_to(entry)
+    assert run_in_order(blocks(README), tmp_path) >= 3
 
 
 @pytest.mark.pages

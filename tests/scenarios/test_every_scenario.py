@@ -1,28 +1,35 @@
 """Every scenario file holds the shared checks, and a released one never changes."""
 
 import json
+from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 
 import pytest
 from conftest import REPOSITORY
 
-from fdbench.checks.check_scenario import CHECKS
+from fdbench.checks.check_scenario import CHECKS, Subject
 from fdbench.errors import MissingData, SpecError
 from fdbench.scenario import load_scenario, scenario_ids
 
 DIGESTS = REPOSITORY / "tests" / "golden" / "scenario_digests.json"
 
 
+@lru_cache(maxsize=1)
+def subject(name: str) -> Subject:
+    return Subject(load_scenario(name))
+
+
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("name", scenario_ids())
-def test_scenario(name: str, check: object) -> None:
-    scenario = load_scenario(name)
-    if scenario.measured is not None:
+def test_scenario(name: str, check: Callable[[Subject], None]) -> None:
+    checked = subject(name)
+    if checked.scenario.measured is not None:
         try:
-            scenario.observe(0)
+            checked.scenario.observe(0)
         except MissingData as missing:
             pytest.skip(str(missing))
-    check(scenario)  # type: ignore[operator]
+    check(checked)
 
 
 def test_released_scenarios_are_frozen() -> None:

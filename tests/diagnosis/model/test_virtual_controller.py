@@ -133,7 +133,7 @@ def test_a_drive_without_controller_is_not_simulated_on_its_command() -> None:
 # ---- the diagnosis ----
 
 
-@pytest.mark.parametrize("name", ["backlash", "cogging", "load_dependent_friction"])
+@pytest.mark.parametrize("name", ["cogging", "load_dependent_friction"])
 def test_the_effect_is_named_first_without_the_controller(name: str, tmp_path: Path) -> None:
     found = diagnose(*blind((effects.get(name).typical(),), seed=1))
     first = found.answer.causes[0]
@@ -202,7 +202,7 @@ def one_mass(mass_kg: float, coulomb_force_N: float) -> FeedDrive:
     )
 
 
-@pytest.mark.parametrize("name", ["current_loop_lag", "position_dependent_friction", "torque_ripple"])
+@pytest.mark.parametrize("name", ["current_loop_lag", "torque_ripple"])
 def test_the_effect_is_named_first_on_one_mass(name: str) -> None:
     axis, extra = one_mass(61.0, 118.0), (effects.get(name).typical(),)
     groups = []
