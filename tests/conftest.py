@@ -77,3 +77,11 @@ def registries_of_the_module() -> Iterator[None]:
         for registry in (*SIMULATION, estimators):
             patch.setattr(registry, "_files", {})
         yield
+
+
+@pytest.fixture
+def own_plugin_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no estimator file of one test be known to the next."""
+    from fdbench.estimator import estimators
+
+    monkeypatch.setattr(estimators, "_files", {})

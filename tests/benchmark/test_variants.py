@@ -12,8 +12,9 @@ from fdbench.benchmark.run import run
 from fdbench.benchmark.store import RunKey, Store
 from fdbench.benchmark.variant import arguments, registered, variant, variants
 from fdbench.errors import PluginError, SpecError, UnknownName
-from fdbench.estimator import estimators
 from fdbench.report._ranking import all_rankings, ranking_tables
+
+pytestmark = pytest.mark.usefixtures("own_plugin_files")
 
 # Says what it was made with; a number above 9 is refused.
 TELLS = """
@@ -32,11 +33,6 @@ class Tells(BatchEstimator):
         assert all(type(value) is float for value in self.values)
         return Estimate(parameters=dict(zip(("beta_1", "beta_2"), self.values)))
 """
-
-
-@pytest.fixture(autouse=True)
-def _own_plugin_files(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(estimators, "_files", {})
 
 
 @pytest.fixture

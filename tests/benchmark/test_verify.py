@@ -17,6 +17,8 @@ from fdbench.cli import app
 from fdbench.errors import FdbenchError, UnknownName
 from fdbench.estimator import estimators
 
+pytestmark = pytest.mark.usefixtures("own_plugin_files")
+
 GUESS = """import pathlib
 from fdbench.estimator import BatchEstimator, Estimate
 
@@ -35,11 +37,6 @@ TIME_S = 2.0
 
 def found_files() -> list[str]:
     return sorted(estimators.files())
-
-
-@pytest.fixture(autouse=True)
-def _own_plugin_files(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(estimators, "_files", {})
 
 
 @pytest.fixture(scope="module")

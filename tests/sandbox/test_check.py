@@ -15,8 +15,10 @@ from fdbench.checks import check, check_declared, check_estimator, declare
 from fdbench.checks.check_estimator import has_a_possible_covariance, has_right_examples
 from fdbench.cli import app
 from fdbench.errors import PluginError
-from fdbench.estimator import Estimate, estimators
+from fdbench.estimator import Estimate
 from fdbench.sandbox import Sandbox, WorkerLimits
+
+pytestmark = pytest.mark.usefixtures("own_plugin_files")
 
 ONLINE = """
 import ctypes, os, time
@@ -63,11 +65,6 @@ def sandbox() -> Iterator[Sandbox]:
     """Return one for the tests in which nothing ends, as each costs seconds."""
     with closing(Sandbox(WorkerLimits())) as made:
         yield made
-
-
-@pytest.fixture(autouse=True)
-def _own_plugin_files(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(estimators, "_files", {})
 
 
 def written(folder: Path, number: int, fault: str) -> str:

@@ -21,6 +21,8 @@ from fdbench.errors import FdbenchError
 from fdbench.estimator import estimators
 from fdbench.sandbox import seccomp
 
+pytestmark = pytest.mark.usefixtures("own_plugin_files")
+
 FILES = sorted((Path(__file__).parent / "misbehaving").glob("*.py"))
 MEMORY_MB = 1024.0
 
@@ -94,11 +96,6 @@ class Faulty(BatchEstimator):
     def fit(self, context, record):
         return Estimate()
 """
-
-
-@pytest.fixture(autouse=True)
-def _own_plugin_files(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(estimators, "_files", {})
 
 
 @pytest.fixture(scope="module")
