@@ -94,6 +94,7 @@ class ModelSettings:
     smallest_mass: float = number(0.05, "of the nominal mass, below which re-calibration does not go")
     freedom: float = number(3.0, "degrees of freedom of Student's t of a nominal parameter: a few are far off")
     most_form: float = number(3.0, "deviations by which friction at low speed may exceed its nominal form, and no more")
+    most_delay: float = number(2.0, "deviations by which the velocity's reference may be late or early, and no more")
     far_fetched: float = number(5.0, "deviations of a nominal parameter beyond which it stands in for an effect")
     line_step: float = number(3e-4, "relative step of a period in a fit", "a record holds hundreds of periods")
     step: float = number(0.1, "relative step of any other number of an effect in a fit")
@@ -122,6 +123,7 @@ class BaselineSettings:
     transition_velocity: float = number(0.2, "natural logarithm of the speed over which friction turns its sign")
     friction_side: float = number(0.02, "part of the known friction that acts on the motor instead of the table")
     friction_form: float = number(0.01, "form of friction at low speeds, relative to the known friction")
+    reference_delay: float = number(0.02, "delay of the velocity's reference, in sampling times")
 
 
 @dataclass(frozen=True, kw_only=True)

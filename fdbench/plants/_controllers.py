@@ -47,11 +47,12 @@ class Cascade:
     r"""Position and velocity cascade with feed-forward and a limited force.
 
     .. math::
-        e = k_v v_r + K_x (x_r - x) - \hat v, \qquad
+        e = k_v (v_r - \delta a_r) + K_x (x_r - x) - \hat v, \qquad
         F = K_p e + K_i \int e\,dt + m_{ff} a_r, \quad |F| \le F_{max}
 
-    The velocity is the difference of the position reading over ``difference_span`` samples (0: a tachometer), the
-    integral stops while the force is limited. Source: Altintas, Manufacturing Automation (2012), section 5.5.
+    The velocity's reference comes later than the position's by :math:`\delta`, to first order; earlier where it is
+    negative. The velocity is the difference of the position reading over ``difference_span`` samples (0: a tachometer),
+    the integral stops while the force is limited. Source: Altintas, Manufacturing Automation (2012), section 5.5.
     """
 
     position_gain_per_s: float = nonnegative()
@@ -62,6 +63,7 @@ class Cascade:
     force_limit_N: float = positive()
     feedback: str = "motor"
     difference_span: int = bounded(0, 2)
+    velocity_reference_delay_s: float = bounded(-0.1, 0.1, default=0.0)
 
     action_row: ClassVar[str] = "ACTION_POSITION"
     action_name: ClassVar[str] = "position_m"
@@ -82,6 +84,7 @@ class Cascade:
             "DIFFERENCE_SPAN": float(self.difference_span),
             "POSITION_GAIN": self.position_gain_per_s,
             "VELOCITY_FEEDFORWARD": self.velocity_feedforward,
+            "VELOCITY_REFERENCE_DELAY": self.velocity_reference_delay_s,
             "VELOCITY_GAIN": self.velocity_gain_N_s_per_m,
             "INTEGRAL_GAIN": self.integral_gain_N_per_m,
             "ACCELERATION_FEEDFORWARD": self.acceleration_feedforward_kg,

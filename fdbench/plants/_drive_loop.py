@@ -189,6 +189,7 @@ class DriveLoop:
         self.position_gain, self.feedforward = rows.get("POSITION_GAIN", 0.0), rows.get("VELOCITY_FEEDFORWARD", 0.0)
         self.velocity_gain, self.integral_gain = rows.get("VELOCITY_GAIN", 0.0), rows.get("INTEGRAL_GAIN", 0.0)
         self.acceleration_feedforward = rows.get("ACCELERATION_FEEDFORWARD", 0.0)
+        self.velocity_reference_delay = rows.get("VELOCITY_REFERENCE_DELAY", 0.0)
 
     def controlled(self, measured: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return A, b, c from the motor's force to the force that the velocity controller asks for.
@@ -232,8 +233,10 @@ class DriveLoop:
             loops["position"] = system(A - np.outer(B, c), wanted, self.position_gain * wide(self.position, A))
             A, B, c = self.broken_at_force()
             loops["both, at the motor's force"] = system(A, B, c)
-        commands = (self.position_gain * wanted, self.feedforward * wanted, self.acceleration_feedforward * B)
-        closed = system(A - np.outer(B, c), np.column_stack(commands), wide(self.position, A))
+        velocity = self.feedforward * wanted
+        acceleration = self.acceleration_feedforward * B - self.velocity_reference_delay * velocity
+        commands = np.column_stack((self.position_gain * wanted, velocity, acceleration))
+        closed = system(A - np.outer(B, c), commands, wide(self.position, A))
         return LinearSystem(
             plant=continuous, sampling_time_s=clock, delay_s=self.plant.delay_s, loops=loops, closed=closed
         )

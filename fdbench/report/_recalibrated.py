@@ -2,7 +2,7 @@
 
 from fdbench.diagnosis.diagnose import Diagnosis
 from fdbench.diagnosis.model.hypothesis import WIDTH, NominalParameter, amplitude_of, nominal_parameters
-from fdbench.plants.feed_drive import FeedDrive
+from fdbench.plants.feed_drive import Cascade, FeedDrive
 from fdbench.report._page import table
 from fdbench.report._templates import Html
 from fdbench.units import unit_of
@@ -38,6 +38,8 @@ def value_text(item: NominalParameter, drive: FeedDrive, shift: float) -> str:
         return f"{percent(share)} on the motor"
     if item.effect is not None:
         return si_text(getattr(added[0], item.amplitude), unit_of(item.amplitude))
+    if item.kind == "reference_delay" and isinstance(moved.controller, Cascade):
+        return si_text(moved.controller.velocity_reference_delay_s, "s")
     if item.kind == "width":
         return si_text(getattr(moved.effects[item.index], WIDTH), unit_of(WIDTH))
     if item.kind == "known_effects":

@@ -41,7 +41,8 @@ def measure_and_control(w, calls, first_calls, k, period, reference, normal, uni
         velocity = (feedback - back) / (max(span, 1.0) * period) if span > 0.5 else tachometer
         row = int(w[INDEX + i])
         w[COMMANDED_V + i] = reference[row, 1]
-        wanted = w[VELOCITY_FEEDFORWARD + i] * (reference[row, 1] + w[ACTION_VELOCITY + i])
+        commanded = reference[row, 1] - w[VELOCITY_REFERENCE_DELAY + i] * reference[row, 2]
+        wanted = w[VELOCITY_FEEDFORWARD + i] * (commanded + w[ACTION_VELOCITY + i])
         wanted += w[POSITION_GAIN + i] * (reference[row, 0] + w[ACTION_POSITION + i] - feedback)
         error = wanted - velocity
         free = w[VELOCITY_GAIN + i] * error + w[INTEGRAL_GAIN + i] * w[INTEGRAL + i]

@@ -91,7 +91,8 @@ def aligned(
     fastest = max(float(np.abs(run.reference[:, 1]).max()) for run in raw_runs)
     longest = max(run.n_samples * run.period_s for run in raw_runs)
     force = max(rms(run.channels["motor_force_N"]) for run in raw_runs)
-    nominal = nominal.beside(Covered(fastest_m_per_s=fastest, longest_s=longest, force_N=force))
+    period = raw_runs[0].period_s
+    nominal = nominal.beside(Covered(fastest_m_per_s=fastest, longest_s=longest, force_N=force, period_s=period))
     drive = nominal.drive
     replay, given = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
     runs: list[RecordedRun] = []

@@ -25,7 +25,7 @@ def deviating_parameters(
     scale = nominal_parameters(final.nominal)
     groups: dict[str, list[int]] = {}
     for place, calibration in enumerate(scale):
-        if calibration.kind in ("width", "friction_form"):
+        if calibration.kind in ("width", "friction_form", "reference_delay"):
             continue
         groups.setdefault(f"{calibration.kind}_{calibration.index}", []).append(place)
     shifts = [[0.0 if n in places else shift for n, shift in enumerate(final.shifts)] for places in groups.values()]

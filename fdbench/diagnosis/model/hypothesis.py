@@ -12,11 +12,12 @@ from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Variant
 from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import Effect, Port
-from fdbench.plants.feed_drive import FeedDrive, RotaryMotor, Table
+from fdbench.plants.feed_drive import Cascade, FeedDrive, RotaryMotor, Table
 from fdbench.record import FloatArray
 
 WIDTH = "transition_velocity_m_per_s"  # parameter that any friction turns its sign over
 OFFSET = "force_offset"
+UNSTATED = ("width", "friction_side", "friction_form", "reference_delay")  # kinds that no data sheet has
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,11 +79,15 @@ class Hypothesis:
         """Return for each nominal parameter how far a fit may move it down and up, in standard deviations.
 
         The form of friction has a limit upwards: what resists at low speed beyond it is an effect, such as Stribeck's.
-        Downwards it has none, as no effect takes friction away there.
+        Downwards it has none, as no effect takes friction away there. A reference that is a sampling time late or early
+        is a matter of how a loop is written; what is later is an effect.
         """
-        kinds = [item.kind for item in nominal_parameters(self.nominal)]
-        most = [MODEL.most_form if kind == "friction_form" else math.inf for kind in kinds]
-        return [(-math.inf, own - shift) for own, shift in zip(most, self.shifts, strict=True)]
+        limits = {
+            "friction_form": (-math.inf, MODEL.most_form),
+            "reference_delay": (-MODEL.most_delay, MODEL.most_delay),
+        }
+        own = [limits.get(item.kind, (-math.inf, math.inf)) for item in nominal_parameters(self.nominal)]
+        return [(low - shift, high - shift) for (low, high), shift in zip(own, self.shifts, strict=True)]
 
     def prior_penalty(self) -> float:
         r"""Return :math:`\sum_i (\nu + 1) \ln(1 + s_i^2 / \nu)`, minus twice the log prior of Student's t."""
@@ -109,7 +114,7 @@ class Hypothesis:
         stated = (
             shift
             for item, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True)
-            if item.kind not in ("width", "friction_side", "friction_form")
+            if item.kind not in UNSTATED
         )
         return sum((freedom + 1.0) * max(0.0, math.log((1.0 + shift**2 / freedom) / limit)) for shift in stated)
 
@@ -173,6 +178,14 @@ def _with_width(drive: FeedDrive, index: int, ratio: float) -> FeedDrive:
     return dataclasses.replace(drive, effects=(*drive.effects[:index], changed, *drive.effects[index + 1 :]))
 
 
+def _with_delay(drive: FeedDrive, change: float) -> FeedDrive:
+    controller = drive.controller
+    if not isinstance(controller, Cascade):
+        return drive
+    delay_s = controller.velocity_reference_delay_s + change
+    return dataclasses.replace(drive, controller=dataclasses.replace(controller, velocity_reference_delay_s=delay_s))
+
+
 @dataclass(frozen=True, kw_only=True)
 class NominalParameter:
     """A nominal parameter that every hypothesis may move, with its standard deviation.
@@ -182,13 +195,14 @@ class NominalParameter:
     name : str
     kind : str
         ``mass``, ``viscous``, ``known_effects``, ``width`` (of the friction's turn), ``friction_side``,
-        ``friction_form`` or ``force_offset``.
+        ``friction_form``, ``force_offset`` or ``reference_delay``.
     side : str
         ``motor`` or ``table`` for masses and viscous friction.
     index : int
         Of the known effect.
     deviation : float
-        Relative, that of a form to the known friction; N s/m for viscous friction and N for the force offset.
+        Relative, that of a form to the known friction; N s/m for viscous friction, N for the force offset and s for a
+        delay.
     effect : Effect or None
         That carries a force offset, a bump of the friction's form or friction of the motor, without it.
     amplitude : str
@@ -216,6 +230,8 @@ class NominalParameter:
             return drive, (self.effect.changed(**{self.amplitude: change}),)
         if self.kind == "known_effects":
             return _with_known(drive, self.index, max(1.0 + change, 0.0)), ()
+        if self.kind == "reference_delay":
+            return _with_delay(drive, change), ()
         if self.kind == "width":
             return _with_width(drive, self.index, math.exp(change)), ()
         part = drive.motor if self.side == "motor" else drive.table
@@ -244,12 +260,13 @@ class NominalParameter:
     @property
     def unit(self) -> str:
         """Unit of `size`."""
-        return {"mass": "kg", "viscous": "N s/m", "width": ""}.get(self.kind, "N")
+        units = {"mass": "kg", "viscous": "N s/m", "width": "", "reference_delay": "s"}
+        return units.get(self.kind, "N")
 
     @property
     def changes_from_run_to_run(self) -> bool:
-        """Whether it may differ between repeats: friction and offsets do, masses, side and form of friction do not."""
-        return self.kind not in ("mass", "width", "friction_side", "friction_form")
+        """Whether it may differ between repeats: friction and offsets do, masses and what is unstated do not."""
+        return self.kind != "mass" and self.kind not in UNSTATED
 
     def cause(self, nominal: Nominal) -> str:
         """Return the name of the effect that a large change of this value is, or an empty text."""
@@ -293,7 +310,16 @@ def nominal_parameters(nominal: Nominal) -> tuple[NominalParameter, ...]:
         for kind in offsets[:1]
         if nominal.force_offset_N > 0.0
     ]
-    return (*found, *_friction_form(nominal), *_friction_side(nominal))
+    return (*found, *_friction_form(nominal), *_friction_side(nominal), *_reference_delay(nominal))
+
+
+def _reference_delay(nominal: Nominal) -> list[NominalParameter]:
+    """Return by how much the velocity's reference of a cascade is late."""
+    controller, period_s = nominal.drive.controller, nominal.covered.period_s
+    deviation = nominal.uncertainty.reference_delay * period_s
+    if not isinstance(controller, Cascade) or controller.velocity_feedforward == 0.0 or deviation == 0.0:
+        return []
+    return [NominalParameter(name="reference_delay", kind="reference_delay", deviation=deviation)]
 
 
 def _friction_side(nominal: Nominal) -> list[NominalParameter]:

@@ -40,8 +40,9 @@ class Uncertainty:
     Masses, viscous frictions and the effects that the model knows are relative, the force offset is in newtons. No
     data sheet says over which speed friction turns its sign: ``transition_velocity`` is that of its natural logarithm.
     ``friction_side`` is the part of the known friction that acts on the motor instead of the table, and
-    ``friction_form`` is that of friction at low speeds, relative to the known friction. Without ``force_offset_N`` it
-    is 2 N on an axis of usual forces; see `Nominal.scale`.
+    ``friction_form`` is that of friction at low speeds, relative to the known friction. ``reference_delay`` is that of
+    the velocity's reference in a cascade, in sampling times. Without ``force_offset_N`` it is 2 N on an axis of usual
+    forces; see `Nominal.scale`.
     """
 
     mass: float = positive(default=0.03)
@@ -50,6 +51,7 @@ class Uncertainty:
     transition_velocity: float = nonnegative(default=1.0)
     friction_side: float = nonnegative(default=0.3)
     friction_form: float = nonnegative(default=0.05)
+    reference_delay: float = nonnegative(default=0.5)
     force_offset_N: float | None = nonnegative(default=None)
 
     def __post_init__(self) -> None:
@@ -58,11 +60,12 @@ class Uncertainty:
 
 @dataclass(frozen=True, kw_only=True)
 class Covered:
-    """What the records cover: fastest speed, longest time, greatest mean force; 0 where that is not known yet."""
+    """What records cover: fastest speed, longest time, greatest mean force, sampling time; 0 where not known yet."""
 
     fastest_m_per_s: float = nonnegative(default=0.0)
     longest_s: float = nonnegative(default=0.0)
     force_N: float = nonnegative(default=0.0)
+    period_s: float = nonnegative(default=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
