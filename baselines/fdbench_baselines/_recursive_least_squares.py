@@ -128,7 +128,8 @@ def solve(A: FloatArray, b: FloatArray, w: FloatArray) -> None:
     """Write the solution of A w = b, A positive definite and given by its lower triangle, by Cholesky's method."""
     n = b.size
     L = np.zeros((n, n))
-    w[:] = b
+    for j in range(n):
+        w[j] = b[j]
     for j in range(n):
         column = L[j]  # L is kept transposed, so that a column is contiguous
         for i in range(j, n):
@@ -180,12 +181,14 @@ def predict(state: Hybrid, response: FloatArray, error: FloatArray, q: int, batc
     for k in range(response.size):
         if state.place[0] == 0:
             solve(A, b, w)
-            predicted[first:] = measured[first:]
+            for i in range(first, n):
+                predicted[i] = measured[i]
         state.place[0] = (state.place[0] + 1) % batch
         for i in range(1 + q, 1, -1):
             measured[i] = measured[i - 1]
         measured[1] = response[k]
-        predicted[1:first] = measured[1:first]
+        for i in range(1, first):
+            predicted[i] = measured[i]
         estimate = 0.0
         for i in range(n):
             estimate += w[i] * predicted[i]

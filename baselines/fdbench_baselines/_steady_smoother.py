@@ -108,7 +108,8 @@ def run_backward(transition, weighted, adjoints):  # type: ignore[no-untyped-def
             for j in range(n):
                 s += transition[i, j] * later[j]
             adjoints[k, i] = s
-        later[:] = adjoints[k]
+        for i in range(n):
+            later[i] = adjoints[k, i]
 
 
 def filtered(model: Observer, u: FloatArray, y: FloatArray) -> SteadyFiltered:
