@@ -17,7 +17,7 @@ CONVERGENCE = 0.02
 
 
 @dataclasses.dataclass(frozen=True)
-class Subject:
+class CheckedScenario:
     """A scenario under checks, which share what it gives at seed 0."""
 
     scenario: Scenario
@@ -28,20 +28,20 @@ class Subject:
         return self.scenario.observe(0)
 
 
-def has_version(s: Subject) -> None:
+def has_version(s: CheckedScenario) -> None:
     """Expect an id that ends in -vN."""
     scenario = s.scenario
     if not re.fullmatch(r"[A-Z][A-Za-z0-9]*-v\d+", scenario.id):
         raise PluginError(f"id '{scenario.id}': CamelCase and a version are expected, such as ShakerConstant-v0.")
 
 
-def names_its_source(s: Subject) -> None:
+def names_its_source(s: CheckedScenario) -> None:
     """Title and source say something."""
     if not s.scenario.title.strip() or not s.scenario.source.strip():
         raise PluginError("title and source must say what the scenario is and where its values come from.")
 
 
-def hyperparameters_exist(s: Subject) -> None:
+def hyperparameters_exist(s: CheckedScenario) -> None:
     """Hyperparameters are arguments of estimators that exist, of the type of their defaults."""
     misses = []
     for name, arguments in s.scenario.estimation.hyperparameters.items():
@@ -53,7 +53,7 @@ def hyperparameters_exist(s: Subject) -> None:
     raise_all(misses)
 
 
-def repeats_under_a_seed(s: Subject) -> None:
+def repeats_under_a_seed(s: CheckedScenario) -> None:
     """Expect the same bits from the same seed."""
     first, second = s.observed[0], s.scenario.observe(0)[0]
     raise_all(
@@ -63,7 +63,7 @@ def repeats_under_a_seed(s: Subject) -> None:
     )
 
 
-def is_integrated_well(s: Subject) -> None:
+def is_integrated_well(s: CheckedScenario) -> None:
     """Half the substep changes no column by more than 2 % of its spread, noise being the same."""
     timing = s.scenario.timing
     if timing is None:
@@ -82,7 +82,7 @@ def is_integrated_well(s: Subject) -> None:
     raise_all(misses)
 
 
-def excites_what_it_scores(s: Subject) -> None:
+def excites_what_it_scores(s: CheckedScenario) -> None:
     """Expect parameters that can be identified, and a disturbance where one is scored."""
     scenario, (record, truth) = s.scenario, s.observed
     Z = scenario.context().regression(record).regressors
@@ -116,7 +116,7 @@ def check_scenario(name_or_path: str | Path) -> list[str]:
     FdbenchError
         If the file cannot be read, or measured data are absent.
     """
-    checked = Subject(load_scenario(name_or_path))
+    checked = CheckedScenario(load_scenario(name_or_path))
     if checked.scenario.measured is not None:
         checked.scenario.observe(0)
     return run_checks(checked.scenario.id, [(check.__name__, partial(check, checked)) for check in CHECKS])

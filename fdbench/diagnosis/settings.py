@@ -80,6 +80,17 @@ class PlausibleSettings:
     spike_samples: int = number(3, "longest spike")
     unfelt: float = number(0.3, "share of its impulse that a real force would at least leave in the speed")
     beside_spike_samples: int = number(8, "samples before and after a spike that the speed is taken over")
+    spike_shape: float = number(0.3, "of its height, by which what lies before and after a jump and back may differ")
+    force_parts: int = number(8, "parts of a record, each with a slope between asked and logged force of its own")
+    foreign_force: float = number(0.3, "share of the force that a motion asks for, below which it is another's")
+    sure_foreign: float = number(3.0, "standard errors by which it has to be below that", CONVENTION)
+    greatest_force: float = number(0.98, "share of its greatest size at which a force is limited", zero=1.0)
+    limited_force: float = number(0.05, "share of samples with a limited force, of which nothing is asked")
+    frozen_force_s: float = number(0.1, "time that no force stands still")
+    frozen_force: float = number(0.5, "share of the range of a force that is asked for while it stands still")
+    coarse_force: float = number(64.0, "steps of its resolution in the range of a force, below which it is coarse")
+    cut_samples: int = number(3, "samples in a row at the greatest force that a limit or a logger cuts off")
+    cut_force: float = number(0.005, "share of samples at the greatest force that is worth a word")
 
 
 @dataclass(frozen=True, kw_only=True)

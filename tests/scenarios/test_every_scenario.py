@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from conftest import REPOSITORY
 
-from fdbench.checks.check_scenario import CHECKS, Subject
+from fdbench.checks.check_scenario import CHECKS, CheckedScenario
 from fdbench.errors import MissingData, SpecError
 from fdbench.scenario import load_scenario, scenario_ids
 
@@ -16,13 +16,13 @@ DIGESTS = REPOSITORY / "tests" / "golden" / "scenario_digests.json"
 
 
 @lru_cache(maxsize=1)
-def subject(name: str) -> Subject:
-    return Subject(load_scenario(name))
+def subject(name: str) -> CheckedScenario:
+    return CheckedScenario(load_scenario(name))
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("name", scenario_ids())
-def test_scenario(name: str, check: Callable[[Subject], None]) -> None:
+def test_scenario(name: str, check: Callable[[CheckedScenario], None]) -> None:
     checked = subject(name)
     if checked.scenario.measured is not None:
         try:

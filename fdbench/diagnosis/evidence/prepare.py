@@ -21,6 +21,7 @@ from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.model.virtual_controller import prepared
 from fdbench.diagnosis.records.conditions import Apart, apart, restless
+from fdbench.diagnosis.records.force_reading import limits_of_forces
 from fdbench.diagnosis.records.noise_model import NoiseModel, noise_models, raised
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record
 from fdbench.diagnosis.records.runs import RecordedRun, merged, prepare, same_command
@@ -95,6 +96,7 @@ def aligned(
     nominal = nominal.beside(Covered(fastest_m_per_s=fastest, longest_s=longest, force_N=force, period_s=period))
     drive = nominal.drive
     replay, given = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
+    warnings += limits_of_forces([run.as_read() for run in raw_runs], drive)
     runs: list[RecordedRun] = []
     counts, unsteady = [], []
     for run in raw_runs:

@@ -13,11 +13,6 @@ from fdbench.record import FloatArray
 from fdbench.units import time_text
 
 FORCE, POSITION = "motor_force_N", "position_m"
-PARTS = 8  # of a record, each with a slope of its own
-FOREIGN, SURE = 0.3, 3.0  # share of the force that a motion asks for below which it is another's; standard errors
-AT_LIMIT, LIMITED = 0.98, 0.05  # share of its greatest size at which a force is limited; of samples that are
-FROZEN_FORCE_S, FROZEN_FORCE = 0.1, 0.5  # time that it stands still; share of its range that is asked for meanwhile
-SPIKE_SHAPE = 0.3  # of its height, by which what lies before and after a spike may differ
 
 
 def check_damage(run: RecordedRun, drive: FeedDrive, noise_m: float) -> None:
@@ -90,7 +85,7 @@ def _refuse_many_spikes(run: RecordedRun, least: float) -> None:
     middle = bends[1:-1]
     odd = np.maximum(np.abs(bends[:-2] + 0.5 * middle), np.abs(bends[2:] + 0.5 * middle))
     repeats = (steps[1:-2] == 0.0) | (steps[2:-1] == 0.0)
-    spikes = np.flatnonzero((np.abs(middle) > 2.0 * least) & (odd < SPIKE_SHAPE * np.abs(middle)) & ~repeats)
+    spikes = np.flatnonzero((np.abs(middle) > 2.0 * least) & (odd < PLAUSIBLE.spike_shape * np.abs(middle)) & ~repeats)
     if spikes.size > PLAUSIBLE.spike_samples:
         largest = int(spikes[np.argmax(np.abs(middle[spikes]))])
         raise RecordError(
@@ -100,7 +95,7 @@ def _refuse_many_spikes(run: RecordedRun, least: float) -> None:
         )
 
 
-def _stretches(inside: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def stretches(inside: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return first and last index, exclusive, of each stretch that is true."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False])).astype(np.int8)))
     return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
@@ -113,7 +108,7 @@ def _refuse_frozen(
     same = (np.diff(position) == 0.0) & (np.diff(force) == 0.0)
     fewest = max(PLAUSIBLE.frozen_samples, round(PLAUSIBLE.frozen_s / run.period_s))
     span, noisy = float(np.ptp(position)), PLAUSIBLE.bend_noise * noise_m
-    for first, last in _stretches(same):
+    for first, last in stretches(same):
         if last - first < fewest:
             continue
         told = float(np.ptp(run.reference[first : last + 1, 0])) if run.motion is None else 0.0
@@ -136,7 +131,7 @@ def _refuse_copies(run: RecordedRun, position: FloatArray, force: FloatArray) ->
     lag = np.zeros(len(force), dtype=np.intp)
     lag[order[1:][twin]] = np.diff(order)[twin]
     moving, fewest = np.concatenate(([False], np.diff(position) != 0.0)), PLAUSIBLE.copied_samples
-    for first, last in _stretches((lag > 0) & np.concatenate(([False], lag[1:] == lag[:-1]))):
+    for first, last in stretches((lag > 0) & np.concatenate(([False], lag[1:] == lag[:-1]))):
         if last - first >= fewest and np.count_nonzero(moving[first:last]) > fewest // 2:
             raise RecordError(
                 f"{run.name}: the {last - first + 1} samples from {_place(run, first - 1)} on repeat those "
@@ -148,7 +143,7 @@ def _refuse_spikes(run: RecordedRun, drive: FeedDrive, noise_m: float) -> None:
     """Refuse a short spike of the force that the axis would have felt, but did not."""
     force, position, h = run.channels[FORCE], run.channels[POSITION], run.period_s
     usual, beside = float(np.quantile(np.abs(force), 0.995)), PLAUSIBLE.beside_spike_samples
-    for first, last in _stretches(np.abs(force) > PLAUSIBLE.spike * usual) if usual > 0.0 else []:
+    for first, last in stretches(np.abs(force) > PLAUSIBLE.spike * usual) if usual > 0.0 else []:
         before, after = position[max(0, first - beside) : first + 1], position[last : last + beside + 1]
         if last - first > PLAUSIBLE.spike_samples or min(len(before), len(after)) <= beside:
             continue
@@ -177,9 +172,9 @@ def check_force_is_own(run: RecordedRun, simulated: FloatArray) -> None:
         Force of the nominal model along the run's command, N.
     """
     force = run.channels[FORCE]
-    limited = np.abs(force) > AT_LIMIT * float(np.abs(force).max())
+    limited = np.abs(force) > PLAUSIBLE.greatest_force * float(np.abs(force).max())
     share, doubt = _share_of(simulated, force)
-    if limited.mean() < LIMITED and share + SURE * doubt < FOREIGN:
+    if limited.mean() < PLAUSIBLE.limited_force and share + PLAUSIBLE.sure_foreign * doubt < PLAUSIBLE.foreign_force:
         raise RecordError(
             f"{run.name}: {FORCE} has {share:.0%} of the force that this motion asks of the model, give or take "
             f"{doubt:.0%}. It is not the force that moved the axis: another column or axis, another recording, or "
@@ -193,11 +188,11 @@ def check_force_is_alive(run: RecordedRun, simulated: FloatArray) -> None:
     For the parameters see `check_force_is_own`.
     """
     force, span = run.channels[FORCE], float(np.ptp(simulated))
-    least = max(PLAUSIBLE.frozen_samples, round(FROZEN_FORCE_S / run.period_s))
-    for first, last in _stretches(np.diff(force) == 0.0):
+    least = max(PLAUSIBLE.frozen_samples, round(PLAUSIBLE.frozen_force_s / run.period_s))
+    for first, last in stretches(np.diff(force) == 0.0):
         asked = float(np.ptp(simulated[first : last + 1]))
-        limited = abs(float(force[first])) > AT_LIMIT * float(np.abs(force).max())
-        if last - first >= least and asked > FROZEN_FORCE * span and not limited:
+        limited = abs(float(force[first])) > PLAUSIBLE.greatest_force * float(np.abs(force).max())
+        if last - first >= least and asked > PLAUSIBLE.frozen_force * span and not limited:
             raise RecordError(
                 f"{run.name}: {FORCE} is {force[first]:.4g} N for {last - first + 1} samples from {_place(run, first)} "
                 f"on, where the motion asks for changes of {asked:.3g} N. The logger wrote no readings there: cut this "
@@ -207,8 +202,8 @@ def check_force_is_alive(run: RecordedRun, simulated: FloatArray) -> None:
 
 def _share_of(asked: FloatArray, force: FloatArray) -> tuple[float, float]:
     """Return the slope of one force over another and its standard error, by the slopes of parts of the record."""
-    slopes = []
-    for own, other in zip(np.array_split(asked, PARTS), np.array_split(force, PARTS), strict=True):
+    slopes, n_parts = [], PLAUSIBLE.force_parts
+    for own, other in zip(np.array_split(asked, n_parts), np.array_split(force, n_parts), strict=True):
         centred = own - asked.mean()
         squares = float(centred @ centred)
         if squares > 0.1 * len(own) * float(asked.var()):

@@ -1,0 +1,78 @@
+"""What a force column cannot show: what is finer than its steps, and what was cut off."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fdbench.diagnosis.records.damage import FORCE, stretches
+from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.diagnosis.settings import PLAUSIBLE
+from fdbench.plants.feed_drive import Cascade, FeedDrive
+from fdbench.record import FloatArray
+
+ROUNDED = 1e-3  # of a step, by which a number that was written with few digits is off
+
+
+def limits_of_forces(runs: Sequence[RecordedRun], drive: FeedDrive) -> list[str]:
+    """Return a warning where forces are written in coarse steps, and one where they are cut off.
+
+    A force that is commanded may stand still; where a loop asks for it, it stands at its greatest value only where
+    something limits it.
+
+    Parameters
+    ----------
+    runs : sequence of RecordedRun
+    drive : FeedDrive
+        The nominal model, whose force limit is known.
+    """
+    found = [[_coarse(run) for run in runs], [_cut_off(run, drive) for run in runs]]
+    return [
+        f"{run.name}{f' and {len(said) - 1} more' if len(said) > 1 else ''}: {text}"
+        for texts in found
+        if (said := [(run, text) for run, text in zip(runs, texts, strict=True) if text])
+        for run, text in said[:1]
+    ]
+
+
+def _coarse(run: RecordedRun) -> str:
+    force = run.channels[FORCE]
+    step = step_of(force)
+    if step == 0.0:
+        return ""
+    return (
+        f"{FORCE} is written in steps of {step:.3g} N, {np.ptp(force) / step:.0f} of them in its range. What is "
+        "smaller shows in the position alone: log it with more digits."
+    )
+
+
+def _cut_off(run: RecordedRun, drive: FeedDrive) -> str:
+    force, controller = run.channels[FORCE], drive.controller
+    greatest = float(np.abs(force).max())
+    if not isinstance(controller, Cascade) or greatest > PLAUSIBLE.greatest_force * controller.force_limit_N:
+        return ""
+    ends = stretches(np.abs(force) == greatest)
+    standing = sum(last - first for first, last in ends if last - first >= PLAUSIBLE.cut_samples)
+    rounded = len(np.unique(force)) < 0.5 * (len(force) - standing)
+    if greatest == 0.0 or rounded or standing <= PLAUSIBLE.cut_force * len(force):
+        return ""
+    return (
+        f"{FORCE} stands at its greatest value, {greatest:.4g} N, for {standing} samples, and the model's "
+        f"force_limit_N is {controller.force_limit_N:.4g}. Either the drive limits it there, which the model should "
+        "say, or the logger cut it off."
+    )
+
+
+def step_of(values: FloatArray) -> float:
+    """Return the step that all values are multiples of, where few of them make up their range; else 0.
+
+    >>> step_of(np.repeat([0.0, 2.5, -5.0, 7.5], 3))
+    2.5
+    """
+    levels = np.unique(values)
+    if not 2 < len(levels) <= PLAUSIBLE.coarse_force + 1.0:
+        return 0.0
+    step = float(np.diff(levels).min())
+    multiples = (levels - levels[0]) / step
+    if multiples[-1] > PLAUSIBLE.coarse_force or np.abs(multiples - np.round(multiples)).max() > ROUNDED:
+        return 0.0
+    return step
