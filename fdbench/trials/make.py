@@ -4,6 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from fdbench.cluster import in_processes
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.repaired import toml_lines
@@ -133,13 +135,13 @@ def _made(plan: _Plan) -> _Made:
 
 
 def _case(tier: Tier, effects: list[str], nonce: str, name: str) -> Case:
-    """Return a case; an axis on which nothing shows, or whose loop rings, is drawn anew."""
+    """Return a case; an axis on which nothing shows, or that its owner would not run, is drawn anew."""
     for attempt in range(MOST_ATTEMPTS):
         try:
             rng = seal.generator(nonce, f"tier {tier} case {name} attempt {attempt}")
             if tier in (Tier.F, Tier.G):
                 drawn = draw_foreign_case(tier, int(name), effects, rng)
-                _check_loop(drawn)
+                _check_usable(drawn)
                 return drawn
             return draw_case(tier, effects, rng)
         except (SimulationDiverged, UnstableLoop) as error:
@@ -147,11 +149,16 @@ def _case(tier: Tier, effects: list[str], nonce: str, name: str) -> Case:
     raise SimulationDiverged(f"case {name}: {MOST_ATTEMPTS} axes, none of them usable; the last: {message}")
 
 
-def _check_loop(drawn: Case) -> None:
-    """Raise an UnstableLoop where the loop of a model is unstable, which its owner would have noticed."""
-    if "controller" in drawn.model["plant"]:
+def _check_usable(drawn: Case) -> None:
+    """Raise an error where the owner of an axis would have noticed: an unstable loop, or an end of the way."""
+    plant = drawn.model["plant"]
+    if "controller" in plant:
         record = next(iter(drawn.records.values()))
         read(Nominal, drawn.model, "model").drive.check_loop(record.sampling_time_s)
+    for record in (*drawn.records.values(), *drawn.holdouts.values()):
+        position = record.get("position_m")
+        if position is not None and float(np.ptp(position)) > plant["travel_m"]:
+            raise SimulationDiverged("the axis reaches an end of its way.")
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.effects import effects
 from fdbench.record import FloatArray
 from fdbench.specification import read
+from fdbench.trials import make as making
 from fdbench.trials.answer import answer
 from fdbench.trials.make import listed_effects, make
 from fdbench.trials.score import AnswerTable, per_kind, score, text
@@ -319,3 +320,12 @@ def test_table_of_kinds_by_hand() -> None:
         "named_wrongly": {"a": 1},
     }
     assert (y["top_1"], y["exact_set"], y["false_alarms"]) == (None, 0.0, 1.0)
+
+
+def test_an_axis_that_leaves_its_way_is_drawn_anew() -> None:
+    """A constant force moves an axis without a loop; the first one of this case went 1.2 m on a way of 0.8 m."""
+    nonce = "4d09003b1613131625b79ac3a9e6fd6f9dacbc02e15080a4dd92f3eb085516b7"
+    drawn = making._case(Tier.F, listed_effects(), nonce, "274")
+    assert drawn.truth["kind"] == "open_loop"
+    travel_m = drawn.model["plant"]["travel_m"]
+    assert all(np.ptp(record["position_m"]) <= travel_m for record in drawn.records.values())
