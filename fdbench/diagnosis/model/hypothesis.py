@@ -17,6 +17,7 @@ from fdbench.record import FloatArray
 
 WIDTH = "transition_velocity_m_per_s"  # parameter that any friction turns its sign over
 OFFSET = "force_offset"
+LONGEST_DELAY_S = 0.1  # of a velocity's reference, that a model may have
 UNSTATED = ("width", "friction_side", "friction_form", "reference_delay")  # kinds that no data sheet has
 
 
@@ -182,7 +183,7 @@ def _with_delay(drive: FeedDrive, change: float) -> FeedDrive:
     controller = drive.controller
     if not isinstance(controller, Cascade):
         return drive
-    delay_s = controller.velocity_reference_delay_s + change
+    delay_s = min(max(controller.velocity_reference_delay_s + change, -LONGEST_DELAY_S), LONGEST_DELAY_S)
     return dataclasses.replace(drive, controller=dataclasses.replace(controller, velocity_reference_delay_s=delay_s))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fdbench.diagnosis.diagnose import diagnose
-from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters, start
+from fdbench.diagnosis.model.hypothesis import LONGEST_DELAY_S, Hypothesis, nominal_parameters, start
 from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation
 from fdbench.diagnosis.settings import MODEL
 from fdbench.plants.feed_drive import Cascade, FeedDrive
@@ -60,3 +60,11 @@ def test_more_than_a_sampling_time_is_no_matter_of_the_loop() -> None:
     for moved in (0.0, 1.5, -1.0):
         low, high = start(nominal).moved(moved * np.eye(len(nominal_parameters(nominal)))[place]).room()[place]
         assert (low, high) == (-MODEL.most_delay - moved, MODEL.most_delay - moved)
+
+
+def test_no_slow_log_asks_for_more_than_a_model_may_have() -> None:
+    nominal = Nominal(plant=axis_lab.drive(), simulation=Simulation(substeps=10))
+    slow = start(nominal.beside(Covered(fastest_m_per_s=0.5, period_s=1.0)))
+    controller = slow.moved(np.full(len(slow.shifts), -1.0)).variant.plant.controller
+    assert isinstance(controller, Cascade)
+    assert controller.velocity_reference_delay_s == -LONGEST_DELAY_S
