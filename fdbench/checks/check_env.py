@@ -22,7 +22,7 @@ from fdbench.scenario import Scenario
 from fdbench.simulate.system import Noise
 
 STEPS = 200
-LONGEST = 20_000  # samples of a record that are compared
+LONGEST = 8_000  # samples of a record that are compared
 MANY_LANES = {70: (0, 1, 63, 64, 69), 3: (0, 1, 2)}  # number of lanes, and those that are compared
 Env = gymnasium.Env[Any, Any]
 Step = tuple[Any, ...]  # observation, reward, terminated, truncated, info

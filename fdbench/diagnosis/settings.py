@@ -134,7 +134,6 @@ class BaselineSettings:
     transition_velocity: float = number(0.2, "natural logarithm of the speed over which friction turns its sign")
     friction_side: float = number(0.02, "part of the known friction that acts on the motor instead of the table")
     friction_form: float = number(0.01, "form of friction at low speeds, relative to the known friction")
-    reference_delay: float = number(0.02, "delay of the velocity's reference, in sampling times")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,7 +32,6 @@ def answer_to(name: str) -> Answer:
         "backlash",
         "cogging",
         "current_loop_lag",
-        "direction_dependent_friction",
         "lead_error",
         "quadratic_drag",
         "shaker_force",

@@ -8,7 +8,7 @@ import pytest
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.hypothesis import LONGEST_DELAY_S, Hypothesis, nominal_parameters, start
-from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation
+from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.settings import MODEL
 from fdbench.plants.feed_drive import Cascade, FeedDrive
 
@@ -20,6 +20,11 @@ def late(axis: FeedDrive, delay_s: float) -> FeedDrive:
     assert isinstance(axis.controller, Cascade)
     controller = dataclasses.replace(axis.controller, velocity_reference_delay_s=delay_s)
     return dataclasses.replace(axis, controller=controller)
+
+
+def in_doubt() -> Nominal:
+    uncertainty = Uncertainty(reference_delay=0.5)
+    return Nominal(plant=axis_lab.drive(), simulation=Simulation(substeps=10), uncertainty=uncertainty)
 
 
 def delay(found: Hypothesis) -> float:
@@ -47,13 +52,13 @@ def test_half_a_sampling_time_is_found_and_no_cause(delay_s: float) -> None:
         [axis_lab.record(axis, (), *motion, seed=10 * place + repeat) for motion in motions for repeat in range(2)]
         for place, motions in enumerate(axis_lab.protocol(factor).values() for factor in (1.0, 1.3))
     ]
-    found = diagnose(Nominal(plant=axis_lab.drive(), simulation=Simulation(substeps=10)), *groups)
+    found = diagnose(in_doubt(), *groups)
     assert delay(found.final) == pytest.approx(delay_s / axis_lab.PERIOD_S, abs=0.1)
     assert [cause.effect for cause in found.answer.causes if cause.probability > 0.5] == []
 
 
 def test_more_than_a_sampling_time_is_no_matter_of_the_loop() -> None:
-    nominal = Nominal(plant=axis_lab.drive(), simulation=Simulation(substeps=10))
+    nominal = in_doubt()
     assert "reference_delay" not in [item.kind for item in nominal_parameters(nominal)], "no sampling time is known"
     nominal = nominal.beside(Covered(fastest_m_per_s=0.5, period_s=axis_lab.PERIOD_S))
     place = [item.kind for item in nominal_parameters(nominal)].index("reference_delay")
@@ -63,8 +68,7 @@ def test_more_than_a_sampling_time_is_no_matter_of_the_loop() -> None:
 
 
 def test_no_slow_log_asks_for_more_than_a_model_may_have() -> None:
-    nominal = Nominal(plant=axis_lab.drive(), simulation=Simulation(substeps=10))
-    slow = start(nominal.beside(Covered(fastest_m_per_s=0.5, period_s=1.0)))
+    slow = start(in_doubt().beside(Covered(fastest_m_per_s=0.5, period_s=1.0)))
     controller = slow.moved(np.full(len(slow.shifts), -1.0)).variant.plant.controller
     assert isinstance(controller, Cascade)
     assert controller.velocity_reference_delay_s == -LONGEST_DELAY_S
