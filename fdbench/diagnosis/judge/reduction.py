@@ -68,11 +68,6 @@ class Reductions:
             return np.asarray(self.by_segment.sum(axis=0) / self.counts.sum())
         return np.asarray((draws @ self.by_segment) / (draws @ self.counts)[:, None])
 
-    def steps(self) -> list[tuple[int, int]]:
-        """Return of each effect, in order, the places of the subset before it and of that with it."""
-        place = {subset: index for index, subset in enumerate(self.subsets)}
-        return [(place[tuple(range(n))], place[tuple(range(n + 1))]) for n in range(len(self.subsets[-1]))]
-
     def draws(self, seed: int = 0) -> FloatArray:
         """Return how often each segment is drawn, (n_resamples, n_segments); a stretch of time is drawn whole."""
         return drawn_counts(self.groups, JUDGE.resamples, seed)
@@ -167,13 +162,15 @@ def shrinkage(
 ) -> Shrinkage:
     """Return how the held-out mean squared gap falls as the effects are added one by one, with intervals."""
     means, draws = reductions.mean(), reductions.mean(reductions.draws())
+    place = {subset: index for index, subset in enumerate(reductions.subsets)}
     by_channel = {name: reductions.of_channel(index) for index, name in enumerate(split.noise_models)}
     steps = [
         held_step(artefact, float(means[0]), by_channel, split.noise_models)
         for artefact in seen
         if artefact.interpolated
     ]
-    for effect, (before, after) in zip(final.effects, reductions.steps(), strict=True):
+    for count, effect in enumerate(final.effects):
+        before, after = place[tuple(range(count))], place[tuple(range(count + 1))]
         steps.append(
             Step(
                 added=effect.name,

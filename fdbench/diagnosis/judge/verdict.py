@@ -127,8 +127,8 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     closed = [reductions.closed_in_channel(place) for place in range(len(noise_models))]
     everything = tuple(range(len(found.final.effects)))
     parts = [shapley(own, len(everything)) for own in closed]
-    bounds, left_by = intervals(search, found.final), reductions.mean()
-    closes = [bool(left_by[after] < left_by[before]) for before, after in reductions.steps()]
+    bounds = intervals(search, found.final)
+    left_by = dict(zip(reductions.subsets, reductions.mean().tolist(), strict=True))
     causes: list[Cause] = []
     effect_features_of: dict[str, Features] = {}
     for index, (effect, contest) in enumerate(zip(found.final.effects, found.contests, strict=True)):
@@ -138,8 +138,8 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         removed = force_balances_removed(search.readings, search.split, contest)
         effect_features_of[OR.join((effect.name, *same))] = features
         odds = divided(contest, type(effect), same, models.effect.probability(features))
-        # What the written model is no better with is not named, however much the search thought of it.
-        most = 1.0 if closes[index] else JUDGE.named
+        # What the written model is no better with, beside all others, is not named.
+        most = 1.0 if left_by[everything] < left_by[alone] else JUDGE.named
         chances = {name: min(discount * p, most) for name, p in odds.items()}
         own = np.array([part[index] for part in parts])
         unique = np.array([values[everything] - values[alone] for values in closed])

@@ -12,7 +12,6 @@ from fdbench.diagnosis import diagnose as diagnosis
 from fdbench.diagnosis.judge.reduction import Reductions, reductions_of, shapley
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import effects
-from fdbench.trials.contradictions import contradictions
 
 
 def reductions() -> Reductions:
@@ -86,13 +85,6 @@ def test_no_subset_is_credited_with_more_than_all() -> None:
     assert closed == {(): 0.0, (0,): 7.0, (1,): 0.0, (0, 1): 7.0}
 
 
-def test_steps_follow_the_order_of_the_effects() -> None:
-    subsets = [c for n in range(3) for c in itertools.combinations(range(2), n)]
-    found = dataclasses.replace(reductions(), subsets=subsets)
-    assert [(subsets[before], subsets[after]) for before, after in found.steps()] == [((), (0,)), ((0,), (0, 1))]
-    assert dataclasses.replace(reductions(), subsets=[()]).steps() == []
-
-
 def test_what_the_written_model_is_no_better_with_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
     def worse(*given: Any) -> Reductions:
         found = reductions_of(*given)
@@ -105,4 +97,3 @@ def test_what_the_written_model_is_no_better_with_is_not_named(monkeypatch: pyte
     answer = diagnosis.diagnose(nominal, fitted[2:], judged[1:]).answer
     assert "cogging" in [cause.effect for cause in answer.causes]
     assert [cause.effect for cause in answer.causes if cause.probability > JUDGE.named] == []
-    assert not [said for said in contradictions(answer) if "and with it" in said]
