@@ -87,8 +87,8 @@ class CaseBench:
             raise Judged(judge(*given))
 
         def simulate(replay: Replay, run: RecordedRun, variants: Sequence[Variant]) -> dict[str, FloatArray]:
-            own = (hashlib.sha256(run.reference.tobytes()).digest(), run.start(), run.period_s, replay.substeps)
-            keys = [(*own, variant) for variant in variants]
+            own = (hashlib.sha256(run.reference.tobytes()).digest(), run.start, run.period_s, replay.substeps)
+            keys = [(*own, variant.plant, variant.extra) for variant in variants]
             new = [place for place, key in enumerate(keys) if key not in self.known]
             fresh = simulated(replay, run, [variants[place] for place in new]) if new else {}
             rows = {keys[place]: {name: fresh[name][row] for name in fresh} for row, place in enumerate(new)}
@@ -144,7 +144,7 @@ def fingerprint(ready: Aligned) -> str:
     for run in (*ready.runs, *ready.split.runs):
         for values in (run.reference, *run.channels.values()):
             found.update(values.tobytes())
-        found.update(repr((run.lap, run.repeats, run.start())).encode())
+        found.update(repr((run.lap, run.repeats, run.start)).encode())
     for mask in ready.split.held_out:
         found.update(mask.tobytes())
     for name, floor in ready.split.noise_models.items():

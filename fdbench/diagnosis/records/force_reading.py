@@ -25,13 +25,17 @@ def limits_of_forces(runs: Sequence[RecordedRun], drive: FeedDrive) -> list[str]
     drive : FeedDrive
         The nominal model, whose force limit is known.
     """
-    found = [[_coarse(run) for run in runs], [_cut_off(run, drive) for run in runs]]
-    return [
-        f"{run.name}{f' and {len(said) - 1} more' if len(said) > 1 else ''}: {text}"
-        for texts in found
-        if (said := [(run, text) for run, text in zip(runs, texts, strict=True) if text])
-        for run, text in said[:1]
-    ]
+    coarse = [(run, text) for run in runs if (text := _coarse(run))]
+    cut = [(run, text) for run in runs if (text := _cut_off(run, drive))]
+    return [*_told_once(coarse), *_told_once(cut)]
+
+
+def _told_once(said: Sequence[tuple[RecordedRun, str]]) -> list[str]:
+    if not said:
+        return []
+    run, text = said[0]
+    others = f" and {len(said) - 1} more" if len(said) > 1 else ""
+    return [f"{run.name}{others}: {text}"]
 
 
 def _coarse(run: RecordedRun) -> str:
