@@ -7,6 +7,7 @@ elsewhere: constants, arrays, other compiled functions. All of that is gathered 
 import builtins
 import dis
 import enum
+import gc
 import hashlib
 import inspect
 import time
@@ -71,7 +72,7 @@ def kept(dispatcher: Any) -> Any:
         def compile_once(signature: Any) -> Any:
             if signature in dispatcher.overloads:
                 return compile_here(signature)
-            with global_compiler_lock, cache.alone(signature):
+            with global_compiler_lock, cache.alone(signature), _uncollected():
                 return compile_here(signature)
 
         cast(Any, dispatcher)._cache = cache
@@ -167,6 +168,18 @@ class _ClosureCache(FunctionCache):
     def _follow(self, digest: str) -> None:
         name = f"{self._impl.filename_base}-{digest[:16]}"
         self._cache_file: Any = IndexDataCacheFile(self._cache_path, name, digest)
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Look for no cycles of objects: to compile makes many that stay, and each search goes through all of them."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
 
 
 def _is_locked(file: IO[bytes]) -> bool:

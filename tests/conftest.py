@@ -1,5 +1,6 @@
 """Shared fixtures: where the reference data lie, and registries that no module leaves a file in."""
 
+import gc
 import importlib.util
 import os
 from collections.abc import Iterator
@@ -38,6 +39,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the longest files first; the order within a file stays."""
     places = {REPOSITORY / "tests" / name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: places.get(item.path, len(LONGEST)))
+
+
+def pytest_collection_finish() -> None:
+    """Keep what was collected out of every later search for cycles of objects."""
+    gc.collect()
+    gc.freeze()
 
 
 def shared_file(*parts: str) -> Path:

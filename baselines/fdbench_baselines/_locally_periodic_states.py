@@ -15,7 +15,7 @@ START = np.array([1.0, 0.0, 0.0, -1.0, 0.0, 0.0])
 LOWEST = np.array([-8.0, -1.0, -1.5, -8.0, -6.0, -8.0])
 HIGHEST = np.array([6.0, 7.0, 4.0, 6.0, 7.0, 4.0])
 SMALLEST_VARIANCE = 1e-5  # of the noise's; harmonics below are left out
-MOST_STARTS, DECISIVE, SCAN_S = 4, 10.0, 0.1
+MOST_STARTS, DECISIVE, AWAY_S = 4, 10.0, 0.1
 QUIET_S, QUIETEST = 0.3, 0.5
 
 
@@ -159,7 +159,7 @@ def likeliest_process(
     n = len(left)
     size = np.sqrt(np.mean(Z**2, axis=0))
     unit = float(np.sqrt(np.mean(left[trusted] ** 2))) or 1.0
-    columns = np.column_stack((Z[:, size > 0.0] / size[size > 0.0], left / unit))
+    columns = np.ascontiguousarray(np.column_stack((Z[:, size > 0.0] / size[size > 0.0], left / unit)))
     found: list[LikeliestProcess] = []
     start = START
     for design in candidates:
@@ -207,19 +207,44 @@ def _climb(
 
 
 def _with_start(rows: NoisyRows, design: Amplitudes, move: Transition, step_s: float) -> NoisyRows:
-    """Return the rows with one more start, where it makes them likeliest: on a coarse grid, then row by row."""
-    n, far = len(rows.loud), max(1, round(SCAN_S / step_s))
+    """Return the rows with one more start, where it makes them likeliest."""
+    n, far = len(rows.loud), max(1, round(AWAY_S / step_s))
+    first = min(far, n - 1)
+    fresh = rows.fresh.copy()
+    fresh[first + int(np.argmax(start_values(rows, design, move)[first : max(n - far, first + 1)]))] = True
+    return rows._replace(fresh=fresh)
 
-    def started(row: int) -> NoisyRows:
-        fresh = rows.fresh.copy()
-        fresh[row] = True
-        return rows._replace(fresh=fresh)
 
-    def value(row: int) -> float:
-        return restricted(started(row), design, move)[0]
+def start_values(rows: NoisyRows, design: Amplitudes, move: Transition) -> FloatArray:
+    r"""Return the restricted log likelihood (n,) with one more start at each row, as `restricted` has it at one.
 
-    near = max(range(far, max(n - far, far + 1), far), key=value)
-    return started(max(range(near - far + 1, min(near + far, n)), key=value))
+    A start at row k splits the innovations: those before it are as without it, and the rows from k on are as likely
+    forwards as backwards, where the process has the transition :math:`P F^T P^{-1}` and begins at the end. So two runs
+    of the filter, one in each direction, give the sums for all k at once: before k of the one, from k on of the other.
+    """
+    count, p = rows.columns.shape
+    p -= 1
+    F, P = move.F.transpose(0, 2, 1), move.P  # P is a multiple of the unit matrix
+    back = Transition(np.ascontiguousarray(F), P - F @ P @ move.F, P)
+    starts = np.zeros(count, dtype=np.bool_)
+    starts[count - np.flatnonzero(rows.fresh[1:]) - 1] = True
+    turned = NoisyRows(*(np.ascontiguousarray(part[::-1]) for part in rows[:2]), starts)
+    before = _running_sums(filtered(rows, design, move, keep=False))
+    after = _running_sums(filtered(turned, design._replace(H=np.ascontiguousarray(design.H[::-1])), back, keep=False))
+    products, logs = (ahead[:-1] + behind[:0:-1] for ahead, behind in zip(before, after, strict=True))
+    degrees = int(np.sum(np.isfinite(rows.loud))) - p
+    whole, parameters = (np.linalg.slogdet(products[:, :size, :size]) for size in (p + 1, p))
+    values = -0.5 * (degrees * (whole[1] - parameters[1] - np.log(degrees)) + logs + parameters[1])
+    return np.where((whole[0] > 0.0) & (parameters[0] > 0.0) & np.isfinite(values), values, -np.inf)
+
+
+def _running_sums(run: Innovations) -> tuple[FloatArray, FloatArray]:
+    """Return products of innovations over their variance and logarithms of these, summed over the first 0 ... n rows."""
+    seen = run.variances < np.inf
+    S = np.where(seen, run.variances, 1.0)
+    white = np.where(seen[:, None], run.errors / np.sqrt(S)[:, None], 0.0)
+    products = np.cumsum(white[:, :, None] * white[:, None, :], axis=0)
+    return np.pad(products, ((1, 0), (0, 0), (0, 0))), np.append(0.0, np.cumsum(np.log(S)))
 
 
 def _with_outliers(rows: NoisyRows, design: Amplitudes, move: Transition) -> NoisyRows:

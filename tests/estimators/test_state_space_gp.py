@@ -9,6 +9,7 @@ from fdbench_baselines._locally_periodic_states import (
     designs,
     posterior,
     restricted,
+    start_values,
     transitions,
 )
 from fdbench_baselines._state_space_gp import Transition, transition
@@ -53,23 +54,28 @@ def dense_covariance(design_index: int, feed: FloatArray | None, fresh: FloatArr
     return total * together
 
 
+def noisy_rows(is_broken: bool) -> NoisyRows:
+    """Return the rows, also with missing ones, of different noise, and with a part that begins anew."""
+    fresh, loud = np.zeros(N, dtype=np.bool_), np.ones(N)
+    if is_broken:
+        fresh[40] = True
+        loud[[10, 11, 40, 70]] = np.inf
+        loud[20] = 9.0
+    return NoisyRows(np.column_stack((Z, LEFT)), loud, fresh)
+
+
 CASES = [(0, False, False), (1, False, False), (0, True, False), (0, False, True), (1, False, True)]
 
 
 @pytest.mark.parametrize(("index", "is_fed", "is_broken"), CASES)
 def test_likelihood_and_force_are_those_of_the_dense_process(index: int, is_fed: bool, is_broken: bool) -> None:
-    """With missing rows, rows of different noise, and a part that begins anew."""
     feed = FEED if is_fed else None
-    fresh = np.zeros(N, dtype=np.bool_)
-    loud = np.ones(N)
-    if is_broken:
-        fresh[40] = True
-        loud[[10, 11, 40, 70]] = np.inf
-        loud[20] = 9.0
+    rows = noisy_rows(is_broken)
+    loud, fresh = rows.loud, rows.fresh
     seen = np.isfinite(loud)
     design = designs(ANGLE, 3, feed, True)[index]
     move = transitions(design, STEP_S, PLACE)
-    value, s2 = restricted(NoisyRows(np.asfortranarray(np.column_stack((Z, LEFT))), loud, fresh), design, move)
+    value, s2 = restricted(rows, design, move)
 
     K = dense_covariance(index, feed, fresh)
     A = K[np.ix_(seen, seen)] + np.diag(loud[seen])
@@ -90,6 +96,17 @@ def test_likelihood_and_force_are_those_of_the_dense_process(index: int, is_fed:
     moved = gain @ Z[seen]
     spread = s2 * np.diag(K - gain @ K[seen]) + np.einsum("ij,jk,ik->i", moved, V, moved)
     np.testing.assert_allclose(found.variance, spread, atol=1e-9)
+
+
+@pytest.mark.parametrize(("index", "is_fed", "is_broken"), CASES)
+def test_likelihood_of_a_start_is_that_of_the_rows_with_it(index: int, is_fed: bool, is_broken: bool) -> None:
+    rows, design = noisy_rows(is_broken), designs(ANGLE, 3, FEED if is_fed else None, True)[index]
+    move = transitions(design, STEP_S, PLACE)
+    found = start_values(rows, design, move)
+    for row in (1, 2, 11, 39, 40, 41, 70, 88, 89):
+        fresh = rows.fresh.copy()
+        fresh[row] = True
+        assert found[row] == pytest.approx(restricted(rows._replace(fresh=fresh), design, move)[0], abs=1e-8)
 
 
 def test_a_steady_process_keeps_its_covariance() -> None:
