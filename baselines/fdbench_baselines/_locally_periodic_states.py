@@ -228,9 +228,9 @@ def start_values(rows: NoisyRows, design: Amplitudes, move: Transition) -> Float
     back = Transition(np.ascontiguousarray(F), P - F @ P @ move.F, P)
     starts = np.zeros(count, dtype=np.bool_)
     starts[count - np.flatnonzero(rows.fresh[1:]) - 1] = True
-    turned = NoisyRows(*(np.ascontiguousarray(part[::-1]) for part in rows[:2]), starts)
+    columns, loud, H = (np.ascontiguousarray(part[::-1]) for part in (rows.columns, rows.loud, design.H))
     before = _running_sums(filtered(rows, design, move, keep=False))
-    after = _running_sums(filtered(turned, design._replace(H=np.ascontiguousarray(design.H[::-1])), back, keep=False))
+    after = _running_sums(filtered(NoisyRows(columns, loud, starts), design._replace(H=H), back, keep=False))
     products, logs = (ahead[:-1] + behind[:0:-1] for ahead, behind in zip(before, after, strict=True))
     degrees = int(np.sum(np.isfinite(rows.loud))) - p
     whole, parameters = (np.linalg.slogdet(products[:, :size, :size]) for size in (p + 1, p))
@@ -239,7 +239,7 @@ def start_values(rows: NoisyRows, design: Amplitudes, move: Transition) -> Float
 
 
 def _running_sums(run: Innovations) -> tuple[FloatArray, FloatArray]:
-    """Return products of innovations over their variance and logarithms of these, summed over the first 0 ... n rows."""
+    """Return products of innovations over their variance, and its logarithms, summed over the first 0 ... n rows."""
     seen = run.variances < np.inf
     S = np.where(seen, run.variances, 1.0)
     white = np.where(seen[:, None], run.errors / np.sqrt(S)[:, None], 0.0)
