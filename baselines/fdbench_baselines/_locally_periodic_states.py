@@ -219,13 +219,12 @@ def start_values(rows: NoisyRows, design: Amplitudes, move: Transition) -> Float
     r"""Return the restricted log likelihood (n,) with one more start at each row, as `restricted` has it at one.
 
     A start at row k splits the innovations: those before it are as without it, and the rows from k on are as likely
-    forwards as backwards, where the process has the transition :math:`P F^T P^{-1}` and begins at the end. So two runs
-    of the filter, one in each direction, give the sums for all k at once: before k of the one, from k on of the other.
+    forwards as backwards, where the process has the transition :math:`P F^T P^{-1} = F^T`, as P is a multiple of the
+    unit matrix. So two runs of the filter, one in each direction, give the sums for all k at once.
     """
-    count, p = rows.columns.shape
-    p -= 1
-    F, P = move.F.transpose(0, 2, 1), move.P  # P is a multiple of the unit matrix
-    back = Transition(np.ascontiguousarray(F), P - F @ P @ move.F, P)
+    count, p = len(rows.loud), rows.columns.shape[1] - 1
+    F = np.ascontiguousarray(move.F.transpose(0, 2, 1))
+    back = Transition(F, move.P - F @ move.P @ move.F, move.P)
     starts = np.zeros(count, dtype=np.bool_)
     starts[count - np.flatnonzero(rows.fresh[1:]) - 1] = True
     columns, loud, H = (np.ascontiguousarray(part[::-1]) for part in (rows.columns, rows.loud, design.H))

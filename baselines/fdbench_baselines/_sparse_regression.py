@@ -127,7 +127,9 @@ def threshold_sequentially(regressors: FloatArray, targets: FloatArray, threshol
 
 def _parts(triangle: Triangle, keep: BoolArray, rest: NDArray[np.intp]) -> Iterator[Triangle]:
     """Yield a triangle for each support among the outputs ``rest``, those without any column left out."""
-    supports, member = np.unique(keep[:, rest], axis=1, return_inverse=True)
+    bits = np.ascontiguousarray(np.packbits(keep[:, rest], axis=0).T)
+    _, first, member = np.unique(bits.view(f"V{bits.shape[1]}").ravel(), return_index=True, return_inverse=True)
+    supports = keep[:, rest[first]]
     if supports.shape[1] > 1:
         # The columns that most outputs keep come first: little is left below the diagonal when others go.
         order = np.argsort(-supports.sum(axis=1), kind="stable")
@@ -145,7 +147,7 @@ def _part(triangle: Triangle, columns: NDArray[np.intp], outputs: NDArray[np.int
     remove_subdiagonal(S, columns)
     k = len(columns)
     return Triangle(
-        np.triu(S[:k, :k]),
+        np.ascontiguousarray(S[:k, :k]),
         np.ascontiguousarray(S[:k, k:]),
         triangle.scale[columns],
         triangle.columns[columns],

@@ -208,9 +208,9 @@ class Cholesky:
         return np.asarray(cho_solve((self.factor, True), right_hand_sides, check_finite=False), dtype=np.float64)
 
     def inverse_diagonal(self) -> FloatArray:
-        """Return the diagonal of the inverse, (n,)."""
-        inverse, _ = lapack.dpotri(self.factor, lower=True)
-        return np.array(np.diagonal(inverse), dtype=np.float64)
+        """Return the diagonal of the inverse, (n,): squared lengths of the columns of L^-1."""
+        inverse, _ = lapack.dtrtri(self.factor, lower=True)
+        return np.array([column[place:] @ column[place:] for place, column in enumerate(inverse.T)])
 
     def whitened(self, rows: FloatArray) -> tuple[FloatArray, float]:
         """Return L^-1 X (n, m) for rows X (n, m), with A = L L', and log|A|."""
