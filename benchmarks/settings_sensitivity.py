@@ -27,6 +27,7 @@ from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import STAGES, Setting, changed, settings
+from fdbench.effects import effects
 from fdbench.errors import FdbenchError
 from fdbench.record import FloatArray, Record
 from fdbench.trials import seal
@@ -167,6 +168,7 @@ def scored(found: Verdict, case: "Sealed") -> dict[str, float]:
     nothing = np.array([math.nan])
     table = AnswerTable(
         effects=list(case.effects),
+        types=[effects.get(name).type_of() for name in case.effects],
         chances=np.array([[chances.get(name, 0.0) for name in case.effects]]),
         present=np.array([[float(name in listed) for name in case.effects]]),
         unknown=np.array([found.unknown_probability]),
