@@ -119,7 +119,9 @@ def record(case: InjectedCase, rng: np.random.Generator) -> RecordedCase | None:
     errors = {name: size * float(np.clip(rng.standard_normal(), -2.0, 2.0)) for name, size in ERRORS.items()}
     bench = LibraryBench(nominal, errors, protocol.PERIOD_S)
     sized = {name: bench.typical(name) for name in case.injected}
-    injected = {name: dataclasses.asdict(effect) for name, effect in sized.items()}
+    injected = {
+        name: {item.name: getattr(effect, item.name) for item in effect.parameters()} for name, effect in sized.items()
+    }
     loggers = [effect for effect in sized.values() if effect.port is Port.LOGGING]
     simulated = {name: injected[name] for name, effect in sized.items() if effect.port is not Port.LOGGING}
     if case.kind == "time":

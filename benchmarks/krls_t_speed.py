@@ -32,7 +32,8 @@ def ours(budget: int) -> Burst:
     def burst() -> FloatArray:
         start = next(starts)
         part = slice(start, start + SAMPLES)
-        return track(tracker, X[part], Y[part], S2, LAM, JITTER, False)[0][:, 0]
+        predictions: FloatArray = track(tracker, X[part], Y[part], S2, LAM, JITTER, False)[0][:, 0]
+        return predictions
 
     return burst
 

@@ -20,8 +20,8 @@ def main() -> None:
         try:
             with threadpool_limits(1):
                 is_named_first(effects.get(name))
-        except NotApplicable as reason:
-            said = f"- ({reason})"
+        except NotApplicable as error:
+            said = f"- ({error})"
         except PluginError as error:
             reason = effects.get(name).expected_failures.get(is_named_first.__name__)
             said, missed = f"no: {error}" + (f" Announced: {reason}" if reason else ""), missed + 1

@@ -64,7 +64,7 @@ def made_for(sources: Mapping[str, object], *_: object) -> dict[str, tuple[str, 
 
 def quick_suite(mode: str, out: str) -> None:
     if mode == "without":
-        job._estimate, run._made_for = fitted_here, made_for
+        job._estimate, run.made_for = fitted_here, made_for  # type: ignore[assignment, attr-defined]
     print(dict(run.run(in_suite(Suite.QUICK), None, SEEDS[Suite.QUICK], out).statuses))
 
 

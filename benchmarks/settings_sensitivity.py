@@ -21,8 +21,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from fdbench.diagnosis import diagnose as stages
-from fdbench.diagnosis.evidence.prepare import Aligned
-from fdbench.diagnosis.judge.verdict import Verdict
+from fdbench.diagnosis.evidence import prepare as evidence
+from fdbench.diagnosis.judge import verdict as judges
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.runs import RecordedRun
@@ -49,7 +49,7 @@ ORDER = ("search", "evidence", "model", "judge", "records", "plausible", "baseli
 class Judged(Exception):
     """The verdict is there; what a diagnosis does after it changes no probability."""
 
-    def __init__(self, found: Verdict) -> None:
+    def __init__(self, found: judges.Verdict) -> None:
         super().__init__()
         self.found = found
 
@@ -72,10 +72,10 @@ class CaseBench:
         with reads(self.read["before"]) as into:
             self.base = self._verdict(into)
 
-    def _verdict(self, into: list[set[str]] | None = None, only_start: bool = False) -> Verdict:
+    def _verdict(self, into: list[set[str]] | None = None, only_start: bool = False) -> judges.Verdict:
         """Return the verdict; ``into`` takes the reads of the search, and ``only_start`` ends where it would begin."""
 
-        def aligned(*given: Any) -> Aligned:
+        def aligned(*given: Any) -> evidence.Aligned:
             found = prepare(*given)
             start = fingerprint(found)
             if into is not None:
@@ -84,7 +84,7 @@ class CaseBench:
                 raise SameStart
             return found
 
-        def judged(*given: Any) -> Verdict:
+        def judged(*given: Any) -> judges.Verdict:
             raise Judged(judge(*given))
 
         def simulate(replay: Replay, run: RecordedRun, variants: Sequence[Variant]) -> dict[str, FloatArray]:
@@ -98,7 +98,7 @@ class CaseBench:
             rows |= {key: self.known[key] for key in keys if key in self.known}
             return {name: np.stack([rows[key][name] for key in keys]) for name in run.channels}
 
-        prepare, judge, simulated = stages.aligned, stages.verdict, Replay.simulate
+        prepare, judge, simulated = evidence.aligned, judges.verdict, Replay.simulate
         with (
             patch.object(stages, "aligned", aligned),
             patch.object(stages, "verdict", judged),
@@ -110,7 +110,7 @@ class CaseBench:
                 return stopped.found
         raise AssertionError
 
-    def with_other(self, name: str, value: Any) -> Verdict | None:
+    def with_other(self, name: str, value: Any) -> judges.Verdict | None:
         """Return the verdict with another number; None where it is the same for sure."""
         if not any(name in names for names in self.read.values()):
             return None
@@ -131,7 +131,7 @@ def reads(first: set[str]) -> Iterator[list[set[str]]]:
         return object.__getattribute__(stage, name)
 
     for stage in STAGES.values():
-        type(stage).__getattribute__ = recording
+        type(stage).__getattribute__ = recording  # type: ignore[assignment]
     try:
         yield into
     finally:
@@ -139,7 +139,7 @@ def reads(first: set[str]) -> Iterator[list[set[str]]]:
             del type(stage).__getattribute__
 
 
-def fingerprint(ready: Aligned) -> str:
+def fingerprint(ready: evidence.Aligned) -> str:
     """Return a digest of all that the search starts from."""
     found = hashlib.sha256()
     for run in (*ready.runs, *ready.split.runs):
@@ -156,7 +156,7 @@ def fingerprint(ready: Aligned) -> str:
     return found.hexdigest()
 
 
-def scored(found: Verdict, case: "Sealed") -> dict[str, float]:
+def scored(found: judges.Verdict, case: "Sealed") -> dict[str, float]:
     """Return the scores of one case; top-1 is not a number where more or less than one listed effect is there."""
     chances: dict[str, float] = {}
     for cause in found.causes:

@@ -15,6 +15,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -114,7 +115,7 @@ def attack(target: targets.Target, count: int, seed: int, folder: Path, kept: Pa
         kind, content = mutated(contents[name], random)
         (folder / name).write_bytes(content)
         start = time.process_time()
-        found, words = outcome(lambda name=name, content=content: target.call(folder, name, content != contents[name]))
+        found, words = outcome(partial(target.call, folder, name, content != contents[name]))
         elapsed_s = time.process_time() - start
         if elapsed_s > LIMIT_S:
             found, words = HANG, words or f"{elapsed_s:.1f} s"

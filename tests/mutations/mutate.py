@@ -95,8 +95,6 @@ MAGIC = (
     b"MDF     ",
     b"UnFinMF ",
     b"PK\x03\x04",
-)
-MAGIC += (
     b"SQLite format 3\x00",
     b"<?xml",
     b"<traceSession",

@@ -202,7 +202,7 @@ def _read_model(folder: Path, name: str, is_mutated: bool) -> str:
 
 
 def _show_model(folder: Path, name: str, is_mutated: bool) -> str:
-    show(str(folder / name), None, 1e-3 if name == "emps.toml" else None, None, False, None)
+    show(str(folder / name), None, 1e-3 if name == "emps.toml" else None)
     return ""
 
 
