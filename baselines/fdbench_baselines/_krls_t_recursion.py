@@ -184,6 +184,19 @@ def update_inverse(QR: FloatArray, t: FloatArray, p: FloatArray) -> None:
 
 @kept
 @njit(error_model="numpy")
+def give_slot(dictionary: FloatArray, QR: FloatArray, out: int, x: FloatArray) -> None:
+    """Put an input into a slot, and leave nothing in Q and R of who was there."""
+    M = len(QR)
+    # An assignment of an array to a slice would be compiled with the text of an error of shapes, for seconds.
+    for c in range(x.size):
+        dictionary[c, out] = x[c]
+    QR[out] = 0.0
+    QR[:, out] = 0.0
+    QR[:, M + out] = 0.0
+
+
+@kept
+@njit(error_model="numpy")
 def project(weights: FloatArray, u: FloatArray, new: float, out: int, enters: bool) -> None:
     """Spread the weight of who leaves over the others: a member whose slot the new one takes, or the new one itself."""
     leaving = new
@@ -229,8 +242,6 @@ def correct(beta: FloatArray, P: FloatArray, Pz: FloatArray, error: float, doubt
                 P[i, j] -= Pz[i] * Pz[j] / S
 
 
-@kept
-@njit(error_model="numpy")
 def track(
     tracker: Tracker, x: FloatArray, y: FloatArray, s2: float, lam: float, jitter: float, injection: bool
 ) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -269,13 +280,9 @@ def track(
     rows, removed = _recursion(
         tracker, x, np.empty((y.size, 0)), y, learnt, np.empty(0), np.empty((0, 0)), s2, lam, jitter, injection
     )
-    predictions = np.empty((y.size, 3))
-    predictions[:, :2], predictions[:, 2] = rows[:, 1:3], rows[:, 4]
-    return predictions, removed
+    return rows[:, [1, 2, 4]], removed
 
 
-@kept
-@njit(error_model="numpy")
 def track_beside(
     tracker: Tracker,
     x: FloatArray,
@@ -432,12 +439,9 @@ def _recursion(
         for j in range(m):
             project(beside[j], u, z[j], out, enters)
         if enters:
-            QR[out] = 0.0
-            QR[:, out] = 0.0
-            QR[:, M + out] = 0.0
+            give_slot(tracker.dictionary, QR, out, x[n])
             update_inverse(QR, t, p)
             members[out] = tracker.seen[0]
-            tracker.dictionary[:, out] = x[n]
         update_reduction(QR, keep, s, u, b)
         tracker.seen[0] += 1
     return rows, removed
