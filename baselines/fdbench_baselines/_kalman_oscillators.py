@@ -72,6 +72,15 @@ class Filtered(NamedTuple):
 
 
 @njit(error_model="numpy")
+def rotations(memory: float, angle: float, harmonics: int) -> tuple[FloatArray, FloatArray]:
+    """Return the cosines and sines of a sampling time of each oscillator, with what is left of it as length."""
+    cosines, sines = np.empty(harmonics), np.empty(harmonics)
+    for h in range(harmonics):
+        cosines[h], sines[h] = memory * np.cos(angle * (h + 1)), memory * np.sin(angle * (h + 1))
+    return cosines, sines
+
+
+@njit(error_model="numpy")
 def turn(x: FloatArray, first: int, cosines: FloatArray, sines: FloatArray) -> None:
     """Let one sampling time pass over a vector of states, in place."""
     for h in range(cosines.size):
@@ -83,7 +92,19 @@ def turn(x: FloatArray, first: int, cosines: FloatArray, sines: FloatArray) -> N
 @njit(error_model="numpy")
 def turn_back(x: FloatArray, first: int, cosines: FloatArray, sines: FloatArray) -> None:
     """Multiply a vector of states by the transpose of a sampling time, in place."""
-    turn(x, first, cosines, -sines)
+    for h in range(cosines.size):
+        i = first + 2 * h
+        c, s = x[i], x[i + 1]
+        x[i], x[i + 1] = cosines[h] * c - sines[h] * s, cosines[h] * s + sines[h] * c
+
+
+@njit(error_model="numpy")
+def store(k: int, x: FloatArray, P: FloatArray, states: FloatArray, covariances: FloatArray) -> None:
+    """Write state k. An assignment to a slice would be compiled with the text of an error of shapes, for seconds."""
+    for i in range(x.size):
+        states[k, i] = x[i]
+        for j in range(x.size):
+            covariances[k, i, j] = P[i, j]
 
 
 @kept
@@ -98,10 +119,11 @@ def run_filter(Z, y, loud, sudden, own, noise, harmonics, keep):  # type: ignore
     n, p = Z.shape
     m = p + 1 + 2 * harmonics
     reading, walk, wave, memory, angle, slope = noise
-    orders = angle * np.arange(1, harmonics + 1)
-    cosines, sines = memory * np.cos(orders), memory * np.sin(orders)
+    cosines, sines = rotations(memory, angle, harmonics)
     fresh = wave * (1.0 - memory**2)
-    x, P, h, K = np.zeros(m), np.eye(m), np.zeros(m), np.empty(m)
+    x, P, h, K = np.zeros(m), np.zeros((m, m)), np.zeros(m), np.empty(m)
+    for i in range(own):
+        P[i, i] = 1.0
     for i in range(p, m):
         P[i, i] = wave
         h[i] = 1.0 if i == p or (i - p) % 2 == 1 else 0.0
@@ -117,8 +139,7 @@ def run_filter(Z, y, loud, sudden, own, noise, harmonics, keep):  # type: ignore
             for i in range(p, m):
                 P[i, i] += 1.0
         if keep:
-            states[k] = x
-            covariances[k] = P
+            store(k, x, P, states, covariances)
         for i in range(p):
             h[i] = Z[k, i]
         K[:] = 0.0
@@ -151,8 +172,7 @@ def run_filter(Z, y, loud, sudden, own, noise, harmonics, keep):  # type: ignore
         for i in range(m):
             for j in range(i):
                 P[i, j] = P[j, i] = 0.5 * (P[i, j] + P[j, i])
-    states[-1] = x
-    covariances[-1] = P
+    store(stored - 1, x, P, states, covariances)
     return errors, variances, states, covariances, log_likelihood
 
 
@@ -163,8 +183,7 @@ def run_smoother(Z, own, noise, harmonics, errors, variances, states, covariance
     n, p = Z.shape
     m = states.shape[1]
     memory, angle = noise[3], noise[4]
-    orders = angle * np.arange(1, harmonics + 1)
-    cosines, sines = memory * np.cos(orders), memory * np.sin(orders)
+    cosines, sines = rotations(memory, angle, harmonics)
     h, force = np.zeros(m), np.zeros(m)
     for i in range(p, m):
         force[i] = 1.0 if i == p or (i - p) % 2 == 1 else 0.0
@@ -172,7 +191,8 @@ def run_smoother(Z, own, noise, harmonics, errors, variances, states, covariance
     mean, variance = np.empty(n), np.empty(n)
     for k in range(n - 1, -1, -1):
         P, S = covariances[k], variances[k]
-        h[:] = force
+        for i in range(p, m):
+            h[i] = force[i]
         for i in range(p):
             h[i] = Z[k, i]
             force[i] = h[i] if i >= own else 0.0
@@ -210,4 +230,6 @@ def run_smoother(Z, own, noise, harmonics, errors, variances, states, covariance
         for i in range(m):
             mean[k] += force[i] * states[k, i] + Pf[i] * r[i]
             variance[k] += force[i] * Pf[i] - Pf[i] * NPf[i]
-    return mean, np.maximum(variance, 0.0)
+        if variance[k] < 0.0:
+            variance[k] = 0.0
+    return mean, variance
