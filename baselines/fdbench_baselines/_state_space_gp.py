@@ -151,7 +151,9 @@ def run_filter(size, H, own, F, Q, P0, loud, fresh, Y, keep):  # type: ignore[no
             for i in range(d):
                 spread += own[i] * H[k, i] * v[b * i]
             own_variances[k] = spread
-            reach[k], own_reach[k] = w, v
+            # An assignment to a slice would be compiled with the text of an error of shapes, for seconds.
+            for j in range(M):
+                reach[k, j], own_reach[k, j] = w[j], v[j]
             for c in range(m):
                 s = 0.0
                 for i in range(d):
@@ -182,7 +184,11 @@ def run_smoother(size, H, F, fresh, errors, variances, predictions, reach, own_r
     n, d = H.shape
     b, m = len(size), errors.shape[1]
     M = b * d
-    back = F.transpose(0, 2, 1).copy()
+    back = np.empty((d, b, b))
+    for i in range(d):
+        for p in range(b):
+            for q in range(b):
+                back[i, p, q] = F[i, q, p]
     r, N, NK = np.zeros((m, M)), np.zeros((M, M)), np.empty(M)
     mean, variance = np.empty((n, m)), np.empty(n)
     for k in range(n - 1, -1, -1):
