@@ -22,16 +22,26 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 # Estimators that are run by a test, and must not be imported by it.
 collect_ignore_glob = ["sandbox/cheats/*", "sandbox/misbehaving/*", "sandbox/neighbours/*"]
 
-# Files of few long tests, which begin first: none of them is left to one process at the end.
+# Files that take longest, which begin first: none of them is left to one process at the end.
 LONGEST = (
+    "estimators/test_every_estimator.py",
     "diagnosis/test_diagnosis.py",
     "project/test_readme.py",
-    "trials/test_small_trials.py",
-    "trials/test_machine_calibration.py",
-    "diagnosis/test_emps.py",
+    "envs/test_every_env.py",
+    "commands/test_cli.py",
+    "effects/test_every_effect.py",
     "sandbox/test_misbehaving.py",
-    "diagnosis/model/test_virtual_controller.py",
-    "report/test_report.py",
+    "trials/test_small_trials.py",
+    "virtual_axes/test_foreign.py",
+    "scenarios/test_every_scenario.py",
+    "test_compilation.py",
+    "checks/test_every_plugin.py",
+    "trials/test_machine_calibration.py",
+    "benchmark/test_benchmark.py",
+    "plants/test_servo_stage.py",
+    "benchmark/test_compare.py",
+    "test_api.py",
+    "plants/test_spindle_testbed.py",
 )
 
 
