@@ -183,6 +183,8 @@ def run(
         own = _jobs(source, scenario, choices, range(1) if scenario.measured else drawn, keep_estimates, origin)
         place = store.folder.resolve()
         plan += [replace(job, folder=place, plugins=plugins, is_apart=jobs > 1, limits=limits) for job in own]
+    # One seed after the other: processes then simulate different machines, and none waits for what another compiles.
+    plan.sort(key=lambda job: job.seed)
     keys = {key for job in plan for key in job.runs}
     contents = {scenario.id: scenario.content_digest for _, scenario in selected}
     selection = {"scenarios": contents, "estimators": list(names)}
