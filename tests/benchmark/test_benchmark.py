@@ -329,6 +329,12 @@ def test_an_interruption_loses_the_running_job_at_most(tmp_path: Path, scenario:
     assert {one.seed for one in seen} <= {2, 3}
 
 
+def test_all_scenarios_have_their_first_seed_before_any_has_its_second(tmp_path: Path, scenario: str) -> None:
+    scenarios, seen = [scenario, short_scenario(tmp_path, "Other-v0")], list[tuple[int, str]]()
+    run(scenarios, ["null"], 2, tmp_path / "out", progress=lambda p: seen.extend((o.seed, o.scenario) for o in p.runs))
+    assert list(dict.fromkeys(seen)) == [(seed, name) for seed in (0, 1) for name in ("Short-v0", "Other-v0")]
+
+
 def test_a_skip_holds_until_something_changes(tmp_path: Path, scenario: str) -> None:
     text = FIT + f"return {LIKE_NULL}\n\n    def skip(self, context):\n        return 'never'\n"
     picky, out = estimator_file(tmp_path, "picky", text), tmp_path / "out"
