@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 import pytest
-from conftest import REPOSITORY
 from typer.testing import CliRunner
 
 import fdbench
@@ -73,8 +72,8 @@ def test_import_is_quick_and_names_are_there() -> None:
 def test_types_are_known_to_checkers(tmp_path: Path) -> None:
     text = "import fdbench\nreveal_type(fdbench.diagnose)\nreveal_type(fdbench.run().scores())\nfdbench.compare(1, 2)\n"
     (tmp_path / "script.py").write_text(text, "utf-8")
-    words = [sys.executable, "-m", "mypy", str(tmp_path / "script.py")]  # strict, with what is known of the package
-    done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=REPOSITORY)
+    words = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(tmp_path), str(tmp_path / "script.py")]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=tmp_path)
     assert "DiagnosisResult" in done.stdout
     assert "DataFrame" in done.stdout
     assert 'Argument 1 to "compare" has incompatible type "int"' in done.stdout
