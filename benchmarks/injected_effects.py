@@ -17,8 +17,9 @@ import numpy as np
 from diagnosis_recall import causes, probability, rate, words
 
 from fdbench.diagnosis.diagnose import diagnose
-from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters, start
+from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.nominal import Nominal, load_nominal
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import noise_models
 from fdbench.diagnosis.records.runs import RecordedRun, prepare

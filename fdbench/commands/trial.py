@@ -96,6 +96,7 @@ def trial_learn(
     further: Annotated[
         bool, typer.Option(help="Go on from what the package has learned, instead of from nothing.")
     ] = False,
+    jobs: Jobs = None,
 ) -> None:
     """Learn from trials of tiers L and G how far the diagnosis can be trusted; its probabilities are learned there."""
     from rich.console import Console
@@ -107,7 +108,7 @@ def trial_learn(
         raise SpecError(f"--key: {len(key)} for {len(folders)} folders; give one for each, in their order.")
     with Console(stderr=True).status("learning") as status:
         before = probability_models.models() if further else None
-        found = learn(list(zip(folders, key, strict=True)), output, status.update, before)
+        found = learn(list(zip(folders, key, strict=True)), output, status.update, before, jobs or os.cpu_count() or 1)
     for kind in KINDS:
         own = [claim.right for claim in found if claim.kind == kind]
         say(f"{kind}: {len(own)} claims, {sum(own)} right")

@@ -10,8 +10,8 @@ from typing import Any
 
 from fdbench.diagnosis.diagnose import Diagnosis
 from fdbench.diagnosis.model.as_nominal import as_nominal
-from fdbench.diagnosis.model.hypothesis import nominal_parameters
 from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.rotary_axis import plant_of_rotary
 from fdbench.errors import FdbenchError
 from fdbench.files import write_text

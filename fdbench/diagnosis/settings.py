@@ -102,7 +102,7 @@ class ModelSettings:
     usual_force_offset_N: float = number(2.0, "standard deviation of its force offset, where a model has none")
     usual_force_span: float = number(3.0, "factor either way within which a force is a usual one", zero=1.0)
     usual_speed_span: float = number(30.0, "the same for the speed of a linear axis", zero=1.0)
-    smallest_mass: float = number(0.05, "of the nominal mass, below which re-calibration does not go")
+    smallest_ratio: float = number(0.05, "of the nominal mass or gain, below which re-calibration does not go")
     freedom: float = number(3.0, "degrees of freedom of Student's t of a nominal parameter: a few are far off")
     most_form: float = number(3.0, "deviations by which friction at low speed may exceed its nominal form, and no more")
     most_delay: float = number(2.0, "deviations by which the velocity's reference may be late or early, and no more")
@@ -157,6 +157,7 @@ class EvidenceSettings:
     on_grid: float = number(0.4, "distance from the grid, relative to that of numbers that know nothing of it")
     grid_slope: float = number(20.0, "of the logistic that makes a probability of that distance")
     rounds: int = number(3, "in which changes from run to run and noise are separated")
+    assumed_change: float = number(0.02, "of friction from run to run, relative, where no repeats tell it")
     smallest_change: float = number(0.1, "standard deviation over a whole run, in units of its noise, of a direction")
 
 

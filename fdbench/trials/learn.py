@@ -5,10 +5,11 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from fdbench.cluster import in_processes
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.judge.probability_models import Feature, Features, ProbabilityModel, ProbabilityModels
 from fdbench.diagnosis.judge.verdict import OR
@@ -27,6 +28,19 @@ UNLISTED_WEIGHT = 0.1  # of a case whose cause the library lacks, as far as name
 UNLISTED = 1.0 / 3.0  # how often an axis is taken to have a cause that the library lacks
 ITERATIONS = 50
 KINDS = ("effect", "suspect", "value", "unknown", "none")
+
+
+class _Waiting(NamedTuple):
+    """A case that is to be diagnosed: what it is kept as, its folder and files."""
+
+    place: str
+    folder: Path
+    files: list[str]
+
+
+def _features(case: _Waiting) -> tuple[str, Mapping[str, Mapping[str, Features]]]:
+    """Return the features of a case; processes are started with this function."""
+    return case.place, diagnose(*read_case(case.folder, case.files)).features
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,6 +148,7 @@ def learn(
     output: Path,
     progress: Callable[[str], None] | None = None,
     further: ProbabilityModels | None = None,
+    jobs: int = 1,
 ) -> Sequence[Claim]:
     """Diagnose every case of trials to learn from, fit the probability models on their opened keys, and write them.
 
@@ -148,6 +163,8 @@ def learn(
     progress : callable, optional
     further : ProbabilityModels, optional
         What is learned further: weights stay near those of these models.
+    jobs : int
+        Processes.
 
     Raises
     ------
@@ -157,22 +174,26 @@ def learn(
     kept = output.with_name(f"{output.name}.claims.json")
     done: dict[str, Any] = seal.read_json(kept, "what was learned before") if kept.exists() else {}
     check_features(done.values(), f"{kept}: not what was learned before; remove it")
-    found: list[Claim] = []
+    cases: list[tuple[str, Mapping[str, Any]]] = []
+    waiting: list[_Waiting] = []
     sources = []
     for folder, key in trials:
         manifest = read_manifest(folder)
         opened = seal.read_json(key, "the key of a trial")
         check_key(folder, manifest, opened, key)
-        for number, (name, case) in enumerate(manifest["cases"].items(), 1):
+        for name, case in manifest["cases"].items():
             place = f"{opened['nonce']} {name}"
+            cases.append((place, opened["cases"][name]["truth"]))
             if place not in done:
-                if progress is not None:
-                    progress(f"{folder}: case {number} of {len(manifest['cases'])}")
-                nominal, records, holdouts = read_case(folder / name, sorted(case["files"]))
-                done[place] = diagnose(nominal, records, holdouts).features
-                write_text(kept, json.dumps(done))
-            found += claims(done[place], opened["cases"][name]["truth"])
+                waiting.append(_Waiting(place, folder / name, sorted(case["files"])))
         sources.append(f"tier {manifest['tier']}, {len(manifest['cases'])} cases, nonce {opened['nonce']}")
+    diagnosed = in_processes(_features, waiting, jobs) if min(jobs, len(waiting)) > 1 else map(_features, waiting)
+    for place, features in diagnosed:
+        done[place] = features
+        write_text(kept, json.dumps(done))
+        if progress is not None:
+            progress(f"{len(done)} of {len(cases)} cases")
+    found = [claim for place, truth in cases for claim in claims(done[place], truth)]
     for kind in KINDS:
         rights = {claim.right for claim in found if claim.kind == kind}
         if len(rights) < 2:

@@ -14,7 +14,8 @@ import numpy as np
 from fdbench.diagnosis.diagnose import judged
 from fdbench.diagnosis.evidence.prepare import Aligned, aligned
 from fdbench.diagnosis.evidence.run_to_run import Repeatability
-from fdbench.diagnosis.model.hypothesis import Hypothesis, silent, start
+from fdbench.diagnosis.model.hypothesis import Hypothesis, start
+from fdbench.diagnosis.model.known_effects import silent
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
 from fdbench.diagnosis.records.runs import COMMAND, DEFLECTION, SIDES, RecordedRun

@@ -12,7 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from fdbench.diagnosis.evidence.prepare import Aligned
-from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters, start
+from fdbench.diagnosis.model.hypothesis import Hypothesis, start
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.effects import Effect
 from fdbench.errors import SimulationDiverged
@@ -129,7 +130,7 @@ class Visibility:
         squares = self.mean_squares(self.given.moved_in_turn(), beside_values=False)
         found: dict[str, float] = {}
         for item, square in zip(items, squares.tolist(), strict=True):
-            if item.kind not in ("width", "friction_form") and (name := item.cause(self.ready.nominal)):
+            if not item.nuisance and (name := item.cause(self.ready.nominal)):
                 found[name] = max(square, found.get(name, 0.0))
         return found
 

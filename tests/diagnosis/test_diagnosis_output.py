@@ -20,8 +20,9 @@ from fdbench.diagnosis.answer import VALUE, Cause, ExpectedProbability, Experime
 from fdbench.diagnosis.diagnose import Diagnosis, diagnose
 from fdbench.diagnosis.judge.localise import Gaps, Partition, where
 from fdbench.diagnosis.model.as_nominal import as_nominal
-from fdbench.diagnosis.model.hypothesis import nominal_parameters, start
+from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, load_nominal
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record, delay_of

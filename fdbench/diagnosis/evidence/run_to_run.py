@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import SMALLEST, NoiseModel, noise_models, spectrum_of
 from fdbench.diagnosis.records.runs import RecordedRun, deviations, repeated, same_command
@@ -64,6 +65,14 @@ def responses(replay: Replay, model: Hypothesis, run: RecordedRun) -> FloatArray
     return np.stack([simulated[name][1:] - simulated[name][0] for name in run.channels], axis=1)
 
 
+def assumed_root(model: Hypothesis) -> FloatArray:
+    """Return a root of the covariance from run to run that no repeats tell: friction is never the same twice."""
+    changing = [item for item in nominal_parameters(model.nominal) if item.changes_from_run_to_run]
+    deviations = [item.relative_deviation for item in changing]
+    shares = [0.0 if deviation is None else EVIDENCE.assumed_change / deviation for deviation in deviations]
+    return np.diag(shares)
+
+
 class Repeatability:
     r"""What repeats of all commands tell of changes from run to run.
 
@@ -94,6 +103,7 @@ class Repeatability:
         self._root = np.zeros((n_changing, n_changing))
         pairs = repeated(runs)
         if not pairs:
+            self._root = assumed_root(model)
             return
         names = list(runs[0].channels)
         differences = [

@@ -7,7 +7,8 @@ from fdbench.diagnosis.answer import VALUE, Cause, Quantity
 from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
 from fdbench.diagnosis.judge.reduction import channel_gaps
-from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.settings import JUDGE, SEARCH
 from fdbench.rotary import spoken_unit
@@ -25,9 +26,8 @@ def deviating_parameters(
     scale = nominal_parameters(final.nominal)
     groups: dict[str, list[int]] = {}
     for place, calibration in enumerate(scale):
-        if calibration.kind in ("width", "friction_form", "reference_delay"):
-            continue
-        groups.setdefault(f"{calibration.kind}_{calibration.index}", []).append(place)
+        if not calibration.nuisance:
+            groups.setdefault(calibration.group, []).append(place)
     shifts = [[0.0 if n in places else shift for n, shift in enumerate(final.shifts)] for places in groups.values()]
     lacking = [dataclasses.replace(final, shifts=tuple(item)) for item in shifts]
     gaps = channel_gaps(search.readings, search.split.plain, [final, *lacking])

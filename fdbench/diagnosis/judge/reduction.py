@@ -12,7 +12,8 @@ from fdbench.diagnosis.answer import Pair, Parametric, Shrinkage, Step
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, mean_energy
 from fdbench.diagnosis.evidence.split import Split
-from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.settings import JUDGE

@@ -2,7 +2,8 @@
 
 import dataclasses
 
-from fdbench.diagnosis.model.hypothesis import Hypothesis, amplitude_of, with_amplitude
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.known_effects import amplitude_of, with_amplitude
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.effects import Effect
 

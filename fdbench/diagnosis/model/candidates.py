@@ -5,7 +5,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.parameter_vector import longest_s
 from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import Effect, Port

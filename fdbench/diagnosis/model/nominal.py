@@ -40,10 +40,10 @@ class Uncertainty:
     Masses, viscous frictions and the effects that the model knows are relative, the force offset is in newtons. No
     data sheet says over which speed friction turns its sign: ``transition_velocity`` is that of its natural logarithm.
     ``friction_side`` is the part of the known friction that acts on the motor instead of the table, and
-    ``friction_form`` is that of friction at low speeds, relative to the known friction. ``reference_delay`` is that of
-    the velocity's reference in a cascade, in sampling times: none unless it is given, as a filter of the velocity acts
-    alike. Without ``force_offset_N`` it is 2 N on an axis of usual
-    forces; see `Nominal.scale`.
+    ``friction_form`` is that of friction at low speeds, relative to the known friction. ``controller_gains`` is that of
+    each gain of a cascade, relative. ``reference_delay`` is that of the velocity's reference in a cascade, in sampling
+    times: none unless it is given, as a filter of the velocity acts alike. Without ``force_offset_N`` it is 2 N on an
+    axis of usual forces; see `Nominal.scale`.
     """
 
     mass: float = positive(default=0.03)
@@ -52,6 +52,7 @@ class Uncertainty:
     transition_velocity: float = nonnegative(default=1.0)
     friction_side: float = nonnegative(default=0.3)
     friction_form: float = nonnegative(default=0.05)
+    controller_gains: float = nonnegative(default=0.02)
     reference_delay: float = nonnegative(default=0.0)
     force_offset_N: float | None = nonnegative(default=None)
 

@@ -5,7 +5,8 @@ import math
 
 import numpy as np
 
-from fdbench.diagnosis.model.hypothesis import Adjustable, Hypothesis, adjustables, nominal_parameters
+from fdbench.diagnosis.model.hypothesis import Adjustable, Hypothesis, adjustables
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.record import FloatArray
 
 

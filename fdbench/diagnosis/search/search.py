@@ -10,7 +10,9 @@ from fdbench.diagnosis.evidence.evidence import Evidence, fitted_part, gather
 from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.candidates import Candidate, candidates
-from fdbench.diagnosis.model.hypothesis import Hypothesis, nominal_parameters
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.nominal_parameter import FrictionForm
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_vector, with_parameters
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.periods import located
@@ -200,7 +202,7 @@ class Search:
 
         A form that moves from the start can stand in for a friction that is not yet of the right size.
         """
-        form = [item.name for item in nominal_parameters(given.nominal) if item.kind == "friction_form"]
+        form = [item.name for item in nominal_parameters(given.nominal) if isinstance(item, FrictionForm)]
         return self.refine(self.refine(given, fixed=form)) if form else self.refine(given)
 
     def refine(self, hypothesis: Hypothesis, fixed: Collection[str] = (), *, tempered: bool = True) -> Hypothesis:

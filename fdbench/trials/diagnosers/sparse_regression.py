@@ -7,8 +7,9 @@ import numpy as np
 
 from fdbench.diagnosis.evidence.prepare import merged_runs
 from fdbench.diagnosis.model.candidates import Candidate, candidates
-from fdbench.diagnosis.model.hypothesis import nominal_parameters, start
+from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.search.periods import located
 from fdbench.record import FloatArray, Record

@@ -8,9 +8,11 @@ from axis_lab import drive, protocol, record
 
 from fdbench.diagnosis.evidence.prepare import aligned, with_run_to_run_covariance
 from fdbench.diagnosis.evidence.run_to_run import Change, Repeatability
-from fdbench.diagnosis.model.hypothesis import nominal_parameters, start
+from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.records.noise_model import NoiseModel, spectrum_of, white
+from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.record import Record
 
 
@@ -64,12 +66,17 @@ def test_the_mean_of_repeats_is_judged_beside_what_changes() -> None:
         assert np.mean(beside["position_m"] ** 2) < 0.2 * np.mean(bare["position_m"] ** 2)
 
 
-def test_records_without_repeats_have_no_directions() -> None:
+def test_without_repeats_friction_alone_is_taken_to_change() -> None:
     nominal, records = repeats([1.05])
     ready = aligned(nominal, records, [])
     found = Repeatability(ready.readings.replay, start(ready.nominal), ready.runs)
-    assert not found.covariance.any()
-    assert found.change(ready.runs[0], found.noise_models) is None
+    doubt = {"viscous": nominal.uncertainty.viscous, "known_effects": nominal.uncertainty.known_effects}
+    changing = [item for item in nominal_parameters(ready.nominal) if item.changes_from_run_to_run]
+    expected = [(EVIDENCE.assumed_change / doubt[item.kind]) ** 2 if item.kind in doubt else 0.0 for item in changing]
+    np.testing.assert_allclose(found.covariance, np.diag(expected), atol=1e-15)
+    change = found.change(ready.runs[0], found.noise_models)
+    assert change is not None
+    assert 1 <= len(change.directions) <= np.count_nonzero(expected)
 
 
 def test_an_assumed_floor_holds_no_errors_of_nominal_parameters() -> None:

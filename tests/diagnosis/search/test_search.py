@@ -12,8 +12,9 @@ from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import moves
-from fdbench.diagnosis.model.hypothesis import nominal_parameters, start
+from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import white

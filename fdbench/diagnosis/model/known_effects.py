@@ -1,0 +1,55 @@
+"""The effects that a drive is known to have: their sizes, and the drive with another one."""
+
+from dataclasses import replace
+
+from fdbench.effects import Effect
+from fdbench.plants.feed_drive import FeedDrive
+
+WIDTH = "transition_velocity_m_per_s"  # parameter that any friction turns its sign over
+OFFSET = "force_offset"  # what a constant force calibrates
+
+
+def known_friction(drive: FeedDrive) -> float:
+    """Return the friction that a drive is known to have whatever the speed, N."""
+    return sum(abs(amplitude_of(item)) for item in drive.effects if is_friction(item))
+
+
+def is_friction(effect: Effect) -> bool:
+    """Return whether a known effect is friction, whatever the speed."""
+    return (turns_sign(effect) or effect.usually_known) and effect.calibrates != OFFSET
+
+
+def turns_sign(effect: Effect) -> bool:
+    """Return whether an effect is a friction that turns its sign over some speed."""
+    return any(item.name == WIDTH for item in effect.parameters())
+
+
+def without(drive: FeedDrive, index: int) -> FeedDrive:
+    """Return the drive with one of its known effects at zero amplitude."""
+    return resized(drive, index, 0.0)
+
+
+def resized(drive: FeedDrive, index: int, ratio: float) -> FeedDrive:
+    """Return the drive with one of its known effects of another size."""
+    known = drive.effects[index]
+    return with_known(drive, index, with_amplitude(known, amplitude_of(known) * ratio))
+
+
+def with_known(drive: FeedDrive, index: int, effect: Effect) -> FeedDrive:
+    """Return the drive with another effect in place of one of its known ones."""
+    return replace(drive, effects=(*drive.effects[:index], effect, *drive.effects[index + 1 :]))
+
+
+def silent(kind: type[Effect]) -> Effect:
+    """Return an effect with all its amplitudes at zero."""
+    return kind.typical(**dict.fromkeys((kind.amplitude, *kind.further_amplitudes), 0.0))
+
+
+def amplitude_of(effect: Effect) -> float:
+    """Return the size of an effect by the parameter that scales it."""
+    return float(getattr(effect, type(effect).amplitude))
+
+
+def with_amplitude(effect: Effect, value: float) -> Effect:
+    """Return an effect of another size."""
+    return effect.changed(**{type(effect).amplitude: value})
