@@ -10,8 +10,8 @@ from fdbench.diagnosis.evidence.evidence import Evidence, fitted_part, gather
 from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.candidates import Candidate, candidates
+from fdbench.diagnosis.model.friction_parameters import FrictionForm
 from fdbench.diagnosis.model.hypothesis import Hypothesis
-from fdbench.diagnosis.model.nominal_parameter import FrictionForm
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_vector, with_parameters
 from fdbench.diagnosis.model.readings import Readings

@@ -8,9 +8,9 @@ import pytest
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.loop_parameters import GAINS, ControllerGain
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
-from fdbench.diagnosis.model.nominal_parameter import ControllerGain
-from fdbench.diagnosis.model.nominal_parameters import GAINS, nominal_parameters
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.settings import MODEL
 from fdbench.plants.feed_drive import FeedDrive, OpenLoop
 

@@ -8,8 +8,8 @@ import pytest
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
+from fdbench.diagnosis.model.loop_parameters import LONGEST_DELAY_S
 from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
-from fdbench.diagnosis.model.nominal_parameter import LONGEST_DELAY_S
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.settings import MODEL
 from fdbench.plants.feed_drive import Cascade, FeedDrive

@@ -1,0 +1,116 @@
+"""Nominal parameters of the axis itself: masses, viscous friction, and a force offset."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self, final
+
+from fdbench.diagnosis.model.known_effects import OFFSET, amplitude_of, silent, with_amplitude
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.nominal_parameter import Changed, NominalParameter
+from fdbench.diagnosis.settings import MODEL
+from fdbench.effects import Effect
+from fdbench.plants.feed_drive import FeedDrive, RotaryMotor
+from fdbench.units import unit_of
+from fdbench.wording import si_text
+
+
+@dataclass(frozen=True, kw_only=True)
+class _OfASide(NominalParameter):
+    """A field of the motor or of the table; ``side`` says of which."""
+
+    side: str
+
+    @classmethod
+    def sides(cls, nominal: Nominal) -> tuple[str, ...]:
+        return ("motor", "table") if nominal.drive.screw is not None else ("motor",)
+
+    def part(self, drive: FeedDrive) -> Any:
+        return drive.motor if self.side == "motor" else drive.table
+
+    def changed(self, drive: FeedDrive, **fields: float) -> Changed:
+        return replace(drive, **{self.side: replace(self.part(drive), **fields)}), ()
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Mass(_OfASide):
+    """Mass of motor or table; its deviation is relative."""
+
+    kind = "mass"
+    unit = "kg"
+    changes_from_run_to_run = False
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        drive = nominal.drive
+        lever = 1.0 if drive.screw is not None else drive.mass_kg / drive.motor.mass_kg
+        deviation = nominal.uncertainty.mass * lever
+        return [cls(name=f"{side}_mass", side=side, deviation=deviation) for side in cls.sides(nominal)]
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        part = self.part(drive)
+        field = "inertia_kg_m2" if isinstance(part, RotaryMotor) else "mass_kg"
+        ratio = max(1.0 + shift * self.deviation, MODEL.smallest_ratio)
+        return self.changed(drive, **{field: getattr(part, field) * ratio})
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        return si_text(self.part(self.apply(drive, shift)[0]).mass_kg, "kg")
+
+    def size(self, drive: FeedDrive) -> float:
+        return self.deviation * float(self.part(drive).mass_kg)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Viscous(_OfASide):
+    """Viscous friction of motor or table; its deviation is in N s/m, ``relative`` to what is on paper."""
+
+    kind = "viscous"
+    unit = "N s/m"
+    field: ClassVar[str] = "viscous_friction_N_s_per_m"
+    relative: float
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        drive, relative = nominal.drive, nominal.uncertainty.viscous
+        deviation = max(drive.viscous_friction_N_s_per_m, 1e-3 * drive.mass_kg) * relative
+        return [
+            cls(name=f"{side}_viscous", side=side, deviation=deviation, relative=relative)
+            for side in cls.sides(nominal)
+        ]
+
+    @property
+    def relative_deviation(self) -> float:
+        return self.relative
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        moved = getattr(self.part(drive), self.field) + shift * self.deviation
+        return self.changed(drive, **{self.field: max(moved, 0.0)})
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        return si_text(getattr(self.part(self.apply(drive, shift)[0]), self.field), unit_of(self.field))
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class ForceOffset(NominalParameter):
+    """Constant force, carried by ``effect``; its deviation is in newtons."""
+
+    kind = OFFSET
+    effect: Effect
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        kinds = [kind for kind in nominal.library if kind.calibrates == cls.kind]
+        if not kinds or nominal.force_offset_N == 0.0:
+            return []
+        # A known constant force is a weight, as uncertain as a mass.
+        weight = sum(abs(amplitude_of(known)) for known in nominal.drive.effects if known.calibrates == cls.kind)
+        deviation = math.hypot(nominal.force_offset_N, nominal.uncertainty.mass * weight)
+        return [cls(name=cls.kind, deviation=deviation, effect=silent(kinds[0]))]
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        return drive, (with_amplitude(self.effect, shift * self.deviation),)
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        return si_text(shift * self.deviation, "N")

@@ -1,0 +1,183 @@
+"""Nominal parameters of effects that a drive is known to have: their size, and friction's width, form and side."""
+
+import math
+from dataclasses import dataclass
+from typing import Self, final
+
+from fdbench.diagnosis.model.known_effects import (
+    OFFSET,
+    WIDTH,
+    amplitude_of,
+    is_friction,
+    known_friction,
+    resized,
+    silent,
+    turns_sign,
+    with_amplitude,
+    with_known,
+)
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.nominal_parameter import Changed, NominalParameter
+from fdbench.diagnosis.settings import MODEL
+from fdbench.effects import Effect, Port
+from fdbench.plants.feed_drive import FeedDrive
+from fdbench.units import unit_of
+from fdbench.wording import percent, si_text
+
+
+@dataclass(frozen=True, kw_only=True)
+class _OfAKnownEffect(NominalParameter):
+    """Of the known effect of the drive with this ``index``."""
+
+    index: int
+
+    @property
+    def group(self) -> str:
+        return f"{self.kind}_{self.index}"
+
+    def known(self, drive: FeedDrive) -> Effect:
+        return drive.effects[self.index]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class KnownAmplitude(_OfAKnownEffect):
+    """Size of a known effect; its deviation is relative."""
+
+    kind = "known_effects"
+    is_friction: bool
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        return [
+            cls(
+                name=f"known_{item.name}",
+                index=index,
+                deviation=nominal.uncertainty.known_effects,
+                is_friction=is_friction(item),
+            )
+            for index, item in enumerate(nominal.drive.effects)
+            if item.calibrates not in (FrictionForm.kind, OFFSET)
+        ]
+
+    @property
+    def relative_deviation(self) -> float | None:
+        return self.deviation if self.is_friction else None
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        return resized(drive, self.index, max(1.0 + shift * self.deviation, 0.0)), ()
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        known = self.known(self.apply(drive, shift)[0])
+        return si_text(amplitude_of(known), unit_of(type(known).amplitude))
+
+    def size(self, drive: FeedDrive) -> float:
+        return abs(amplitude_of(self.known(drive))) * self.deviation
+
+    def cause(self, nominal: Nominal) -> str:
+        return self.known(nominal.drive).name
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class TransitionVelocity(_OfAKnownEffect):
+    """Speed over which a known friction turns its sign; its deviation is that of the natural logarithm."""
+
+    kind = "width"
+    unit = ""
+    stated = False
+    nuisance = True
+    changes_from_run_to_run = False
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        deviation = nominal.uncertainty.transition_velocity
+        known = [index for index, item in enumerate(nominal.drive.effects) if turns_sign(item) and deviation > 0.0]
+        return [cls(name=f"width_{nominal.drive.effects[i].name}", index=i, deviation=deviation) for i in known]
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        known = self.known(drive)
+        bounds = next(item for item in known.parameters() if item.name == WIDTH)
+        width = min(max(getattr(known, WIDTH) * math.exp(shift * self.deviation), bounds.low), bounds.high)
+        return with_known(drive, self.index, known.changed(**{WIDTH: width})), ()
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        return si_text(getattr(self.known(self.apply(drive, shift)[0]), WIDTH), unit_of(WIDTH))
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class FrictionForm(NominalParameter):
+    """Height of a bump of a free friction curve, carried by ``effect``; its deviation is relative to the friction.
+
+    It has a limit upwards: what resists at low speed beyond it is an effect, such as Stribeck's. Downwards it has none,
+    as no effect takes friction away there.
+    """
+
+    kind = "friction_form"
+    stated = False
+    nuisance = True
+    changes_from_run_to_run = False
+    effect: Effect
+    amplitude: str
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        kinds = [kind for kind in nominal.library if kind.calibrates == cls.kind]
+        deviation, fastest = nominal.uncertainty.friction_form, nominal.covered.fastest_m_per_s
+        if not kinds or deviation == 0.0 or fastest == 0.0 or known_friction(nominal.drive) == 0.0:
+            return []
+        effect = silent(kinds[0]).changed(fastest_m_per_s=fastest)
+        names = (kinds[0].amplitude, *kinds[0].further_amplitudes)
+        return [cls(name=f"friction_{name}", deviation=deviation, effect=effect, amplitude=name) for name in names]
+
+    @property
+    def room(self) -> tuple[float, float]:
+        return -math.inf, MODEL.most_form
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        return drive, (self.effect.changed(**{self.amplitude: shift * self.size(drive)}),)
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        return si_text(shift * self.size(drive), unit_of(self.amplitude))
+
+    def size(self, drive: FeedDrive) -> float:
+        return known_friction(drive) * self.deviation
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class FrictionSide(_OfAKnownEffect):
+    """Which part of a known friction acts on the motor, by ``effect``, instead of the table."""
+
+    kind = "friction_side"
+    stated = False
+    changes_from_run_to_run = False
+    effect: Effect
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        drive, deviation = nominal.drive, nominal.uncertainty.friction_side
+        kinds = [kind for kind in nominal.library if kind.calibrates == cls.kind]
+        on_table = [index for index, item in enumerate(drive.effects) if type(item).port is Port.TABLE_FORCE]
+        known = [index for index in on_table if turns_sign(drive.effects[index])]
+        if not kinds or not known or drive.screw is None or deviation == 0.0:
+            return []
+        if any(item.declared is kinds[0].declared for item in drive.effects):
+            return []
+        effect = silent(kinds[0]).changed(**{WIDTH: getattr(drive.effects[known[0]], WIDTH)})
+        return [cls(name=cls.kind, index=known[0], deviation=deviation, effect=effect)]
+
+    def part(self, shift: float) -> float:
+        return min(max(shift * self.deviation, -1.0), 1.0)
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        part = self.part(shift)
+        moved = with_amplitude(self.effect, part * amplitude_of(self.known(drive)))
+        return resized(drive, self.index, 1.0 - part), (moved,)
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        return f"{percent(self.part(shift) if amplitude_of(self.known(drive)) else 0.0)} on the motor"
+
+    def size(self, drive: FeedDrive) -> float:
+        return abs(amplitude_of(self.known(drive))) * self.deviation

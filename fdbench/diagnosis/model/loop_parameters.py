@@ -1,0 +1,88 @@
+"""Nominal parameters of a cascade: its gains, and by how much its reference of the velocity is late."""
+
+from abc import abstractmethod
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self, final
+
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.nominal_parameter import Changed, NominalParameter
+from fdbench.diagnosis.settings import MODEL
+from fdbench.plants.feed_drive import Cascade, FeedDrive
+from fdbench.units import unit_of
+from fdbench.wording import si_text
+
+GAINS = ("position_gain_per_s", "velocity_gain_N_s_per_m", "integral_gain_N_per_m")
+LONGEST_DELAY_S = 0.1  # that a model may have
+
+
+@dataclass(frozen=True, kw_only=True)
+class _OfACascade(NominalParameter):
+    """A field of a cascade, that which it is named after unless ``field`` says another."""
+
+    changes_from_run_to_run = False
+    field: ClassVar[str] = ""
+
+    @abstractmethod
+    def value(self, drive: FeedDrive, shift: float) -> float:
+        """Return the field moved by so many standard deviations."""
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        controller: Any = drive.controller
+        moved = replace(controller, **{self.field or self.name: self.value(drive, shift)})
+        return replace(drive, controller=moved), ()
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        return si_text(self.value(drive, shift), unit_of(self.field or self.name))
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class ReferenceDelay(_OfACascade):
+    """By how much the velocity's reference is late; its deviation is in seconds.
+
+    A reference that is a sampling time late or early is a matter of how a loop is written; what is later is an effect.
+    """
+
+    kind = "reference_delay"
+    unit = "s"
+    stated = False
+    nuisance = True
+    field = "velocity_reference_delay_s"
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        controller, deviation = nominal.drive.controller, nominal.uncertainty.reference_delay * nominal.covered.period_s
+        if not isinstance(controller, Cascade) or controller.velocity_feedforward == 0.0 or deviation == 0.0:
+            return []
+        return [cls(name=cls.kind, deviation=deviation)]
+
+    @property
+    def room(self) -> tuple[float, float]:
+        return -MODEL.most_delay, MODEL.most_delay
+
+    def value(self, drive: FeedDrive, shift: float) -> float:
+        moved = float(getattr(drive.controller, self.field)) + shift * self.deviation
+        return min(max(moved, -LONGEST_DELAY_S), LONGEST_DELAY_S)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class ControllerGain(_OfACascade):
+    """A gain of the controller, in its own unit; its deviation is relative."""
+
+    kind = "controller_gain"
+    unit = ""
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        controller, deviation = nominal.drive.controller, nominal.uncertainty.controller_gains
+        if not isinstance(controller, Cascade) or deviation == 0.0:
+            return []
+        return [cls(name=name, deviation=deviation) for name in GAINS if getattr(controller, name) != 0.0]
+
+    @property
+    def group(self) -> str:
+        return self.name
+
+    def value(self, drive: FeedDrive, shift: float) -> float:
+        return float(getattr(drive.controller, self.name)) * max(1.0 + shift * self.deviation, MODEL.smallest_ratio)
