@@ -22,12 +22,15 @@ class _OfASide(NominalParameter):
 
     @classmethod
     def sides(cls, nominal: Nominal) -> tuple[str, ...]:
+        """Return the parts that move apart from each other."""
         return ("motor", "table") if nominal.drive.screw is not None else ("motor",)
 
     def part(self, drive: FeedDrive) -> Any:
+        """Return the motor or the table."""
         return drive.motor if self.side == "motor" else drive.table
 
     def changed(self, drive: FeedDrive, **fields: float) -> Changed:
+        """Return the drive with other values of the part."""
         return replace(drive, **{self.side: replace(self.part(drive), **fields)}), ()
 
 

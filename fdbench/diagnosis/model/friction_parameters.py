@@ -36,6 +36,7 @@ class _OfAKnownEffect(NominalParameter):
         return f"{self.kind}_{self.index}"
 
     def known(self, drive: FeedDrive) -> Effect:
+        """Return the effect."""
         return drive.effects[self.index]
 
 
@@ -169,6 +170,7 @@ class FrictionSide(_OfAKnownEffect):
         return [cls(name=cls.kind, index=known[0], deviation=deviation, effect=effect)]
 
     def part(self, shift: float) -> float:
+        """Return the part that acts on the motor."""
         return min(max(shift * self.deviation, -1.0), 1.0)
 
     def apply(self, drive: FeedDrive, shift: float) -> Changed:

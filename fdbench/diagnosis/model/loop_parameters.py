@@ -61,6 +61,7 @@ class ReferenceDelay(_OfACascade):
         return -MODEL.most_delay, MODEL.most_delay
 
     def value(self, drive: FeedDrive, shift: float) -> float:
+        """Return by how much the reference is late (s)."""
         moved = float(getattr(drive.controller, self.field)) + shift * self.deviation
         return min(max(moved, -LONGEST_DELAY_S), LONGEST_DELAY_S)
 
@@ -85,4 +86,5 @@ class ControllerGain(_OfACascade):
         return self.name
 
     def value(self, drive: FeedDrive, shift: float) -> float:
+        """Return the gain."""
         return float(getattr(drive.controller, self.name)) * max(1.0 + shift * self.deviation, MODEL.smallest_ratio)
