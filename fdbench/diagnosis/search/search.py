@@ -1,4 +1,7 @@
-"""Search: add the effect that explains most, refine it in closed-loop simulation, look again at what is left."""
+"""Search: add the effect that explains most, refine it in closed-loop simulation, look again at what is left.
+
+One class, in one file: its steps hand on what they have simulated.
+"""
 
 import dataclasses
 import math
