@@ -16,12 +16,13 @@ from fdbench.rotary import spoken_unit
 
 def deviating_parameters(
     search: Search, final: Hypothesis, recalibrated: float, models: ProbabilityModels
-) -> tuple[list[Cause], dict[str, Features], float]:
+) -> tuple[list[Cause], dict[str, Features], float, float]:
     """Return the effects whose size is a nominal parameter that moved further than its uncertainty, and their features.
 
     A kind of value that is corrected on both sides of the screw counts once, with the sum of its changes. The share of
     the gap that re-calibration closes, ``recalibrated``, is divided in proportion to what each correction closes beside
-    all others. The third result is the largest distance that any of them moved, in standard deviations.
+    all others. The third result is the largest distance that any of them moved, in standard deviations, and the fourth
+    the probability that one is wrong that no effect stands for, such as a gain of the controller.
     """
     scale = nominal_parameters(final.nominal)
     groups: dict[str, list[int]] = {}
@@ -42,13 +43,18 @@ def deviating_parameters(
     present = {item.name for item in final.effects}
     found: list[Cause] = []
     all_features: dict[str, Features] = {}
+    nameless = 0.0
     for name, change, distance, without, unit in moves:
-        if distance <= JUDGE.beyond_doubt or not name or name in present:
+        if distance <= JUDGE.beyond_doubt or name in present:
             continue
         if without - closed < SEARCH.smallest_gain * without:
             continue
+        features = confidence.value_features(distance, without - closed, closed)
+        if not name:
+            nameless = max(nameless, models.value.probability(features))
+            continue
         share = recalibrated * (without - closed) / total
-        all_features[name] = confidence.value_features(distance, without - closed, closed)
+        all_features[name] = features
         found.append(
             Cause(
                 effect=name,
@@ -59,4 +65,4 @@ def deviating_parameters(
                 parameters={"change": Quantity(value=change, ci95=None, unit=spoken_unit(unit))},
             )
         )
-    return found, all_features, max((distance for _, _, distance, _, _ in moves), default=0.0)
+    return found, all_features, max((distance for _, _, distance, _, _ in moves), default=0.0), nameless

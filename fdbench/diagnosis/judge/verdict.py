@@ -161,7 +161,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
             )
         )
     corrected = Shares(found.as_given, interpolated).of(np.maximum(found.as_given - recalibrated, 0.0))
-    values, value_features_of, moved = deviating_parameters(search, found.weighed, corrected, models)
+    values, value_features_of, moved, nameless = deviating_parameters(search, found.weighed, corrected, models)
     causes += [dataclasses.replace(value, probability=discount * value.probability) for value in values]
     causes += [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
@@ -174,7 +174,8 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     surest = max((cause.probability for cause in causes), default=0.0)
     claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": value_features_of}
     within_noise = noise_alone(float(reductions.mean()[0]))
-    unknown_probability = max(models.unknown.probability(unknown), 1.0 - discount)
+    # What is left of the gap and a gain that is not as set speak for an unknown cause independently of each other.
+    unknown_probability = max(1.0 - (1.0 - models.unknown.probability(unknown)) * (1.0 - nameless), 1.0 - discount)
     return Verdict(
         causes=tuple(causes),
         suspects=tuple(suspects),
