@@ -14,15 +14,36 @@ from fdbench.diagnosis.settings import JUDGE, SEARCH
 from fdbench.rotary import spoken_unit
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Deviating:
+    """Nominal parameters that moved further than their uncertainty.
+
+    Attributes
+    ----------
+    causes : list of Cause
+        Effects whose size is such a parameter.
+    features : mapping of str to mapping
+        What their probabilities are predicted from.
+    furthest : float
+        Largest distance that any parameter moved, in standard deviations.
+    nameless : float
+        Probability that one is wrong that no effect stands for, such as the gains of the controller.
+    """
+
+    causes: list[Cause]
+    features: dict[str, Features]
+    furthest: float
+    nameless: float
+
+
 def deviating_parameters(
     search: Search, final: Hypothesis, recalibrated: float, models: ProbabilityModels
-) -> tuple[list[Cause], dict[str, Features], float, float]:
-    """Return the effects whose size is a nominal parameter that moved further than its uncertainty, and their features.
+) -> Deviating:
+    """Return the nominal parameters that moved further than their uncertainty.
 
     A kind of value that is corrected on both sides of the screw counts once, with the sum of its changes. The share of
     the gap that re-calibration closes, ``recalibrated``, is divided in proportion to what each correction closes beside
-    all others. The third result is the largest distance that any of them moved, in standard deviations, and the fourth
-    the probability that one is wrong that no effect stands for, such as a gain of the controller.
+    all others.
     """
     scale = nominal_parameters(final.nominal)
     groups: dict[str, list[int]] = {}
@@ -37,8 +58,11 @@ def deviating_parameters(
     for places, without in zip(groups.values(), left, strict=True):
         sizes = [scale[place].size(final.nominal.drive) for place in places]
         change = sum(final.shifts[place] * size for place, size in zip(places, sizes, strict=True))
-        distance = abs(change) / max(math.hypot(*sizes), 1e-30)
-        moves.append((scale[places[0]].cause(final.nominal), change, distance, without, scale[places[0]].unit))
+        name = scale[places[0]].cause(final.nominal)
+        # Without an effect that stands for them they are values of their own, whose changes do not add up.
+        far = math.hypot(*(final.shifts[place] for place in places))
+        distance = abs(change) / max(math.hypot(*sizes), 1e-30) if name else far
+        moves.append((name, change, distance, without, scale[places[0]].unit))
     total = max(sum(max(without - closed, 0.0) for _, _, _, without, _ in moves), 1e-12)
     present = {item.name for item in final.effects}
     found: list[Cause] = []
@@ -65,4 +89,5 @@ def deviating_parameters(
                 parameters={"change": Quantity(value=change, ci95=None, unit=spoken_unit(unit))},
             )
         )
-    return found, all_features, max((distance for _, _, distance, _, _ in moves), default=0.0), nameless
+    furthest = max((distance for _, _, distance, _, _ in moves), default=0.0)
+    return Deviating(causes=found, features=all_features, furthest=furthest, nameless=nameless)

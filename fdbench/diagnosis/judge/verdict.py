@@ -161,8 +161,8 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
             )
         )
     corrected = Shares(found.as_given, interpolated).of(np.maximum(found.as_given - recalibrated, 0.0))
-    values, value_features_of, moved, nameless = deviating_parameters(search, found.weighed, corrected, models)
-    causes += [dataclasses.replace(value, probability=discount * value.probability) for value in values]
+    deviating = deviating_parameters(search, found.weighed, corrected, models)
+    causes += [dataclasses.replace(value, probability=discount * value.probability) for value in deviating.causes]
     causes += [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
     suspects, suspect_features_of = suspected(found, models, discount)
@@ -170,12 +170,14 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     left = gather(search.readings, search.split, found.final, ())
     unknown = confidence.unknown_features(before.rivals[0].misfit, left.worst())
     rivals = [rival.size for stage in (*found.contests, *found.stages[-1:]) for rival in stage.rivals[:1]]
-    none = confidence.no_gap_features(before.misfit, moved, max(rivals, default=0.0))
+    none = confidence.no_gap_features(before.misfit, deviating.furthest, max(rivals, default=0.0))
     surest = max((cause.probability for cause in causes), default=0.0)
-    claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": value_features_of}
+    claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": deviating.features}
     within_noise = noise_alone(float(reductions.mean()[0]))
     # What is left of the gap and a gain that is not as set speak for an unknown cause independently of each other.
-    unknown_probability = max(1.0 - (1.0 - models.unknown.probability(unknown)) * (1.0 - nameless), 1.0 - discount)
+    unknown_probability = max(
+        1.0 - (1.0 - models.unknown.probability(unknown)) * (1.0 - deviating.nameless), 1.0 - discount
+    )
     return Verdict(
         causes=tuple(causes),
         suspects=tuple(suspects),

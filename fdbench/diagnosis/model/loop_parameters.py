@@ -81,10 +81,6 @@ class ControllerGain(_OfACascade):
             return []
         return [cls(name=name, deviation=deviation) for name in GAINS if getattr(controller, name) != 0.0]
 
-    @property
-    def group(self) -> str:
-        return self.name
-
     def value(self, drive: FeedDrive, shift: float) -> float:
         """Return the gain."""
         return float(getattr(drive.controller, self.name)) * max(1.0 + shift * self.deviation, MODEL.smallest_ratio)

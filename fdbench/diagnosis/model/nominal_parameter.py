@@ -72,7 +72,7 @@ class NominalParameter(ABC):
 
     @property
     def group(self) -> str:
-        """What is judged as one value: both sides of a screw."""
+        """What is judged as one: a value on both sides of a screw, all gains of a controller."""
         return self.kind
 
     def cause(self, nominal: Nominal) -> str:

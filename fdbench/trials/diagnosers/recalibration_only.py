@@ -29,7 +29,7 @@ class RecalibrationOnly(Diagnoser):
         fitted = search.refine(paper)
         after = float(channel_gaps(readings, split, [fitted]).mean())
         closed_share = 1.0 - after / max(float(before.mean()), 1e-12)
-        values, _, _ = deviating_parameters(search, fitted, closed_share, confidence.models())
+        values = deviating_parameters(search, fitted, closed_share, confidence.models()).causes
         causes = {cause.effect: cause.probability for cause in values}
         left = 1.0 - 1.0 / max(after, 1.0)
         none = (1.0 - left) * (1.0 - max(causes.values(), default=0.0))
