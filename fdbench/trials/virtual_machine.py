@@ -25,6 +25,7 @@ from fdbench.virtual_axes.library_axis import BACKGROUND, SIZES, TRACE, drawn_sh
 LEAST, MOST = 3.0, 4.0  # mean square of a cause, in units of the noise, and of the measured gap
 BEYOND = (2.5, 6.0)  # standard deviations of a nominal parameter that is a cause
 MOST_DRAWS = 40
+RESIZED = 4  # times, at most
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -204,7 +205,10 @@ class Visibility:
             wanted = between(rng, LEAST, max(MOST * self.gap, 4.0 * LEAST))
         if shown == 0.0 or (known is not None and not is_value):
             return effect, shown
-        if wanted < shown or is_value:
+        # What a loop at its limits shows is not in proportion to the size of a cause, so one step may not do.
+        for _ in range(1 if is_value else RESIZED):
+            if shown <= wanted and not is_value:
+                break
             effect = _bounded(kind, effect, math.sqrt(wanted / shown))
             shown = self._shown(effect, is_value)
         return effect, shown
