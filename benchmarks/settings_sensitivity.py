@@ -237,7 +237,7 @@ def trials(folder: Path, count: int) -> list[Sealed]:
     return [case for pair in zip(*found, strict=True) for case in pair]
 
 
-def run(folder: Path, count: int) -> None:
+def run(folder: Path, count: int, part: int, parts: int) -> None:
     known = settings()
     names = sorted(known, key=lambda name: ORDER.index(name.partition(".")[0]))
     done = {(line["case"], line["number"], line["factor"]) for line in lines(folder)}
@@ -247,7 +247,7 @@ def run(folder: Path, count: int) -> None:
             file.write(json.dumps({**line, "code": seal.code_digest()[:12]}) + "\n")
             file.flush()
 
-        for sealed in trials(folder, count):
+        for sealed in trials(folder, count)[part - 1 :: parts]:
             case = sealed.name
             left = [(name, factor) for name in names for factor in FACTORS if (case, name, factor) not in done]
             if not left:
@@ -343,11 +343,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("results/settings"), help="folder of trials and lines")
     parser.add_argument("--count", type=int, default=12, help="cases of each tier")
+    parser.add_argument(
+        "--part", default="1/1", help="I/N: every Nth case from the Ith, for processes beside each other"
+    )
     parser.add_argument("--table", action="store_true", help="run nothing, write the page from what is there")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     if not given.table:
-        run(given.out, given.count)
+        run(given.out, given.count, *map(int, given.part.split("/")))
     PAGE.write_text("\n".join(page(lines(given.out))) + "\n", encoding="utf-8", newline="\n")
 
 
