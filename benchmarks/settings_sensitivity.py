@@ -343,9 +343,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("results/settings"), help="folder of trials and lines")
     parser.add_argument("--count", type=int, default=12, help="cases of each tier")
-    parser.add_argument(
-        "--part", default="1/1", help="I/N: every Nth case from the Ith, to share the work"
-    )
+    parser.add_argument("--part", default="1/1", help="I/N: every Nth case from the Ith, to share the work")
     parser.add_argument("--table", action="store_true", help="run nothing, write the page from what is there")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
