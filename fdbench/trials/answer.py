@@ -10,7 +10,8 @@ from typing import Any
 
 from fdbench.cluster import Files, alone, in_processes, packed, results, unpack, unpacked
 from fdbench.diagnosis.model.nominal import Nominal, load_nominal
-from fdbench.errors import FdbenchError, SpecError
+from fdbench.effects import effects as library
+from fdbench.errors import FdbenchError, SpecError, did_you_mean
 from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.trials import seal
@@ -170,14 +171,29 @@ def read_case(place: Path, files: Sequence[str]) -> tuple[Nominal, list[Record],
     return load_nominal(place / MODEL), records, holdouts
 
 
+def as_listed(given: CaseAnswer, listed: Sequence[str]) -> CaseAnswer:
+    """Return an answer in the names of the trial: an effect that came to the library after it is an unknown cause.
+
+    Raises
+    ------
+    SpecError
+        If a name is in neither.
+    """
+    others = [name for name in given.effects if name not in listed]
+    for name in others:
+        if name not in library.names():
+            raise SpecError(f"{name}: not an effect of this trial.{did_you_mean(name, listed)}")
+    kept = {name: chance for name, chance in given.effects.items() if name in listed}
+    unknown = max([given.unknown, *(given.effects[name] for name in others)])
+    return replace(given, effects=kept, unknown=unknown)
+
+
 def _answer(diagnoser: Diagnoser, place: Path, files: list[str], effects: list[str]) -> dict[str, Any]:
     """Return what a diagnoser says of one case; a failure is an answer that names nothing."""
     nominal, records, holdouts = read_case(place, files)
     try:
-        given, status, message = diagnoser.diagnose(nominal, records, holdouts), OK, ""
-        unlisted = sorted(set(given.effects) - set(effects))
-        if unlisted:
-            raise SpecError(f"{unlisted[0]}: not an effect of this trial.")
+        found, status, message = diagnoser.diagnose(nominal, records, holdouts), OK, ""
+        given = as_listed(found, effects)
     except Exception as error:  # noqa: BLE001 - a case that fails must not lose the others
         words = str(error) if isinstance(error, FdbenchError) else repr(error)
         given, status, message = CaseAnswer(), FAILED, words

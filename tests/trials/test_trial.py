@@ -23,7 +23,7 @@ from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.specification import load_toml, read
 from fdbench.trials import seal
-from fdbench.trials.answer import answer
+from fdbench.trials.answer import answer, as_listed
 from fdbench.trials.board import board
 from fdbench.trials.diagnoser import CaseAnswer, diagnosers
 from fdbench.trials.make import MANIFEST, listed_effects, make, read_manifest
@@ -386,6 +386,14 @@ def test_interrupted_answers_go_on_where_nothing_changed(trial: Path, handed_in:
     assert (found[first]["none"] == 0.125) == (changed is None)
     assert len(found) == 3
     assert not kept.exists()
+
+
+def test_an_effect_that_is_newer_than_a_trial_is_an_unknown_cause() -> None:
+    given = CaseAnswer(effects={"cogging": 0.2, "backlash": 0.7}, unknown=0.3, none=0.1)
+    assert as_listed(given, ["cogging", "backlash"]) == given
+    assert as_listed(given, ["cogging"]) == CaseAnswer(effects={"cogging": 0.2}, unknown=0.7, none=0.1)
+    with pytest.raises(SpecError, match=r"coging: not an effect of this trial\. Did you mean cogging\?"):
+        as_listed(CaseAnswer(effects={"coging": 0.2}), ["cogging"])
 
 
 def test_changed_answers_are_refused(trial: Path, handed_in: Path) -> None:
