@@ -252,7 +252,9 @@ def calibrated_on(
         {name: measured - readings.alone(place, model)[name] for name, measured in run.channels.items()}
         for place, run in enumerate(runs)
     ]
-    known = dataclasses.replace(as_nominal(model), uncertainty=Uncertainty(**dataclasses.asdict(BASELINE)))
+    # The gains are those that are set, whatever the model had on paper: another day changes none of them.
+    doubt = Uncertainty(**dataclasses.asdict(BASELINE), controller_gains=0.0)
+    known = dataclasses.replace(as_nominal(model), uncertainty=doubt)
     return known, Baseline(runs=runs, residuals=residuals)
 
 

@@ -10,7 +10,7 @@ from fdbench.diagnosis.judge.reduction import channel_gaps
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.search.search import Search
-from fdbench.diagnosis.settings import JUDGE, SEARCH
+from fdbench.diagnosis.settings import JUDGE, MODEL, SEARCH
 from fdbench.rotary import spoken_unit
 
 
@@ -55,13 +55,15 @@ def deviating_parameters(
     gaps = channel_gaps(search.readings, search.split.plain, [final, *lacking])
     closed, *left = gaps.mean(axis=1).tolist()
     moves: list[tuple[str, float, float, float, str]] = []
+    furthest = 0.0
     for places, without in zip(groups.values(), left, strict=True):
         sizes = [scale[place].size(final.nominal.drive) for place in places]
         change = sum(final.shifts[place] * size for place, size in zip(places, sizes, strict=True))
         name = scale[places[0]].cause(final.nominal)
         # Without an effect that stands for them they are values of their own, whose changes do not add up.
-        far = math.hypot(*(final.shifts[place] for place in places))
-        distance = abs(change) / max(math.hypot(*sizes), 1e-30) if name else far
+        own = [abs(final.shifts[place]) for place in places]
+        distance = abs(change) / max(math.hypot(*sizes), 1e-30) if name else math.hypot(*own)
+        furthest = max(furthest, distance if name else max(own))
         moves.append((name, change, distance, without, scale[places[0]].unit))
     total = max(sum(max(without - closed, 0.0) for _, _, _, without, _ in moves), 1e-12)
     present = {item.name for item in final.effects}
@@ -75,7 +77,8 @@ def deviating_parameters(
             continue
         features = confidence.value_features(distance, without - closed, closed)
         if not name:
-            nameless = max(nameless, models.value.probability(features))
+            # In a quiet record a gain that is a little off closes much, and is no wonder.
+            nameless = max(nameless, models.value.probability(features) if distance > MODEL.far_fetched else 0.0)
             continue
         share = recalibrated * (without - closed) / total
         all_features[name] = features
@@ -89,5 +92,4 @@ def deviating_parameters(
                 parameters={"change": Quantity(value=change, ci95=None, unit=spoken_unit(unit))},
             )
         )
-    furthest = max((distance for _, _, distance, _, _ in moves), default=0.0)
     return Deviating(causes=found, features=all_features, furthest=furthest, nameless=nameless)
