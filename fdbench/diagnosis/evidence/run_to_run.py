@@ -99,11 +99,9 @@ class Repeatability:
         self._replay, self._model = replay, model
         self._known: list[tuple[RecordedRun, FloatArray]] = []
         self.noise_models = noise_models(runs, model.nominal.way)
-        n_changing = sum(item.changes_from_run_to_run for item in nominal_parameters(model.nominal))
-        self._root = np.zeros((n_changing, n_changing))
+        self._root = assumed_root(model)
         pairs = repeated(runs)
         if not pairs:
-            self._root = assumed_root(model)
             return
         names = list(runs[0].channels)
         differences = [

@@ -48,7 +48,7 @@ class Hypothesis:
     ----------
     nominal : Nominal
     shifts : tuple of float
-        In the order of `calibrations`.
+        In the order of `nominal_parameters`.
     effects : tuple of Effect
     replaced : tuple of int
         Known effects of the drive that one of ``effects`` takes the place of.
