@@ -29,6 +29,7 @@ from fdbench.diagnosis.model.nominal import Nominal, Uncertainty
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
 from fdbench.diagnosis.records.runs import merged
+from fdbench.diagnosis.search.refinement import Refinement
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import BASELINE, EVIDENCE
@@ -185,18 +186,19 @@ def _searched(
 ) -> _Searched:
     ready = aligned(nominal, records, holdouts, healthy)
     split, given = ready.split, start(ready.nominal)
-    search = Search(ready.readings.coarsened(given, split.noise_models), split, progress)
+    refinement = Refinement(ready.readings.coarsened(given, split.noise_models), split)
+    search = Search(refinement, progress)
     search.progress("re-calibrating the nominal parameters")
-    calibrated = search.calibrate(given)
-    split = with_run_to_run_covariance(search.readings.replay, ready, calibrated, healthy)
-    search.look_at(ready.readings.coarsened(given, split.noise_models), split)
-    base = search.refine(calibrated)
-    search.look_at(search.readings, with_explained(split, gather(search.readings, split, base, ())))
+    calibrated = refinement.calibrate(given)
+    split = with_run_to_run_covariance(refinement.readings.replay, ready, calibrated, healthy)
+    refinement.look_at(ready.readings.coarsened(given, split.noise_models), split)
+    base = refinement.refine(calibrated)
+    refinement.look_at(refinement.readings, with_explained(split, gather(refinement.readings, split, base, ())))
     final, stages = search.run(base)
     final, contests = search.review(final, stages)
     # The search weighs what friction may do in each run; what is judged, drawn and written is one model for all.
     readings, plain = search.readings, search.split.plain
-    last = Search(readings, plain)
+    last = Refinement(readings, plain, refinement.nominal)
     weighed = last.refine(final) if final.effects else calibrated
     calibrated = last.refine(calibrated, tempered=False)
     final = last.refine(weighed, tempered=False) if final.effects else calibrated
@@ -245,9 +247,9 @@ def calibrated_on(
     )
     given = start(ready.nominal)
     readings = Readings(ready.readings.replay, runs).coarsened(given, split.noise_models)
-    search = Search(readings, split, progress)
-    search.progress("calibrating on the baseline")
-    model = search.calibrate(given)
+    if progress is not None:
+        progress("calibrating on the baseline")
+    model = Refinement(readings, split).calibrate(given)
     residuals = [
         {name: measured - readings.alone(place, model)[name] for name, measured in run.channels.items()}
         for place, run in enumerate(runs)

@@ -114,6 +114,7 @@ class ModelSettings:
     most_replacement: float = number(3.0, "of a known effect that another one in its place may have in a linear fit")
     largest_change: float = number(4.0, "times the tried size that one linear fit may make of an effect")
     highest_of_nyquist: float = number(0.8, "frequency of a mode or line that samples still show", zero=1.0)
+    held_at_once: int = number(2_000_000, "readings of a channel, beyond which runs are simulated one after the other")
     coarser_substeps: tuple[int, ...] = number((3, 4, 5, 6, 8), "substeps that are tried where the model has more")
     substeps_error: float = number(0.1, "of the noise, root mean square, by which coarser substeps may move a reading")
     slower: float = number(0.8, "factor of the bandwidth of a virtual controller that rings or is loud", zero=1.0)
@@ -174,7 +175,13 @@ class SearchSettings:
     smallest_gain: float = number(0.04, "share of the excess misfit that an effect must remove")
     noise_alone: float = number(1.05, "misfit below which nothing is left to explain", zero=1.0)
     effective_samples: float = number(60.0, "independent samples that a misfit is worth at most, for probabilities")
-    steps: int = number(8, "Gauss-Newton steps of a refinement at most")
+    steps: int = number(12, "Gauss-Newton steps of a refinement at most")
+    kept_promise: float = number(
+        0.75, "share of the promised fall that a step must reach for its responses to serve on"
+    )
+    near: float = number(
+        1.0, "standard deviations of a nominal parameter, over which its response is taken for constant"
+    )
     converged: float = number(3e-4, "fall of the objective, relative to its excess over noise, that ends a refinement")
     smallest_fall: float = number(2.0, "fall of the objective that is no evidence of anything")
     dampings: tuple[float, ...] = number((0.0, 0.03, 0.3, 3.0), "of the diagonal of the normal matrix, tried together")

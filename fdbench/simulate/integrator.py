@@ -39,7 +39,7 @@ def measure_and_control(w, calls, first_calls, k, period, reference, normal, uni
         span = w[DIFFERENCE_SPAN + i]
         back = w[BACK_1 + i] if span < 1.5 else w[BACK_2 + i]
         velocity = (feedback - back) / (max(span, 1.0) * period) if span > 0.5 else tachometer
-        row = int(w[INDEX + i])
+        row = int(w[INDEX + i] + w[FIRST_ROW + i])
         w[COMMANDED_V + i] = reference[row, 1]
         commanded = reference[row, 1] - w[VELOCITY_REFERENCE_DELAY + i] * reference[row, 2]
         wanted = w[VELOCITY_FEEDFORWARD + i] * (commanded + w[ACTION_VELOCITY + i])
@@ -53,7 +53,7 @@ def measure_and_control(w, calls, first_calls, k, period, reference, normal, uni
         w[BACK_1 + i] = feedback
         w[REQUEST + i] = limited
         w[PROCESS_SUM + i] = 0.0
-        fresh = w[READ_HELD + i] < 0.5 or row == 0
+        fresh = w[READ_HELD + i] < 0.5 or w[INDEX + i] < 0.5
         w[HELD + i] = 0.0 if fresh else 1.0
         w[LAST_MOTOR + i] = motor if fresh else w[LAST_MOTOR + i]
         w[LAST_TABLE + i] = table if fresh else w[LAST_TABLE + i]
@@ -163,7 +163,7 @@ def advance(blocks, first, n_samples, substeps, period, calls, first_calls, refe
     first_calls : (n_ports + 1,) array of int
         Where those of each port begin.
     reference : (n_reference, 3) array
-        Commanded position (m), velocity (m/s) and acceleration (m/s^2), indexed by each lane's own sample number.
+        Commanded position (m), velocity (m/s) and acceleration (m/s^2); a lane's own begin at its first row.
     normal, uniform : (n_blocks, n_random, n, LANES) arrays
         Random numbers of each sample.
     out : (n_blocks, n_samples, OUT_COLUMNS, LANES) array, written

@@ -96,6 +96,7 @@ def gather(
     variants: Sequence[Hypothesis],
     places: Sequence[int] | None = None,
     keep: Sequence[Hypothesis] = (),
+    about: Sequence[Hypothesis] = (),
 ) -> Evidence:
     """Sum the products of the gap of a base and of the responses of its variants over the segments of runs.
 
@@ -112,30 +113,38 @@ def gather(
         Of the runs, such as ``split.fitted``; without, all.
     keep : sequence of Hypothesis
         Variants whose readings are kept, too.
+    about : sequence of Hypothesis, optional
+        What the response of each variant is counted from; without, the base.
     """
-    lanes = [base, *variants]
+    origins = list({id(item): item for item in about if item is not base}.values())
+    place_of = {id(base): 0} | {id(item): place for place, item in enumerate(origins, 1 + len(variants))}
+    counted_from = [place_of[id(item)] for item in about or [base] * len(variants)]
+    n_lanes = 1 + len(variants)
+    lanes = [base, *variants, *origins]
     products, gaps, counts, outs, groups, owners, channels, known = [], [], [], [], [], [], [], []
     offset = 0
-    for number in range(len(split.runs)) if places is None else places:
+    numbers = range(len(split.runs)) if places is None else places
+    for number, simulated in zip(numbers, readings.each(numbers, lanes, [base, *keep]), strict=True):
         run, out = split.runs[number], split.held_out[number]
-        simulated = readings.of(number, lanes, [base, *keep])
         length = segment_length(run)
         n_segments = -(-run.n_samples // length)
         count = np.full(n_segments, float(length))
         count[-1] -= n_segments * length - run.n_samples
         for name, measured in run.channels.items():
             own = simulated[name]
-            own[1:] -= own[0]
+            for place, origin in enumerate(counted_from, 1):
+                own[place] -= own[origin]
             own[0] = measured - own[0]
+            simulated[name] = own[:n_lanes]
         lost = silenced(simulated)
         scaled = split.scaled(number, simulated)
         if lost[0]:
             for values in scaled.values():
                 values[0] = DIVERGED
         for place, (name, found) in enumerate(scaled.items()):
-            signals = np.zeros((len(lanes), n_segments * length))
+            signals = np.zeros((n_lanes, n_segments * length))
             signals[:, : run.n_samples] = found
-            pieces = signals.reshape(len(lanes), n_segments, length).transpose(1, 0, 2)
+            pieces = signals.reshape(n_lanes, n_segments, length).transpose(1, 0, 2)
             products.append(pieces @ pieces.transpose(0, 2, 1))
             gaps.append(products[-1][:, 0, 0].copy())
             counts.append(count)

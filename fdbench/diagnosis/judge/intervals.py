@@ -22,7 +22,7 @@ def intervals(search: Search, final: Hypothesis) -> list[dict[str, Pair]]:
     be there too, with a standard deviation of 5 % of its typical size, which the numbers may make up for.
     """
     numbers, others = adjustables_of(final), one_of_each(final)
-    evidence = search.probed(final, others)
+    evidence = search.refinement.responses(final, others, search.split.fitted, effects=True)
     inside = ~evidence.held_out
     n, n_all = len(numbers), len(numbers) + len(others)
     prior = np.r_[[float(item.prior) for item in numbers], np.full(len(others), JUDGE.hidden**-2)]

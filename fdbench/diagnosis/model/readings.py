@@ -1,11 +1,11 @@
 """Readings: what hypotheses read along runs, each simulated once; what is asked for again is kept and handed on."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis
-from fdbench.diagnosis.model.replay import Replay, Variant
+from fdbench.diagnosis.model.replay import Replay, Replayed
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import MODEL
@@ -43,25 +43,51 @@ class Readings:
 
         Those to ``keep`` are not simulated again until they are forgotten.
         """
-        run, keys = self.runs[place], [_key(item) for item in hypotheses]
-        new: dict[Key, int] = {}
-        variants: list[Variant] = []
-        for key, item in zip(keys, hypotheses, strict=True):
-            if key not in new and place not in self._kept.get(key, ()):
-                new[key] = len(variants)
-                variants.append(item.variant)
-        found = self.replay.simulate(run, variants) if variants else {}
-        kept = {key: self._kept[key][place] for key in keys if key not in new}
-        for key in map(_key, keep):
-            if key in new:
-                own = {name: values[new[key]].copy() for name, values in found.items()}
-                self._kept.setdefault(key, {})[place] = own
-        if len(new) == len(keys):
-            return found
-        return {
-            name: np.stack([found[name][new[key]] if key in new else kept[key][name] for key in keys])
-            for name in run.channels
-        }
+        return next(self.each([place], hypotheses, keep))
+
+    def each(
+        self, places: Sequence[int], hypotheses: Sequence[Hypothesis], keep: Sequence[Hypothesis] = ()
+    ) -> Iterator[dict[str, FloatArray]]:
+        """Yield for one run after the other what `of` returns; several are simulated at once where they are small."""
+        keys = [_key(item) for item in hypotheses]
+        first = {key: place for place, key in reversed([*enumerate(keys)])}
+        kept = {_key(item) for item in keep}
+        for together in self._together(places, len(keys)):
+            found, replayed = [], []
+            for place in together:
+                run = self.runs[place]
+                channels = {name: np.empty((len(keys), run.n_samples)) for name in run.channels}
+                new = [own for key, own in first.items() if place not in self._kept.get(key, ())]
+                variants = [hypotheses[own].variant for own in new]
+                replayed.append(Replayed(run=run, variants=variants, channels=channels, places=new))
+                found.append(channels)
+            self.replay.fill(replayed)
+            for place, channels in zip(together, found, strict=True):
+                for own, key in enumerate(keys):
+                    known = self._kept.get(key, {})
+                    for name, values in channels.items():
+                        if place in known:
+                            values[own] = known[place][name]
+                        elif first[key] != own:
+                            values[own] = values[first[key]]
+                for key in kept & first.keys():
+                    if place not in self._kept.get(key, ()):
+                        copies = {name: values[first[key]].copy() for name, values in channels.items()}
+                        self._kept.setdefault(key, {})[place] = copies
+                yield channels
+
+    def _together(self, places: Sequence[int], n_lanes: int) -> list[list[int]]:
+        """Return the places in groups whose readings are held at once."""
+        groups: list[list[int]] = []
+        size = 0
+        for place in places:
+            own = n_lanes * self.runs[place].n_samples
+            if not groups or size + own > MODEL.held_at_once:
+                groups.append([])
+                size = 0
+            groups[-1].append(place)
+            size += own
+        return groups
 
     def alone(self, place: int, hypothesis: Hypothesis) -> Channels:
         """Return each channel of a run as one hypothesis reads it, (n_samples,), and keep it."""

@@ -1,9 +1,9 @@
-"""Replay: simulate the command of a run on many variants of the model at once, with one stepper of all effects."""
+"""Replay: simulate the commands of runs on many variants of the model at once, with one stepper of all effects."""
 
 import copy
 import dataclasses
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -36,6 +36,26 @@ class Variant:
     def kinds(self) -> frozenset[type[Effect]]:
         """Return the classes of the extra effects."""
         return frozenset(effect.declared for effect in self.extra)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Replayed:
+    """A run that variants are to follow, and where their readings go.
+
+    Attributes
+    ----------
+    run : RecordedRun
+    variants : sequence of Variant
+    channels : mapping of str to array
+        Filled: each channel of the run, (n, n_samples) with n of at least ``places``.
+    places : sequence of int
+        Row of each variant in it.
+    """
+
+    run: RecordedRun
+    variants: Sequence[Variant]
+    channels: Mapping[str, FloatArray]
+    places: Sequence[int]
 
 
 @lru_cache(maxsize=4096)
@@ -86,20 +106,23 @@ class Replay:
 
         Readings are free of noise; every variant starts from the measured position and velocity.
         """
-        order = sorted(range(len(variants)), key=lambda index: sorted(kind.name for kind in variants[index].kinds()))
-        result = {name: np.empty((len(variants), run.n_samples)) for name in run.channels}
-        blocks = [order[first : first + WIDTH] for first in range(0, len(order), WIDTH)]
+        channels = {name: np.empty((len(variants), run.n_samples)) for name in run.channels}
+        self.fill([Replayed(run=run, variants=variants, channels=channels, places=range(len(variants)))])
+        return channels
 
-        def advance(lanes: list[int]) -> None:
-            for samples, columns in self._pieces(run, [variants[index] for index in lanes]):
-                for name, values in result.items():
-                    values[lanes, samples] = columns[name][:, : len(lanes)].T
-
+    def fill(self, replayed: Sequence[Replayed]) -> None:
+        """Simulate several runs of one clock, lanes of different ones side by side, and fill in what is read."""
+        lanes = [
+            _Lane(variant=variant, run=item.run, channels={name: own[place] for name, own in item.channels.items()})
+            for item in replayed
+            for variant, place in zip(item.variants, item.places, strict=True)
+        ]
+        lanes.sort(key=lambda lane: (sorted(kind.name for kind in lane.variant.kinds()), lane.run.n_samples))
+        blocks = [lanes[first : first + WIDTH] for first in range(0, len(lanes), WIDTH)]
         if len(blocks) == 1:
-            advance(blocks[0])
+            self._advance(blocks[0])
         else:
-            list(_threads().map(advance, blocks))
-        return result
+            list(_threads().map(self._advance, blocks))
 
     def alone(self, run: RecordedRun, variant: Variant) -> dict[str, FloatArray]:
         """Return each channel of the run as one variant has it, (n_samples,)."""
@@ -126,31 +149,43 @@ class Replay:
             kept[period_s] = blocks.values[0, :, 0], active
         return kept[period_s]
 
-    def _pieces(self, run: RecordedRun, variants: Sequence[Variant]) -> Iterator[tuple[slice, dict[str, FloatArray]]]:
-        """Yield each stretch of samples and the channels there, (n_samples, WIDTH)."""
+    def _advance(self, lanes: Sequence["_Lane"]) -> None:
+        """Simulate one block, piece by piece."""
+        period = lanes[0].run.period_s
+        runs = list({id(lane.run): lane.run for lane in lanes}.values())
+        first_rows = dict(zip(map(id, runs), np.cumsum([0, *(run.n_samples for run in runs)]).tolist(), strict=False))
+        longest = max(run.n_samples for run in runs)
+        reference = np.concatenate([*(run.reference for run in runs), np.zeros((longest, 3))])
+        made = [self._lane(lane.variant, period) for lane in lanes]
         blocks = Blocks(self.kinds, WIDTH, WIDTH)
-        lanes = [self._lane(variant, run.period_s) for variant in variants]
-        lanes += [lanes[-1]] * (WIDTH - len(lanes))
-        blocks.values[0] = np.stack([rows for rows, _ in lanes], axis=1)
-        blocks.place(*run.start, run.period_s)
-        active = np.logical_or.reduce([own for _, own in lanes])
-        reference = np.ascontiguousarray(run.reference)
+        blocks.values[0] = np.stack([rows for rows, _ in [*made, *[made[-1]] * (WIDTH - len(made))]], axis=1)
+        for place, lane in enumerate(lanes):
+            blocks.place(*lane.run.start, period, np.array([place]))
+            blocks.set_scalars({"FIRST_ROW": first_rows[id(lane.run)]}, np.array([place]))
+        active = np.logical_or.reduce([own for _, own in made])
         normal = np.zeros((1, PIECE, layout.NORMAL_COLUMNS, WIDTH))
         uniform = np.ones((1, PIECE, self._uniform, WIDTH))
         out = np.empty((1, PIECE, layout.OUT_COLUMNS, WIDTH))
         calls = self._stepper.calls(active)
-        feedback = layout.OUT_TABLE if self.drive.controller.uses_table else layout.OUT_MOTOR
-        for start in range(0, run.n_samples, PIECE):
-            n = min(PIECE, run.n_samples - start)
-            self._stepper.advance(
-                blocks.flat, 0, n, self.substeps, run.period_s, *calls, reference, normal, uniform, out
-            )
-            found = out[0, :n]
-            yield (
-                slice(start, start + n),
-                {
-                    "motor_force_N": found[:, layout.OUT_FORCE],
-                    "position_m": found[:, feedback],
-                    DEFLECTION: found[:, layout.OUT_MOTOR] - found[:, layout.OUT_TABLE],
-                },
-            )
+        table = self.drive.controller.uses_table
+        columns = {"motor_force_N": layout.OUT_FORCE, "position_m": layout.OUT_TABLE if table else layout.OUT_MOTOR}
+        for start in range(0, longest, PIECE):
+            n = min(PIECE, longest - start)
+            self._stepper.advance(blocks.flat, 0, n, self.substeps, period, *calls, reference, normal, uniform, out)
+            for place, lane in enumerate(lanes):
+                found = out[0, : max(min(n, lane.run.n_samples - start), 0), :, place]
+                for name, values in lane.channels.items():
+                    read = values[start : start + len(found)]
+                    if name == DEFLECTION:
+                        np.subtract(found[:, layout.OUT_MOTOR], found[:, layout.OUT_TABLE], out=read)
+                    else:
+                        read[:] = found[:, columns[name]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Lane:
+    """One lane: a variant, the run that it follows, and each channel of it, (n_samples,), to be filled."""
+
+    variant: Variant
+    run: RecordedRun
+    channels: Mapping[str, FloatArray]

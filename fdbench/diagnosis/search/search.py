@@ -1,24 +1,20 @@
-"""Search: add the effect that explains most, refine it in closed-loop simulation, look again at what is left.
-
-One class, in one file: its steps hand on what they have simulated.
-"""
+"""Search: add the effect that explains most, refine it in closed-loop simulation, look again at what is left."""
 
 import dataclasses
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from fdbench.diagnosis.evidence.evidence import Evidence, fitted_part, gather
+from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.candidates import Candidate, candidates
-from fdbench.diagnosis.model.friction_parameters import FrictionForm
 from fdbench.diagnosis.model.hypothesis import Hypothesis
-from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
-from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_vector, with_parameters
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.periods import located
+from fdbench.diagnosis.search.refinement import Refinement, prior_weight
 from fdbench.diagnosis.search.stage import Rival, Stage, equivalent_misfit
 from fdbench.diagnosis.settings import SEARCH
 from fdbench.effects import Effect
@@ -29,21 +25,24 @@ class Search:
 
     Parameters
     ----------
-    readings : Readings
-        Of the runs of the split.
-    split : Split
+    refinement : Refinement
+        Of the runs.
     progress : callable, optional
         Told in words what is being done.
     """
 
-    def __init__(self, readings: Readings, split: Split, progress: Callable[[str], None] | None = None) -> None:
-        self.progress = progress or (lambda text: None)
-        self.look_at(readings, split)
+    def __init__(self, refinement: Refinement, progress: Callable[[str], None] | None = None) -> None:
+        self.refinement, self.progress = refinement, progress or (lambda text: None)
 
-    def look_at(self, readings: Readings, split: Split) -> None:
-        """Search other readings, or the same ones split or weighted otherwise, from now on."""
-        self.readings, self.split = readings, split
-        self._fitted_readings, self._fitted_split = fitted_part(readings, split)
+    @property
+    def readings(self) -> Readings:
+        """Readings of the runs of the split."""
+        return self.refinement.readings
+
+    @property
+    def split(self) -> Split:
+        """Runs, and which samples of each are judged on."""
+        return self.refinement.split
 
     def run(self, base: Hypothesis) -> tuple[Hypothesis, list[Stage]]:
         """Return the final hypothesis and the stages that led to it."""
@@ -61,27 +60,30 @@ class Search:
 
     def stage(self, base: Hypothesis) -> Stage | None:
         """Rank all classes of effects as the next one; None where the base leaves noise alone."""
-        every = candidates(base, located(self.readings, self.split, base), self.split.runs[0].period_s)
-        alone, fits, responses = self._screen(base, every, fitted_only=True)
-        if alone.train < SEARCH.noise_alone:
+        fitted = self.split.fitted
+        alone = self._screen(base, (), fitted)
+        if alone.alone.train < SEARCH.noise_alone:
             return None
-        large = [
-            place
-            for place, response in enumerate(responses)
-            if response > SEARCH.oversized and every[place].replaces is None
-        ]
+        every = candidates(base, located(self.readings, self.split, base), self.split.runs[0].period_s)
+        if len(fitted) > 1:  # most that is too large is seen to be so on a part of the records
+            shortest = min(fitted, key=lambda place: self.split.runs[place].n_samples)
+            sizes = self._screen(base, every, [shortest]).sizes
+            every = [_not_oversized(item, size / alone.gap) for item, size in zip(every, sizes, strict=True)]
+        screened = self._screen(base, every, fitted)
+        fits = screened.fits
+        smaller = [_not_oversized(item, size / alone.gap) for item, size in zip(every, screened.sizes, strict=True)]
+        large = [place for place, (item, given) in enumerate(zip(smaller, every, strict=True)) if item is not given]
         if large:
-            smaller = [every[place].sizes([1.0 / responses[place]])[0] for place in large]
-            _, fitted_again, _ = self._screen(base, smaller, fitted_only=True)
-            for place, candidate, fit in zip(large, smaller, fitted_again, strict=True):
-                every[place], fits[place] = candidate, fit
+            again = self._screen(base, [smaller[place] for place in large], fitted).fits
+            for place, fit in zip(large, again, strict=True):
+                every[place], fits[place] = smaller[place], fit
         best = self._best_of_class(base, every, fits)
         order = sorted(best, key=lambda kind: _cost(base, best[kind][1].train, best[kind][1]))[: SEARCH.rescaled]
-        again = [size for kind in order for size in best[kind][0].sizes(SEARCH.sizes)]
-        alone, fits, _ = self._screen(base, again)
-        ranked = self._best_of_class(base, again, fits)
+        rescaled = [size for kind in order for size in best[kind][0].sizes(SEARCH.sizes)]
+        screened = self._screen(base, rescaled)
+        ranked = self._best_of_class(base, rescaled, screened.fits)
         order = sorted(ranked, key=lambda kind: _cost(base, ranked[kind][1].misfit, ranked[kind][1]))
-        without = _equivalent(base, alone)
+        without = _equivalent(base, screened.alone)
         gains = {kind: without - _equivalent(base, fit) for kind, (_, fit) in ranked.items()}
         most = max(gains.values(), default=0.0)
         hypotheses = []
@@ -157,36 +159,37 @@ class Search:
         if {type(effect) for effect in origin.base.effects} == present - {kind}:
             return origin
         self.progress(f"doing without {kind.name}")
-        others = self.refine(final.without_effect(kind))
+        others = self.refinement.refine(final.without_effect(kind))
         found = [(kind, final, True)]
         for rival in origin.rivals:
             if rival.refined and rival.kind not in present:
                 replaced = set(rival.hypothesis.replaced) - set(origin.base.replaced)
                 tried = others.with_effect(rival.hypothesis.effects[-1], *replaced)
-                found.append((rival.kind, self.refine(tried), True))
+                found.append((rival.kind, self.refinement.refine(tried), True))
         return self.compared(others, found)
 
-    def _screen(
-        self, base: Hypothesis, every: Sequence[Candidate], *, fitted_only: bool = False
-    ) -> tuple[Fit, list[Fit], list[float]]:
-        """Return linear fits of base and candidates, and how large the response to each is beside the gap."""
-        shifted = base.moved_in_turn()
+    def _screen(self, base: Hypothesis, every: Sequence[Candidate], places: Sequence[int] | None = None) -> "_Screened":
+        """Fit the base and it with each candidate linearly, on some runs or on all."""
         columns: list[tuple[int, ...]] = []
-        variants = list(shifted)
+        variants: list[Hypothesis] = []
         for candidate in every:
-            first = 1 + len(variants)
+            first = 1 + len(base.shifts) + len(variants)
             variants += candidate.hypotheses(base)
-            columns.append(tuple(range(first, 1 + len(variants))))
-        gathered = self._gather_fitted if fitted_only else self._gather
-        evidence = gathered(base, variants, shifted)
-        nuisances = list(range(1, 1 + len(shifted)))
-        alone = float(evidence.squares()[~evidence.held_out, 0].sum())
+            columns.append(tuple(range(first, 1 + len(base.shifts) + len(variants))))
+        evidence = self.refinement.responses(base, variants, places)
+        nuisances = list(range(1, 1 + len(base.shifts)))
+        inside = ~evidence.held_out
+        alone = float(evidence.squares()[inside, 0].sum())
         priors, room = base.priors(prior_weight(alone)), base.room()
         scores = Scores(evidence, dict(enumerate(priors, start=1)), dict(enumerate(room, start=1)))
-        squares = np.diagonal(evidence.products[~evidence.held_out].sum(axis=0))
-        ratios = np.sqrt(squares / max(float(squares[0]), 1e-300))
-        responses = [float(ratios[list(own)].max()) for own in columns]
-        return scores.fit(nuisances), [scores.fit([*nuisances, *own]) for own in columns], responses
+        squares = np.diagonal(evidence.products[inside].sum(axis=0))
+        deviations = np.sqrt(squares / float(evidence.counts[inside].sum()))
+        return _Screened(
+            alone=scores.fit(nuisances),
+            fits=[scores.fit([*nuisances, *own]) for own in columns],
+            gap=max(float(deviations[0]), 1e-150),
+            sizes=[float(deviations[list(own)].max()) for own in columns],
+        )
 
     def _best_of_class(
         self, base: Hypothesis, every: Sequence[Candidate], fits: Sequence[Fit]
@@ -200,115 +203,32 @@ class Search:
                 best[candidate.kind], costs[candidate.kind] = (scaled, fit), cost
         return best
 
-    def calibrate(self, given: Hypothesis) -> Hypothesis:
-        """Fit the nominal parameters: first those that a data sheet has, then the form of friction beside them.
-
-        A form that moves from the start can stand in for a friction that is not yet of the right size.
-        """
-        form = [item.name for item in nominal_parameters(given.nominal) if isinstance(item, FrictionForm)]
-        return self.refine(self.refine(given, fixed=form)) if form else self.refine(given)
-
-    def refine(self, hypothesis: Hypothesis, fixed: Collection[str] = (), *, tempered: bool = True) -> Hypothesis:
-        """Fit all numbers of a hypothesis but fixed ones on the training segments in closed loop.
-
-        What is minimised are the weighted squares and, `prior_weight` times, the prior penalty, by damped Gauss-Newton
-        steps (Levenberg 1944, Marquardt 1963): the normal matrix has its diagonal raised by several factors at once,
-        all of these steps are simulated together, and the best is taken. What is to predict best, and is compared with
-        nothing, is fitted by all samples as they are, not ``tempered``.
-        """
-        given = hypothesis
-        for _ in range(SEARCH.steps):
-            evidence = self.probed(hypothesis, fixed=fixed)
-            inside = ~evidence.held_out
-            alone = float(evidence.squares()[inside, 0].sum())
-            weight = prior_weight(alone) if tempered else 1.0
-            before = alone + weight * hypothesis.prior_penalty()
-            excess = alone - float((evidence.weights * evidence.counts)[inside].sum())
-            enough = max(SEARCH.converged * excess, SEARCH.smallest_fall)
-            for dampings in (SEARCH.dampings, SEARCH.further_dampings):
-                trials, after, promised = self._steps(hypothesis, evidence, dampings, fixed, weight)
-                best, was = int(np.argmin(after)), hypothesis
-                if after[best] < before:
-                    hypothesis = trials[best]
-                self._fitted_readings.forget([item for item in (was, *trials) if item not in (given, hypothesis)])
-                if after[best] < before or before - promised < enough:
-                    break
-            if before - after[best] < enough:
-                break
-        return hypothesis
-
-    def _steps(
-        self,
-        hypothesis: Hypothesis,
-        probed: Evidence,
-        dampings: Sequence[float],
-        fixed: Collection[str],
-        weight: float,
-    ) -> tuple[list[Hypothesis], list[float], float]:
-        """Return the steps of several dampings, the objective after each, and what the undamped linear fit promises."""
-        numbers, values = adjustables_of(hypothesis), parameter_vector(hypothesis)
-        moving = [place for place, item in enumerate(numbers) if item.name not in fixed]
-        known = [(column, place) for column, place in enumerate(moving, 1) if numbers[place].prior]
-        priors, room = hypothesis.priors(weight), hypothesis.room()
-        scores = Scores(
-            probed, {column: priors[place] for column, place in known}, {column: room[place] for column, place in known}
-        )
-        fits = [scores.fit(range(1, 1 + len(moving)), damping) for damping in (0.0, *dampings)]
-        steps = np.zeros((len(fits), len(numbers)))
-        steps[:, moving] = [fit.coefficients for fit in fits]
-        steps *= [item.step for item in numbers]
-        undamped, *trials = (with_parameters(hypothesis, values + step) for step in steps)
-        judged = self._gather_fitted(hypothesis, trials, trials)
-        _, *squares = (judged.squares()[~judged.held_out].sum(axis=0)).tolist()
-        after = [own + weight * trial.prior_penalty() for own, trial in zip(squares, trials, strict=True)]
-        return trials, after, fits[0].squares + weight * undamped.prior_penalty()
-
     def refined_anew(self, hypothesis: Hypothesis, base: Hypothesis) -> Hypothesis:
         """Return the better of two refinements: from here, and where the base is far-fetched, from nominal parameters.
 
         Nominal parameters that stand in for an effect that is not there yet are far off, and stay there beside it.
         """
-        found = self.refine(hypothesis)
+        found = self.refinement.refine(hypothesis)
         if base.far_fetched == 0.0:
             return found
-        anew = self.refine(dataclasses.replace(hypothesis, shifts=(0.0,) * len(hypothesis.shifts)))
-        evidence = self._gather_fitted(base, [found, anew], [found, anew])
-        alone, *squares = evidence.squares()[~evidence.held_out].sum(axis=0).tolist()
-        weight = prior_weight(alone)
-        return min(
-            zip(squares, (found, anew), strict=True), key=lambda item: item[0] + weight * item[1].prior_penalty()
-        )[1]
-
-    def probed(
-        self, hypothesis: Hypothesis, beside: Sequence[Hypothesis] = (), fixed: Collection[str] = ()
-    ) -> Evidence:
-        """Return the responses to a step of each number but fixed ones, on the runs of which something is fitted.
-
-        Those of the hypotheses ``beside`` it follow.
-        """
-        values, numbers = parameter_vector(hypothesis), adjustables_of(hypothesis)
-        steps = np.diag([item.step for item in numbers])
-        moved = [row for row, item in zip(steps, numbers, strict=True) if item.name not in fixed]
-        probes = [with_parameters(hypothesis, values + row) for row in moved]
-        return self._gather_fitted(hypothesis, [*probes, *beside])
-
-    def _gather(self, base: Hypothesis, variants: Sequence[Hypothesis], keep: Sequence[Hypothesis] = ()) -> Evidence:
-        return gather(self.readings, self.split, base, variants, keep=keep)
-
-    def _gather_fitted(
-        self, base: Hypothesis, variants: Sequence[Hypothesis], keep: Sequence[Hypothesis] = ()
-    ) -> Evidence:
-        return gather(self._fitted_readings, self._fitted_split, base, variants, self.split.fitted, keep=keep)
+        anew = self.refinement.refine(dataclasses.replace(hypothesis, shifts=(0.0,) * len(hypothesis.shifts)))
+        return self.refinement.better(base, [found, anew])
 
 
-def prior_weight(squares: float) -> float:
-    r"""Return how much a prior penalty p counts beside weighted squares S, so that both fit as they are judged.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Screened:
+    """Linear fits of the base alone and with each candidate; rms of the gap and of the responses to candidates."""
 
-    .. math:: n \ln S + p, \qquad \mathrm{d}S + \frac{S}{n}\, \mathrm{d}p = 0
+    alone: Fit
+    fits: list[Fit]
+    gap: float
+    sizes: list[float]
 
-    with the effective samples n of `fdbench.diagnosis.search.stage.Stage`: at least 1, where there are fewer samples.
-    """
-    return max(1.0, squares / SEARCH.effective_samples)
+
+def _not_oversized(candidate: Candidate, ratio: float) -> Candidate:
+    """Return a candidate as it is, or as large as the gap where its response is ``ratio`` times that: by far larger."""
+    fits = ratio <= SEARCH.oversized or candidate.replaces is not None
+    return candidate if fits else candidate.sizes([1.0 / ratio])[0]
 
 
 def _cost(base: Hypothesis, misfit: float, fit: Fit) -> float:

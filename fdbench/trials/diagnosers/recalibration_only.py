@@ -9,6 +9,7 @@ from fdbench.diagnosis.judge.nominal_values import deviating_parameters
 from fdbench.diagnosis.judge.reduction import channel_gaps, explained_fraction
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.search.refinement import Refinement
 from fdbench.diagnosis.search.search import Search
 from fdbench.record import Record
 from fdbench.trials.diagnoser import CaseAnswer, Diagnoser
@@ -25,8 +26,8 @@ class RecalibrationOnly(Diagnoser):
         readings, split = merged_runs(nominal, records, holdouts)
         paper = start(nominal)
         before = channel_gaps(readings, split, [paper])
-        search = Search(readings, split)
-        fitted = search.refine(paper)
+        search = Search(Refinement(readings, split))
+        fitted = search.refinement.refine(paper)
         after = float(channel_gaps(readings, split, [fitted]).mean())
         closed_share = 1.0 - after / max(float(before.mean()), 1e-12)
         values = deviating_parameters(search, fitted, closed_share, confidence.models()).causes

@@ -1,0 +1,242 @@
+"""Refinement: fit the numbers of a hypothesis in closed loop by damped Gauss-Newton steps."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fdbench.diagnosis.evidence.evidence import Evidence, fitted_part, gather
+from fdbench.diagnosis.evidence.least_squares import Scores
+from fdbench.diagnosis.evidence.split import Split
+from fdbench.diagnosis.model.friction_parameters import FrictionForm
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
+from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_vector, with_parameters
+from fdbench.diagnosis.model.readings import Readings
+from fdbench.diagnosis.settings import SEARCH
+from fdbench.record import FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tangent:
+    """Hypotheses with one number moved by a step each, and those about which it was moved.
+
+    Attributes
+    ----------
+    about, moved : list of Hypothesis
+        One for each nominal parameter, in their order, and for each number of an effect.
+    """
+
+    about: list[Hypothesis]
+    moved: list[Hypothesis]
+
+    @classmethod
+    def at(cls, hypothesis: Hypothesis) -> "Tangent":
+        """Return the tangent about one hypothesis."""
+        values = parameter_vector(hypothesis)
+        steps = np.diag([item.step for item in adjustables_of(hypothesis)])
+        moved = [with_parameters(hypothesis, values + row) for row in steps]
+        return cls(about=[hypothesis] * len(moved), moved=moved)
+
+    def of(self, places: Sequence[int]) -> "Tangent":
+        """Return that of some of the numbers."""
+        return Tangent(about=[self.about[place] for place in places], moved=[self.moved[place] for place in places])
+
+    def followed_by(self, other: "Tangent") -> "Tangent":
+        """Return that of these numbers and then of others."""
+        return Tangent(about=[*self.about, *other.about], moved=[*self.moved, *other.moved])
+
+    def is_about(self, hypothesis: Hypothesis) -> bool:
+        """Whether all numbers are moved about this very hypothesis."""
+        return all(item is hypothesis for item in self.about)
+
+    def is_near(self, hypothesis: Hypothesis) -> bool:
+        """Whether nominal parameters do about a hypothesis what they do here, as far as it matters to a step."""
+        return all(
+            hypothesis.replaced == item.replaced
+            and max(abs(a - b) for a, b in zip(hypothesis.shifts, item.shifts, strict=True)) <= SEARCH.near
+            for item in self.about
+        )
+
+
+class Refinement:
+    """Fits on one set of runs.
+
+    Parameters
+    ----------
+    readings : Readings
+        Of the runs of the split.
+    split : Split
+    nominal : Tangent, optional
+        That of the nominal parameters of an earlier refinement on the same runs.
+    """
+
+    def __init__(self, readings: Readings, split: Split, nominal: Tangent | None = None) -> None:
+        self.nominal = nominal or Tangent(about=[], moved=[])
+        self.look_at(readings, split)
+
+    def look_at(self, readings: Readings, split: Split) -> None:
+        """Fit to other readings, or to the same ones split or weighted otherwise, from now on."""
+        self.readings, self.split = readings, split
+        self._fitted_readings, self._fitted_split = fitted_part(readings, split)
+
+    def calibrate(self, given: Hypothesis) -> Hypothesis:
+        """Fit the nominal parameters: first those that a data sheet has, then the form of friction beside them.
+
+        A form that moves from the start can stand in for a friction that is not yet of the right size.
+        """
+        form = [item.name for item in nominal_parameters(given.nominal) if isinstance(item, FrictionForm)]
+        return self.refine(self.refine(given, fixed=form)) if form else self.refine(given)
+
+    def refine(self, given: Hypothesis, fixed: Collection[str] = (), *, tempered: bool = True) -> Hypothesis:
+        """Fit all numbers of a hypothesis but fixed ones on the training segments in closed loop.
+
+        What is minimised are the weighted squares and, `prior_weight` times, the prior penalty, by damped Gauss-Newton
+        steps (Levenberg 1944, Marquardt 1963): the normal matrix has its diagonal raised by several factors at once,
+        all of these steps are simulated together, and the best is taken. The responses to the numbers serve for further
+        steps as long as steps keep what they promise (chords: Shamanskii 1967), and are simulated anew otherwise. What
+        is to predict best, and is compared with nothing, is fitted by all samples as they are, not ``tempered``.
+        """
+        hypothesis, tangent = given, self.tangent(given)
+        moving = [place for place, item in enumerate(adjustables_of(given)) if item.name not in fixed]
+        for _ in range(SEARCH.steps):
+            probed = self._gather(hypothesis, tangent.of(moving), [*tangent.about, *tangent.moved], self.split.fitted)
+            inside = ~probed.held_out
+            alone = float(probed.squares()[inside, 0].sum())
+            weight = prior_weight(alone) if tempered else 1.0
+            before = alone + weight * hypothesis.prior_penalty()
+            excess = alone - float((probed.weights * probed.counts)[inside].sum())
+            enough = max(SEARCH.converged * excess, SEARCH.smallest_fall)
+            steps = _Steps(hypothesis, probed, moving, weight)
+            promise = before - steps.promised
+            if promise < enough:
+                break
+            start, fell, fresh = hypothesis, 0.0, tangent.is_about(hypothesis)
+            for dampings in (SEARCH.dampings, SEARCH.further_dampings):
+                trials = steps.damped(dampings)
+                after = self._objectives(start, trials, weight)
+                best = int(np.argmin(after))
+                if after[best] < before:
+                    hypothesis, fell = trials[best], before - after[best]
+                self._fitted_readings.forget([item for item in (start, *trials) if item not in (given, hypothesis)])
+                if fell > 0.0 or not fresh:
+                    break
+            if fresh and fell < enough:
+                break
+            if fell < SEARCH.kept_promise * promise:
+                own = tangent.of(range(len(given.shifts), len(tangent.moved)))
+                self._forget(own, given)
+                tangent = self.tangent(hypothesis, anew=own.is_about(start))
+        self._forget(tangent.of(range(len(given.shifts), len(tangent.moved))), given)
+        return hypothesis
+
+    def tangent(self, hypothesis: Hypothesis, *, anew: bool = False) -> Tangent:
+        """Return that of a hypothesis: its effects' about itself, its nominal parameters' perhaps about one near it."""
+        here = Tangent.at(hypothesis)
+        places = range(len(hypothesis.shifts))
+        if anew or not self.nominal.moved or not self.nominal.is_near(hypothesis):
+            self._forget(self.nominal)
+            self.nominal = here.of(places)
+        return self.nominal.followed_by(here.of(range(len(places), len(here.moved))))
+
+    def responses(
+        self,
+        base: Hypothesis,
+        others: Sequence[Hypothesis] = (),
+        places: Sequence[int] | None = None,
+        *,
+        effects: bool = False,
+    ) -> Evidence:
+        """Return the responses to a step of each nominal parameter, perhaps of each number of effects, and to others.
+
+        Parameters
+        ----------
+        base : Hypothesis
+        others : sequence of Hypothesis
+            Their columns follow.
+        places : sequence of int, optional
+            Of runs of which something is fitted, and what is fitted of them alone; without, all runs, whole.
+        effects : bool
+            Whether numbers of effects are moved, too.
+        """
+        tangent = self.tangent(base)
+        known = tangent if effects else tangent.of(range(len(base.shifts)))
+        every = known.followed_by(Tangent(about=[base] * len(others), moved=[*others]))
+        keep = [*self.nominal.about, *self.nominal.moved]
+        if places is not None:
+            return self._gather(base, every, keep, places)
+        return gather(self.readings, self.split, base, every.moved, keep=keep, about=every.about)
+
+    def better(self, base: Hypothesis, rivals: Sequence[Hypothesis]) -> Hypothesis:
+        """Return which of several has the lowest objective, with the weights of a base."""
+        weight = prior_weight(float(self._squares(base, [])[0]))
+        return rivals[int(np.argmin(self._objectives(base, rivals, weight)))]
+
+    def _objectives(self, base: Hypothesis, trials: Sequence[Hypothesis], weight: float) -> list[float]:
+        squares = self._squares(base, trials)[1:].tolist()
+        return [own + weight * trial.prior_penalty() for own, trial in zip(squares, trials, strict=True)]
+
+    def _squares(self, base: Hypothesis, trials: Sequence[Hypothesis]) -> FloatArray:
+        about = Tangent(about=[base] * len(trials), moved=[*trials])
+        evidence = self._gather(base, about, trials, self.split.fitted)
+        return np.asarray(evidence.squares()[~evidence.held_out].sum(axis=0))
+
+    def _gather(
+        self, base: Hypothesis, tangent: Tangent, keep: Sequence[Hypothesis], places: Sequence[int]
+    ) -> Evidence:
+        readings, split = self._fitted_readings, self._fitted_split
+        return gather(readings, split, base, tangent.moved, places, keep=keep, about=tangent.about)
+
+    def _forget(self, tangent: Tangent, but: Hypothesis | None = None) -> None:
+        gone = [item for item in (*tangent.about, *tangent.moved) if item is not but]
+        for readings in (self.readings, self._fitted_readings):
+            readings.forget(gone)
+
+
+class _Steps:
+    """Steps of a hypothesis that its probed responses suggest.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+    probed : Evidence
+        The responses to the numbers that move, in units of their steps.
+    moving : sequence of int
+        Their places among all numbers.
+    weight : float
+        Of the prior penalty.
+    """
+
+    def __init__(self, hypothesis: Hypothesis, probed: Evidence, moving: Sequence[int], weight: float) -> None:
+        self.hypothesis, self.moving = hypothesis, list(moving)
+        self.numbers, self.values = adjustables_of(hypothesis), parameter_vector(hypothesis)
+        known = [(column, place) for column, place in enumerate(moving, 1) if self.numbers[place].prior]
+        priors, room = hypothesis.priors(weight), hypothesis.room()
+        self.scores = Scores(
+            probed, {column: priors[place] for column, place in known}, {column: room[place] for column, place in known}
+        )
+        undamped = self.scores.fit(self._columns)
+        self.promised = undamped.squares + weight * self._to(undamped.coefficients).prior_penalty()
+
+    def damped(self, dampings: Sequence[float]) -> list[Hypothesis]:
+        """Return the hypothesis after the step of each damping."""
+        return [self._to(self.scores.fit(self._columns, damping).coefficients) for damping in dampings]
+
+    @property
+    def _columns(self) -> range:
+        return range(1, 1 + len(self.moving))
+
+    def _to(self, coefficients: FloatArray) -> Hypothesis:
+        step = np.zeros(len(self.numbers))
+        step[self.moving] = coefficients
+        return with_parameters(self.hypothesis, self.values + step * [item.step for item in self.numbers])
+
+
+def prior_weight(squares: float) -> float:
+    r"""Return how much a prior penalty p counts beside weighted squares S, so that both fit as they are judged.
+
+    .. math:: n \ln S + p, \qquad \mathrm{d}S + \frac{S}{n}\, \mathrm{d}p = 0
+
+    with the effective samples n of `fdbench.diagnosis.search.stage.Stage`: at least 1, where there are fewer samples.
+    """
+    return max(1.0, squares / SEARCH.effective_samples)
