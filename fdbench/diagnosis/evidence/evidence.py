@@ -137,15 +137,12 @@ def gather(
             own[0] = measured - own[0]
             simulated[name] = own[:n_lanes]
         lost = silenced(simulated)
-        scaled = split.scaled(number, simulated)
+        split.scale(number, simulated)
         if lost[0]:
-            for values in scaled.values():
+            for values in simulated.values():
                 values[0] = DIVERGED
-        for place, (name, found) in enumerate(scaled.items()):
-            signals = np.zeros((n_lanes, n_segments * length))
-            signals[:, : run.n_samples] = found
-            pieces = signals.reshape(n_lanes, n_segments, length).transpose(1, 0, 2)
-            products.append(pieces @ pieces.transpose(0, 2, 1))
+        for place, (name, found) in enumerate(simulated.items()):
+            products.append(_by_segment(found, length))
             gaps.append(products[-1][:, 0, 0].copy())
             counts.append(count)
             outs.append(out[np.arange(n_segments) * length])
@@ -167,6 +164,15 @@ def gather(
         run=np.concatenate(owners),
         channel=np.concatenate(channels),
     )
+
+
+def _by_segment(signals: FloatArray, length: int) -> FloatArray:
+    """Return the products of signals (n_signals, n_samples), summed over segments; the last one may be shorter."""
+    whole = signals.shape[1] // length
+    pieces = signals[:, : whole * length].reshape(len(signals), whole, length).transpose(1, 0, 2)
+    rest = signals[:, whole * length :]
+    sums = pieces @ pieces.transpose(0, 2, 1)
+    return np.concatenate((sums, (rest @ rest.T)[None])) if rest.shape[1] else sums
 
 
 def segment_length(run: RecordedRun) -> int:

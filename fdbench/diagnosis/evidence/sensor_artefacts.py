@@ -151,7 +151,8 @@ def _coarsest_grid(kind: type[Effect], differences: FloatArray, coarsest_m: floa
         moved = _after(effect, anything * step)
         if np.abs(_after(effect, moved) - moved).max() > EVIDENCE.grid_exact * step:
             return None
-        cells = np.unique(np.round(differences[first:last] * (n_cells / step))) * (step / n_cells)
+        edges = (np.arange(round(nearest * n_cells), round(furthest * n_cells) + 2) - 0.5) * (step / n_cells)
+        cells = 0.5 * (edges[1:] + edges[:-1])[np.diff(np.searchsorted(differences[first:last], edges)) > 0]
         distance = _median(_after(effect, cells) - cells) / _median(moved - anything * step)
         if distance < (EVIDENCE.on_grid if found is None else found[0]):
             found = distance, effect

@@ -41,20 +41,19 @@ class Split:
         """Places of the runs of which something is judged on."""
         return [place for place, out in enumerate(self.held_out) if out.any()]
 
-    def scaled(self, place: int, signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return signals (n_signals, n_samples) of each channel of a run in units of the noise of their mean.
+    def scale(self, place: int, signals: Mapping[str, FloatArray]) -> None:
+        """Bring signals (n_signals, n_samples) of each channel of a run into units of its mean's noise, in place.
 
         What changes from run to run is shrunk to the size of the noise.
         """
         run = self.runs[place]
-        found = {
-            name: values * (np.sqrt(run.repeats) / self.noise_models[name].rms) for name, values in signals.items()
-        }
+        for name, values in signals.items():
+            values *= np.sqrt(run.repeats) / self.noise_models[name].rms
         if self.changes and (change := self.changes[place]) is not None:
-            change.whiten(list(found.values()))
-        return found
+            change.whiten(list(signals.values()))
 
     def gap(self, place: int, simulated: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Return what a simulation leaves of each channel of a run, (n_samples,), in the same units."""
         left = {name: (measured - simulated[name])[None] for name, measured in self.runs[place].channels.items()}
-        return {name: values[0] for name, values in self.scaled(place, left).items()}
+        self.scale(place, left)
+        return {name: values[0] for name, values in left.items()}

@@ -167,19 +167,19 @@ class Replay:
         uniform = np.ones((1, PIECE, self._uniform, WIDTH))
         out = np.empty((1, PIECE, layout.OUT_COLUMNS, WIDTH))
         calls = self._stepper.calls(active)
-        table = self.drive.controller.uses_table
-        columns = {"motor_force_N": layout.OUT_FORCE, "position_m": layout.OUT_TABLE if table else layout.OUT_MOTOR}
+        motor, scale = layout.OUT_MOTOR, layout.OUT_TABLE
+        columns = {
+            "motor_force_N": layout.OUT_FORCE,
+            "position_m": scale if self.drive.controller.uses_table else motor,
+        }
         for start in range(0, longest, PIECE):
             n = min(PIECE, longest - start)
             self._stepper.advance(blocks.flat, 0, n, self.substeps, period, *calls, reference, normal, uniform, out)
-            for place, lane in enumerate(lanes):
-                found = out[0, : max(min(n, lane.run.n_samples - start), 0), :, place]
-                for name, values in lane.channels.items():
-                    read = values[start : start + len(found)]
-                    if name == DEFLECTION:
-                        np.subtract(found[:, layout.OUT_MOTOR], found[:, layout.OUT_TABLE], out=read)
-                    else:
-                        read[:] = found[:, columns[name]]
+            for name in lanes[0].channels:
+                found = out[0, :n, columns[name]] if name != DEFLECTION else out[0, :n, motor] - out[0, :n, scale]
+                for lane, values in zip(lanes, np.ascontiguousarray(found.T), strict=False):
+                    read = lane.channels[name][start : start + n]
+                    read[:] = values[: len(read)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,6 +10,7 @@ from fdbench.diagnosis.evidence.evidence import silenced
 from fdbench.diagnosis.evidence.prepare import aligned
 from fdbench.diagnosis.judge.force_balance_check import force_balances_removed, smoothed
 from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.search.refinement import Refinement
 from fdbench.diagnosis.search.search import Search
 from fdbench.effects import effects
 from fdbench.plants._controllers import Cascade
@@ -25,8 +26,8 @@ def test_forces_speak_for_what_acts_whatever_the_controller(gain: float) -> None
     wrong = dataclasses.replace(controller, velocity_gain_N_s_per_m=gain * controller.velocity_gain_N_s_per_m)
     nominal = dataclasses.replace(nominal, plant=dataclasses.replace(nominal.plant, controller=wrong))
     ready = aligned(nominal, fitted, judged)
-    search = Search(ready.readings, ready.split)
-    base = search.refine(start(ready.nominal))
+    search = Search(Refinement(ready.readings, ready.split))
+    base = search.refinement.refine(start(ready.nominal))
     other = effects.get("stribeck_friction").typical()
     stage = search.compared(base, [(type(item), base.with_effect(item), False) for item in (true, other)])
     told = force_balances_removed(ready.readings, ready.split, stage)

@@ -16,12 +16,13 @@ from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.readings import Readings
-from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.replay import Replay, Replayed
 from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.diagnosis.search.refinement import Refinement, Tangent
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Rival, Stage
-from fdbench.diagnosis.settings import MODEL
+from fdbench.diagnosis.settings import MODEL, SEARCH, changed
 from fdbench.effects import Effect, effects
 
 PERIOD_S = 1e-3
@@ -45,7 +46,8 @@ def search(*extra: Effect) -> Search:
         runs.append(dataclasses.replace(run, channels=noisy))
     held_out = [np.full(run.n_samples, place == 1) for place, run in enumerate(runs)]
     noise_models = {name: white(rms, measured=True) for name, rms in FLOORS.items()}
-    return Search(Readings(replay, runs), Split(runs=runs, held_out=held_out, noise_models=noise_models))
+    split = Split(runs=runs, held_out=held_out, noise_models=noise_models)
+    return Search(Refinement(Readings(replay, runs), split))
 
 
 def test_the_effect_that_is_there_comes_first() -> None:
@@ -95,7 +97,7 @@ def test_beside_a_far_fetched_base_an_effect_is_also_fitted_from_the_nominal_val
     assert far.far_fetched > 0.0 == given.far_fetched
     tried = far.with_effect(true.scaled(0.1))
     found = own.refined_anew(tried, far)
-    assert found.prior_penalty() <= own.refine(tried).prior_penalty()
+    assert found.prior_penalty() <= own.refinement.refine(tried).prior_penalty()
     assert found.prior_penalty() < 5.0
     assert found.effects[0].values()[0] == pytest.approx(true.values()[0], rel=0.2)
 
@@ -105,7 +107,7 @@ def test_a_step_that_overshoots_is_tried_smaller(monkeypatch: pytest.MonkeyPatch
     nominal = dataclasses.replace(NOMINAL, uncertainty=Uncertainty(mass=0.5))
     own = search(effects.get("inertia_mismatch").typical())
     given = start(nominal)
-    plain = own.refine(given)
+    plain = own.refinement.refine(given)
     fit = Scores.fit
 
     def far(self: Scores, columns: Sequence[int], damping: float = 0.0) -> Fit:
@@ -113,7 +115,7 @@ def test_a_step_that_overshoots_is_tried_smaller(monkeypatch: pytest.MonkeyPatch
         return dataclasses.replace(found, coefficients=60.0 * found.coefficients)
 
     monkeypatch.setattr(Scores, "fit", far)
-    found = own.refine(given)
+    found = own.refinement.refine(given)
     evidence = gather(own.readings, own.split, given, [plain, found])
     before, best, reached = evidence.squares()[~evidence.held_out].sum(axis=0)
     assert reached - best < 0.5 * (before - best)
@@ -136,3 +138,53 @@ def test_a_prior_pulls_as_the_penalty_that_hypotheses_are_compared_by() -> None:
     rise = base.moved([step]).prior_penalty() - base.moved([-step]).prior_penalty()
     assert stand == shift
     assert 2.0 * own * shift == pytest.approx(weight * rise / (2.0 * step), rel=1e-6)
+
+
+def test_responses_that_serve_on_lead_to_the_same_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Simulated anew at each step, or only where a step breaks its promise: the fits agree, the second is cheaper."""
+    true = effects.get("cogging").typical()
+    given = start(NOMINAL).with_effect(true.scaled(0.7))
+    lanes = [0]
+    fill = Replay.fill
+
+    def counted(self: Replay, replayed: Sequence[Replayed]) -> None:
+        lanes[-1] += sum(len(item.variants) for item in replayed)
+        fill(self, replayed)
+
+    monkeypatch.setattr(Replay, "fill", counted)
+    found = []
+    for promise in (math.inf, SEARCH.kept_promise):
+        own = search(true)
+        lanes.append(0)
+        with changed({"search.kept_promise": promise}):
+            found.append(own.refinement.refine(given))
+    _, anew, served = lanes
+    assert served < 0.8 * anew
+    evidence = gather(own.readings, own.split, given, found)
+    before, *after = evidence.squares()[~evidence.held_out].sum(axis=0).tolist()
+    assert abs(after[0] - after[1]) < 1e-3 * (before - min(after))
+    assert found[0].effects[0].values() == pytest.approx(found[1].effects[0].values(), rel=0.02, abs=0.01)
+
+
+def test_a_tangent_serves_hypotheses_near_it_alone() -> None:
+    here = start(NOMINAL)
+    tangent = Tangent.at(here)
+    assert tangent.is_about(here)
+    assert len(tangent.moved) == len(nominal_parameters(NOMINAL))
+    first = np.eye(len(here.shifts))[0] * SEARCH.near
+    assert tangent.is_near(here.moved(0.9 * first))
+    assert not tangent.is_near(here.moved(1.1 * first))
+    assert not tangent.is_near(dataclasses.replace(here, replaced=(0,)))
+
+
+def test_what_a_tangent_says_of_another_base_is_counted_from_its_own() -> None:
+    """The response to a moved mass is the same column, whether gathered about its base or for a base beside it."""
+    own = search()
+    here = start(NOMINAL)
+    beside = here.moved(0.5 * np.eye(len(here.shifts))[1])
+    (moved,) = Tangent.at(here).moved[:1]
+    direct = gather(own.readings, own.split, here, [moved])
+    told = gather(own.readings, own.split, beside, [moved], about=[here])
+    scale = np.sqrt(direct.weights / told.weights)
+    assert told.products[:, 1, 1] * scale**2 == pytest.approx(direct.products[:, 1, 1])
+    assert not np.allclose(told.products[:, 0, 0], direct.products[:, 0, 0])
