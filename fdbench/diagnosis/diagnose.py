@@ -238,7 +238,9 @@ def calibrated_on(
 
     What is left to doubt is what changes on one machine: see `fdbench.diagnosis.settings.BaselineSettings`.
     """
-    ready = aligned(nominal, records, ())
+    # A lag of every day is in what the baseline leaves; once known, no later one could be found.
+    on_paper = dataclasses.replace(nominal.uncertainty, loop_lag=0.0)
+    ready = aligned(dataclasses.replace(nominal, uncertainty=on_paper), records, ())
     runs = merged(ready.runs)
     split = Split(
         runs=runs,
@@ -255,7 +257,7 @@ def calibrated_on(
         for place, run in enumerate(runs)
     ]
     # The gains are those that are set, whatever the model had on paper: another day changes none of them.
-    doubt = Uncertainty(**dataclasses.asdict(BASELINE), controller_gains=0.0)
+    doubt = Uncertainty(**dataclasses.asdict(BASELINE), controller_gains=0.0, loop_lag=0.0)
     known = dataclasses.replace(as_nominal(model), uncertainty=doubt)
     return known, Baseline(runs=runs, residuals=residuals)
 

@@ -105,6 +105,7 @@ class ModelSettings:
     smallest_ratio: float = number(0.05, "of the nominal mass or gain, below which re-calibration does not go")
     freedom: float = number(3.0, "degrees of freedom of Student's t of a nominal parameter: a few are far off")
     most_form: float = number(3.0, "deviations by which friction at low speed may exceed its nominal form, and no more")
+    most_lag: float = number(3.0, "deviations by which the force may follow its command late, and no more")
     most_delay: float = number(2.0, "deviations by which the velocity's reference may be late or early, and no more")
     far_fetched: float = number(5.0, "deviations of a nominal parameter beyond which it stands in for an effect")
     line_step: float = number(3e-4, "relative step of a period in a fit", "a record holds hundreds of periods")

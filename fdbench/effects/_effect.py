@@ -200,6 +200,8 @@ class Effect(ABC):
         Uncertain nominal parameter that the effect corrects: ``mass``, ``viscous``, ``known_effects``,
         ``friction_side``, ``friction_form`` or ``force_offset``; within that uncertainty a gap is parametric and the
         effect is not a cause.
+    trace_of : str
+        Nominal parameter that a trace of the effect is, as every machine has one and no data sheet says: ``loop_lag``.
     cause_type : str
         What type of cause the effect is, one of `CAUSE_TYPES`; without, that of its port, see `type_of`.
     usually_known : bool
@@ -223,6 +225,7 @@ class Effect(ABC):
     confusable_with: ClassVar[tuple[str, ...]] = ()
     same_signal_as: ClassVar[str] = ""
     calibrates: ClassVar[str] = ""
+    trace_of: ClassVar[str] = ""
     cause_type: ClassVar[str] = ""
     usually_known: ClassVar[bool] = False
     of_any_axis: ClassVar[bool] = False

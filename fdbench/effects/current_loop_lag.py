@@ -34,6 +34,7 @@ class CurrentLoopLag(Effect):
     states = ("F",)
     amplitude = "time_constant_s"
     cause_type = "delay"
+    trace_of = "loop_lag"
     confusable_with = ("axial_compliance", "dead_time")
 
     time_constant_s: float = parameter("tau", low=0.0, high=0.02, typical=5e-4)

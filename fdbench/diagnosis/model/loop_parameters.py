@@ -1,12 +1,14 @@
-"""Nominal parameters of a cascade: its gains, and by how much its reference of the velocity is late."""
+"""Nominal parameters of a loop: a cascade's gains, how late its reference of the velocity is, and the force."""
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self, final
 
+from fdbench.diagnosis.model.known_effects import silent, with_amplitude
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.nominal_parameter import Changed, NominalParameter
 from fdbench.diagnosis.settings import MODEL
+from fdbench.effects import Effect
 from fdbench.plants.feed_drive import Cascade, FeedDrive
 from fdbench.units import unit_of
 from fdbench.wording import si_text
@@ -64,6 +66,44 @@ class ReferenceDelay(_OfACascade):
         """Return by how much the reference is late (s)."""
         moved = float(getattr(drive.controller, self.field)) + shift * self.deviation
         return min(max(moved, -LONGEST_DELAY_S), LONGEST_DELAY_S)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class LoopLag(NominalParameter):
+    """Time by which the force follows its command, carried by ``effect``; its deviation is in seconds.
+
+    Sampling, computing and switching take a part of the sampling time on every drive, and no data sheet says which.
+    """
+
+    kind = "loop_lag"
+    unit = "s"
+    stated = False
+    nuisance = True
+    changes_from_run_to_run = False
+    effect: Effect
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        kinds = [kind for kind in nominal.library if kind.trace_of == cls.kind]
+        deviation = nominal.uncertainty.loop_lag * nominal.covered.period_s
+        if not kinds or deviation == 0.0 or any(item.declared is kinds[0].declared for item in nominal.drive.effects):
+            return []
+        return [cls(name=cls.kind, deviation=deviation, effect=silent(kinds[0]))]
+
+    @property
+    def room(self) -> tuple[float, float]:
+        return 0.0, MODEL.most_lag
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        return drive, (with_amplitude(self.effect, self.lag_s(shift)),)
+
+    def lag_s(self, shift: float) -> float:
+        """Return by how much the force is late (s); it is never early."""
+        return max(shift, 0.0) * self.deviation
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        return si_text(self.lag_s(shift), self.unit)
 
 
 @final

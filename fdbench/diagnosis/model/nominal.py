@@ -42,7 +42,8 @@ class Uncertainty:
     ``friction_side`` is the part of the known friction that acts on the motor instead of the table, and
     ``friction_form`` is that of friction at low speeds, relative to the known friction. ``controller_gains`` is that of
     each gain of a cascade, relative. ``reference_delay`` is that of the velocity's reference in a cascade, in sampling
-    times: none unless it is given, as a filter of the velocity acts alike. Without ``force_offset_N`` it is 2 N on an
+    times: none unless it is given, as a filter of the velocity acts alike. ``loop_lag`` is that of the time by which
+    the force follows its command, in sampling times. Without ``force_offset_N`` it is 2 N on an
     axis of usual forces; see `Nominal.scale`.
     """
 
@@ -54,6 +55,7 @@ class Uncertainty:
     friction_form: float = nonnegative(default=0.05)
     controller_gains: float = nonnegative(default=0.02)
     reference_delay: float = nonnegative(default=0.0)
+    loop_lag: float = nonnegative(default=0.05)
     force_offset_N: float | None = nonnegative(default=None)
 
     def __post_init__(self) -> None:

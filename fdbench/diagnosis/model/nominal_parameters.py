@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from fdbench.diagnosis.model.axis_parameters import ForceOffset, Mass, Viscous
 from fdbench.diagnosis.model.friction_parameters import FrictionForm, FrictionSide, KnownAmplitude, TransitionVelocity
-from fdbench.diagnosis.model.loop_parameters import ControllerGain, ReferenceDelay
+from fdbench.diagnosis.model.loop_parameters import ControllerGain, LoopLag, ReferenceDelay
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.nominal_parameter import NominalParameter
 
@@ -18,6 +18,7 @@ KINDS: Sequence[type[NominalParameter]] = (
     FrictionForm,
     FrictionSide,
     ReferenceDelay,
+    LoopLag,
     ControllerGain,
 )
 
