@@ -73,18 +73,23 @@ def models() -> ProbabilityModels:
     return read(ProbabilityModels, load_toml(FILE), FILE.name)
 
 
-def effect_features(contest: Stage, kind: type[Effect], indistinguishable: Collection[str] = ()) -> dict[str, float]:
+def effect_features(
+    contest: Stage, kind: type[Effect], left: float, indistinguishable: Collection[str] = ()
+) -> dict[str, float]:
     """Return the features of an effect, or of one of several that are indistinguishable.
 
     What an effect changes counts beside the evidence for it: machines have traces of every effect, and forms that are
-    not quite the library's look like further effects that are small. What else the contest shows (misfits, steadiness
-    over time, what it removes of the force balances) added nothing to the prediction.
+    not quite the library's look like further effects that are small. Where much is left beside everything that was
+    found, the model is not quite of the machine's form. What else the contest shows (steadiness over time, what it
+    removes of the force balances) added nothing to the prediction.
 
     Parameters
     ----------
     contest : Stage
         The model without the effect, and what rivals make of that.
     kind : Effect class
+    left : float
+        Weighted misfit that is left beside all effects that were found.
     indistinguishable : collection of str
         Names of the rivals that are indistinguishable from it.
     """
@@ -99,6 +104,7 @@ def effect_features(contest: Stage, kind: type[Effect], indistinguishable: Colle
         "margin": math.asinh(contest.log_evidence(own.misfit, own.penalty) - best),
         "numbers": float(len(adjustables(effect))),
         "size": math.log10(max(own.size, JUDGE.smallest_size)),
+        "left": math.log(max(left, JUDGE.smallest_misfit)),
     }
 
 
