@@ -1,0 +1,61 @@
+"""A force that follows its command a small part of a sampling time late is calibrated, and no cause."""
+
+import dataclasses
+
+import axis_lab
+import pytest
+
+from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.loop_parameters import LoopLag
+from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
+from fdbench.diagnosis.settings import MODEL
+from fdbench.effects import effects
+
+LAG = effects.get("current_loop_lag")
+COVERED = Covered(fastest_m_per_s=0.1, longest_s=5.0, force_N=100.0, period_s=1e-3)
+
+
+def nominal(**uncertainty: float) -> Nominal:
+    return Nominal(plant=axis_lab.drive(), simulation=Simulation(substeps=10), uncertainty=Uncertainty(**uncertainty))
+
+
+def lags(model: Nominal) -> list[LoopLag]:
+    return [item for item in nominal_parameters(model) if isinstance(item, LoopLag)]
+
+
+@pytest.mark.parametrize("samples", [0.1, 1.0])
+def test_a_trace_of_lag_is_no_cause_and_a_lag_is_one(samples: float) -> None:
+    lag = LAG.typical(time_constant_s=samples * 1e-3)
+    axis = axis_lab.as_built(2)
+    groups = [
+        [axis_lab.record(axis, (lag,), *motion, seed=10 * place + repeat) for motion in motions for repeat in range(2)]
+        for place, motions in enumerate(axis_lab.protocol(factor).values() for factor in (1.0, 1.3))
+    ]
+    found = diagnose(nominal(), *groups)
+    named = [cause.effect for cause in found.answer.causes if cause.probability > 0.5]
+    if samples < 3.0 * Uncertainty().loop_lag:
+        (own,) = lags(found.calibrated.nominal)
+        shift = found.final.shifts[nominal_parameters(found.calibrated.nominal).index(own)]
+        assert own.lag_s(shift) == pytest.approx(samples * 1e-3, rel=0.1)
+        assert named == []
+        assert found.answer.no_gap_probability > 0.5 > found.answer.unknown_probability
+    else:
+        first = max(found.answer.causes, key=lambda cause: cause.probability)
+        assert {first.effect, *first.indistinguishable_from} & {LAG.name, "dead_time"}
+
+
+def test_a_lag_is_bounded_and_one_that_is_known_or_excluded_is_not_moved() -> None:
+    model = nominal().beside(COVERED)
+    (own,) = lags(model)
+    assert own.deviation == pytest.approx(0.05e-3)
+    assert own.room == (0.0, MODEL.most_lag)
+    assert own.lag_s(-1.0) == 0.0
+    assert start(model).variant.extra == ()
+    assert own.apply(model.drive, 2.0)[1][0].values() == pytest.approx((0.1e-3,))
+    assert lags(nominal()) == [], "no sampling time is known"
+    assert lags(nominal(loop_lag=0.0).beside(COVERED)) == []
+    assert lags(dataclasses.replace(nominal(), exclude=(LAG.name,)).beside(COVERED)) == []
+    known = dataclasses.replace(axis_lab.drive(), effects=(*axis_lab.drive().effects, LAG.typical()))
+    assert lags(dataclasses.replace(nominal(), plant=known).beside(COVERED)) == []
