@@ -18,7 +18,7 @@ References
 La Scala, Bitmead, Quinn, An extended Kalman filter frequency tracker for high-noise environments, IEEE Trans. Signal
 Processing 44 (1996), 431-434 (slip); Magill, Optimal adaptive estimation of sampled stochastic processes, IEEE Trans.
 Automatic Control 10 (1965), 434-439 (bank); Shumway and Stoffer, An approach to time series smoothing and forecasting
-using the EM algorithm, J. Time Series Analysis 3 (1982), 253-264, eq. (14) (variance of the readings).
+using the EM algorithm, J. Time Series Analysis 3 (1982), 253-264 (variance of the readings).
 """
 
 from typing import NamedTuple

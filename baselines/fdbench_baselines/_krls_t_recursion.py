@@ -14,7 +14,7 @@ References
 Van Vaerenbergh, Lázaro-Gredilla, Santamaría (2012), Kernel Recursive Least-Squares Tracker for Time-Varying
 Regression, IEEE Trans. Neural Networks and Learning Systems 23, 1313-1326, doi:10.1109/TNNLS.2012.2200500.
 Csató, Opper (2002), Sparse On-Line Gaussian Processes, Neural Computation 14, 641-668 (the form with weights).
-Rosenberg (1973), Random coefficients models, Annals of Economic and Social Measurement 2, 397-428 (the linear part).
+Rosenberg (1973), Random coefficients models, Annals of Economic and Social Measurement 2, no. 4 (the linear part).
 """
 
 from typing import NamedTuple

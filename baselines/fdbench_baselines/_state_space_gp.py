@@ -10,9 +10,9 @@ is an Ornstein-Uhlenbeck process, :math:`k = e^{-\tau/\ell}`, or the Matérn pro
 
 References
 ----------
-Solin and Särkkä, Explicit link between periodic covariance functions and state space models, AISTATS 2014, eqs. (21)
-to (27), (32); Särkkä and Solin, Applied Stochastic Differential Equations, 2019, section 12.3; de Jong, Smoothing and
-interpolation with the state-space model, J. American Statistical Association 84 (1989), 1085-1088.
+Solin and Särkkä, Explicit link between periodic covariance functions and state space models, AISTATS 2014, 904-912
+(resonators, and their damping); Särkkä and Solin, Applied Stochastic Differential Equations, 2019, section 12.3; de
+Jong, Smoothing and interpolation with the state-space model, J. American Statistical Association 84 (1989), 1085-1088.
 """
 
 from typing import NamedTuple

@@ -63,11 +63,12 @@ class ExtendedStateObserver(OnlineEstimator):
 
     References
     ----------
-    Han, From PID to active disturbance rejection control, IEEE Trans. Industrial Electronics 56 (2009), eqs. (18) to
-    (20); Gao, Scaling and bandwidth-parameterization based controller tuning, Proc. American Control Conference 2003,
-    eq. (11); Miklosovic, Radke and Gao, Discrete implementation and generalization of the extended state observer,
-    Proc. American Control Conference 2006, for the current form; Ohnishi, A new servo method in mechatronics, Trans.
-    Japanese Society of Electrical Engineers 107-D (1987), for the disturbance observer.
+    Han, From PID to active disturbance rejection control, IEEE Trans. Industrial Electronics 56 (2009), 900-906, for
+    the extended state; Gao, Scaling and bandwidth-parameterization based controller tuning, Proc. American Control
+    Conference 2003, 4989-4996, for the gains; Miklosovic, Radke and Gao, Discrete implementation and generalization of
+    the extended state observer, Proc. American Control Conference 2006, for the current form; Ohnishi, A new servo
+    method in mechatronics, Trans. Japanese Society of Electrical Engineers 107-D (1987), 83-86, for the disturbance
+    observer.
 
     Examples
     --------

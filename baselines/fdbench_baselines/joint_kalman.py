@@ -83,9 +83,9 @@ class JointKalman(OnlineEstimator):
 
     References
     ----------
-    La Scala, Bitmead and Quinn, IEEE Trans. Signal Processing 44 (1996), eqs. (5) to (8), for slip as a state; Magill,
-    IEEE Trans. Automatic Control 10 (1965), 434-439, for the bank; McPherson, thesis, 2024, leaves it open.
-    Growth, cutter and what follows a lost filter are ours.
+    La Scala, Bitmead and Quinn, IEEE Trans. Signal Processing 44 (1996), 431-434, for slip as a state; Magill, IEEE
+    Trans. Automatic Control 10 (1965), 434-439, for the bank; McPherson, thesis, 2024, leaves it open. Growth, cutter
+    and what follows a lost filter are ours.
 
     Examples
     --------

@@ -78,7 +78,7 @@ class LeastSquares(BatchEstimator):
 
     References
     ----------
-    C. F. Gauss, Theoria combinationis observationum, 1821; McPherson, thesis, 2024, eq. 2.8.
+    C. F. Gauss, Theoria combinationis observationum, 1823; McPherson, thesis, 2024, eq. 2.8.
 
     Examples
     --------

@@ -63,7 +63,7 @@ class OrderTrackingRidge(BatchEstimator):
     Qu and Vogl (2021), Estimating dynamic cutting forces of machine tools from measured vibrations using sparse
     regression with nonlinear function basis, sections 4.2 and 6, which ask for an L2 regulariser and physics; Fyfe and
     Munck (1997), Mech. Syst. Signal Process. 11, for order tracking; Rasmussen and Williams (2006), Gaussian Processes
-    for Machine Learning, eq. 2.25 and 5.8, for the ridge. The combination is ours.
+    for Machine Learning, section 2.2 and eq. 5.8, for the ridge. The combination is ours.
 
     Examples
     --------

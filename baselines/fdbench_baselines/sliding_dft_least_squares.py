@@ -78,9 +78,9 @@ class SlidingDftLeastSquares(OnlineEstimator):
     References
     ----------
     Jacobsen and Lyons, The sliding DFT, IEEE Signal Processing Magazine 20 (2003), 74-80; Duda, Accurate, guaranteed
-    stable, sliding discrete Fourier transform, ibid. 27 (2010), 124-127, for the form whose pole is exactly 1; Pearson
-    and Lee, Deterministic parameter identification of linear differential systems, Proc. American Control Conference
-    1985, 1063-1068, for the functions; Turkay and Ulsoy (1988), eqs. (16) to (18), for the batch form.
+    stable, sliding discrete Fourier transform, ibid. 27 (2010), 124-127, for the form whose pole is exactly 1; Shinbrot
+    (1957) for modulating functions, Pearson and Lee (1985) for those of Fourier; Turkay and Ulsoy (1988), eqs. (16) to
+    (18), for the batch form.
 
     Examples
     --------

@@ -63,8 +63,8 @@ class StateSpaceGp(BatchEstimator):
 
     References
     ----------
-    Solin and Särkkä, Explicit link between periodic covariance functions and state space models, AISTATS 2014, eqs.
-    (21) to (27), (32); Särkkä and Solin, Applied Stochastic Differential Equations, 2019, section 12.3; Patterson and
+    Solin and Särkkä, Explicit link between periodic covariance functions and state space models, AISTATS 2014, pages
+    904-912; Särkkä and Solin, Applied Stochastic Differential Equations, 2019, section 12.3; Patterson and
     Thompson, Biometrika 58 (1971), 545-554 (restricted likelihood). Starts, gain and irregular force are ours.
 
     Examples

@@ -76,8 +76,8 @@ class VariableProjection(BatchEstimator):
     References
     ----------
     Golub and Pereyra, The differentiation of pseudo-inverses and nonlinear least squares problems whose variables
-    separate, SIAM J. Numerical Analysis 10 (1973), 413-432, eq. (2.2); Ljung, System Identification, 2nd ed. 1999, eq.
-    (4.25) for the output-error structure; Turkay and Ulsoy (1988), eq. (8), for the process.
+    separate, SIAM J. Numerical Analysis 10 (1973), 413-432; Ljung, System Identification, 2nd ed. 1999, section 4.2
+    for the output-error structure; Turkay and Ulsoy (1988), eq. (8), for the process.
 
     Examples
     --------
