@@ -87,6 +87,7 @@ def undetected(shortlisted: Stage) -> list[Rival]:
             penalty=shortlisted.penalty,
             refined=False,
             size=0.0,
+            own_size=0.0,
         )
         for item in others
     ]
@@ -194,6 +195,8 @@ class Forecaster:
         shown = [self._fits(self._as_gap(self.known, column))[0][-1] for column in self._columns[len(known.rivals) :]]
         largest = np.sqrt((SEARCH.noise_alone - 1.0) * self.count / np.maximum(shown, 1e-12))
         self.sizes = np.concatenate((np.ones(len(known.rivals)), np.minimum(largest, 1.0)))
+        # By how much the base hides of a rival, as nominal parameters stand in for it.
+        self.hidden = [rival.own_size / rival.size if rival.size > 0.0 else 1.0 for rival in self.stage.rivals]
         self.before = self._read(self._judged(np.zeros(len(self.names)), self.changes * now**2, 0.0))
         visited = np.concatenate([run.reference[:, 0] for run in split.runs])
         self.most_missed_m = EXPERIMENT.followed * float(np.ptp(visited))
@@ -280,8 +283,10 @@ class Forecaster:
             return (self.count * misfit + count + max(more, 0.0)) / whole
 
         rivals = [
-            replace(rival, misfit=together(rival.misfit, more), size=size)
-            for rival, more, size in zip(self.stage.rivals, added[:-1].tolist(), sizes.tolist(), strict=True)
+            replace(rival, misfit=together(rival.misfit, more), size=size, own_size=size * hidden)
+            for rival, more, size, hidden in zip(
+                self.stage.rivals, added[:-1].tolist(), sizes.tolist(), self.hidden, strict=True
+            )
         ]
         return replace(
             self.stage,

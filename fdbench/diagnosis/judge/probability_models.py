@@ -104,6 +104,7 @@ def effect_features(
         "margin": math.asinh(contest.log_evidence(own.misfit, own.penalty) - best),
         "numbers": float(len(adjustables(effect))),
         "size": math.log10(max(own.size, JUDGE.smallest_size)),
+        "own_size": math.log10(max(own.own_size, JUDGE.smallest_size)),
         "left": math.log(max(left, JUDGE.smallest_misfit)),
     }
 

@@ -119,6 +119,10 @@ class Hypothesis:
         replaced = self.replaced if replaces is None else tuple(sorted({*self.replaced, replaces}))
         return dataclasses.replace(self, effects=(*others, effect), replaced=replaced)
 
+    def has(self, kind: type[Effect]) -> bool:
+        """Whether an effect of a class is added."""
+        return any(type(item) is kind for item in self.effects)
+
     def without_effect(self, kind: type[Effect]) -> "Hypothesis":
         """Return the hypothesis without the effect of a class; a known effect that it replaced comes back."""
         effects = tuple(item for item in self.effects if item.declared is not kind.declared)

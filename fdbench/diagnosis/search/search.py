@@ -101,10 +101,12 @@ class Search:
     def compared(self, base: Hypothesis, hypotheses: Sequence[tuple[type[Effect], Hypothesis, bool]]) -> Stage:
         """Judge hypotheses beside a base on the held-out segments, with the weights of the base."""
         rivalling = [hypothesis for _, hypothesis, _ in hypotheses]
-        evidence = gather(self.readings, self.split, base, rivalling, keep=rivalling)
-        alone, *misfits = evidence.misfits(held_out=True).tolist()
+        bare = [item.without_effect(kind) if item.has(kind) else item for kind, item, _ in hypotheses]
+        n, about = len(rivalling), [*[base] * len(rivalling), *rivalling]
+        evidence = gather(self.readings, self.split, base, [*rivalling, *bare], keep=rivalling, about=about)
+        alone, *misfits = evidence.misfits(held_out=True)[: 1 + n].tolist()
         outside = evidence.held_out
-        sizes = evidence.sizes(self.split)[1:].tolist()
+        sizes = evidence.sizes(self.split)[1:].reshape(2, n).T.tolist()
         rivals = [
             Rival(
                 kind=kind,
@@ -113,8 +115,9 @@ class Search:
                 penalty=hypothesis.prior_penalty(),
                 refined=refined,
                 size=size,
+                own_size=own_size,
             )
-            for (kind, hypothesis, refined), misfit, size in zip(hypotheses, misfits, sizes, strict=True)
+            for (kind, hypothesis, refined), misfit, (size, own_size) in zip(hypotheses, misfits, sizes, strict=True)
         ]
         stage = Stage(
             base=base,

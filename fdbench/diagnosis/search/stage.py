@@ -25,6 +25,9 @@ class Rival:
         Whether it was fitted in closed loop, and not only linearly.
     size : float
         Mean square of what it changes in the base, in the run where that is most, in units of what repeats differ by.
+    own_size : float
+        The same of what it changes in its own hypothesis, where nothing is fitted again without it. It is larger where
+        nominal parameters of the base stand in for the effect.
     """
 
     kind: type[Effect]
@@ -33,6 +36,7 @@ class Rival:
     penalty: float
     refined: bool
     size: float
+    own_size: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

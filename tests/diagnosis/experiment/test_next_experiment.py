@@ -76,7 +76,13 @@ def stage(*rivals: tuple[Effect, float], alone: float = 2.0, size: float = 100.0
         test_count=1000.0,
         rivals=tuple(
             Rival(
-                kind=type(item), hypothesis=base.with_effect(item), misfit=misfit, penalty=0.0, refined=True, size=size
+                kind=type(item),
+                hypothesis=base.with_effect(item),
+                misfit=misfit,
+                penalty=0.0,
+                refined=True,
+                size=size,
+                own_size=size,
             )
             for item, misfit in rivals
         ),

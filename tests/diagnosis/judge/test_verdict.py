@@ -25,6 +25,7 @@ def stage(misfit: float, **rivals: float) -> Stage:
             penalty=0.0,
             refined=True,
             size=1.0,
+            own_size=1.0,
         )
         for item, own in ((effects.get(name).typical(), own) for name, own in rivals.items())
     ]

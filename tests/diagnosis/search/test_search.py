@@ -72,7 +72,7 @@ def test_probabilities_of_a_round_by_hand() -> None:
     base = start(NOMINAL)
     kinds = [effects.get(name) for name in ("backlash", "cogging")]
     rivals = tuple(
-        Rival(kind=kind, hypothesis=base, misfit=misfit, penalty=penalty, refined=True, size=1.0)
+        Rival(kind=kind, hypothesis=base, misfit=misfit, penalty=penalty, refined=True, size=1.0, own_size=1.0)
         for kind, misfit, penalty in zip(kinds, (1.5, 1.6), (2.0, 0.0), strict=True)
     )
     stage = Stage(base=base, misfit=1.8, penalty=0.0, test_count=1e3, rivals=rivals, effective=10.0)
