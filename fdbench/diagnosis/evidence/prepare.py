@@ -99,8 +99,7 @@ def aligned(
     warnings += limits_of_forces([run.as_read() for run in raw_runs], drive)
     runs: list[RecordedRun] = []
     counts, unsteady = [], []
-    for run in raw_runs:
-        as_nominal = replay.alone(run, given.variant)
+    for run, as_nominal in zip(raw_runs, replay.on_each(raw_runs, given.variant), strict=True):
         warnings += check_alignment(run, as_nominal)
         mended, n_held = interpolated(run, as_nominal)
         if baseline is not None:
@@ -179,7 +178,8 @@ def with_run_to_run_covariance(
     """
     runs = ready.runs
     if not all(floor.measured for floor in ready.split.noise_models.values()):
-        runs = [run.beside(replay.alone(run, calibrated.variant)) for run in runs]
+        simulated = replay.on_each(runs, calibrated.variant)
+        runs = [run.beside(own) for run, own in zip(runs, simulated, strict=True)]
     found = Repeatability(replay, calibrated, runs)
     noise: Mapping[str, NoiseModel] = found.noise_models
     if baseline is not None:

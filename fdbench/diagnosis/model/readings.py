@@ -90,9 +90,12 @@ class Readings:
         return groups
 
     def alone(self, place: int, hypothesis: Hypothesis) -> Channels:
-        """Return each channel of a run as one hypothesis reads it, (n_samples,), and keep it."""
-        if place not in self._kept.get(_key(hypothesis), ()):
-            self.of(place, [hypothesis], keep=[hypothesis])
+        """Return each channel of a run as one hypothesis reads it, (n_samples,), and keep that of all runs."""
+        known = self._kept.get(_key(hypothesis), {})
+        if place not in known:
+            others = [other for other in range(len(self.runs)) if other not in known]
+            for _ in self.each(others, [hypothesis], keep=[hypothesis]):
+                pass
         return self._kept[_key(hypothesis)][place]
 
     def forget(self, hypotheses: Sequence[Hypothesis]) -> None:

@@ -128,6 +128,17 @@ class Replay:
         """Return each channel of the run as one variant has it, (n_samples,)."""
         return {name: values[0] for name, values in self.simulate(run, [variant]).items()}
 
+    def on_each(self, runs: Sequence[RecordedRun], variant: Variant) -> list[dict[str, FloatArray]]:
+        """Return for each of several runs what `alone` returns."""
+        found = [{name: np.empty((1, run.n_samples)) for name in run.channels} for run in runs]
+        self.fill(
+            [
+                Replayed(run=run, variants=[variant], channels=own, places=[0])
+                for run, own in zip(runs, found, strict=True)
+            ]
+        )
+        return [{name: values[0] for name, values in own.items()} for own in found]
+
     def with_substeps(self, substeps: int) -> "Replay":
         """Return the simulator with another number of substeps."""
         found = copy.copy(self)

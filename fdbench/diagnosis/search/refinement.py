@@ -54,7 +54,7 @@ class Tangent:
         """Whether nominal parameters do about a hypothesis what they do here, as far as it matters to a step."""
         return all(
             hypothesis.replaced == item.replaced
-            and max(abs(a - b) for a, b in zip(hypothesis.shifts, item.shifts, strict=True)) <= SEARCH.near
+            and all(abs(a - b) <= SEARCH.near for a, b in zip(hypothesis.shifts, item.shifts, strict=True))
             for item in self.about
         )
 
@@ -125,9 +125,9 @@ class Refinement:
                 break
             if fell < SEARCH.kept_promise * promise:
                 own = tangent.of(range(len(given.shifts), len(tangent.moved)))
-                self._forget(own, given)
+                self._forget(own, given, hypothesis)
                 tangent = self.tangent(hypothesis, anew=own.is_about(start))
-        self._forget(tangent.of(range(len(given.shifts), len(tangent.moved))), given)
+        self._forget(tangent.of(range(len(given.shifts), len(tangent.moved))), given, hypothesis)
         return hypothesis
 
     def tangent(self, hypothesis: Hypothesis, *, anew: bool = False) -> Tangent:
@@ -135,7 +135,7 @@ class Refinement:
         here = Tangent.at(hypothesis)
         places = range(len(hypothesis.shifts))
         if anew or not self.nominal.moved or not self.nominal.is_near(hypothesis):
-            self._forget(self.nominal)
+            self._forget(self.nominal, hypothesis)
             self.nominal = here.of(places)
         return self.nominal.followed_by(here.of(range(len(places), len(here.moved))))
 
@@ -187,8 +187,8 @@ class Refinement:
         readings, split = self._fitted_readings, self._fitted_split
         return gather(readings, split, base, tangent.moved, places, keep=keep, about=tangent.about)
 
-    def _forget(self, tangent: Tangent, but: Hypothesis | None = None) -> None:
-        gone = [item for item in (*tangent.about, *tangent.moved) if item is not but]
+    def _forget(self, tangent: Tangent, *but: Hypothesis) -> None:
+        gone = [item for item in (*tangent.about, *tangent.moved) if all(item is not other for other in but)]
         for readings in (self.readings, self._fitted_readings):
             readings.forget(gone)
 
