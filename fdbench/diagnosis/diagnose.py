@@ -120,7 +120,7 @@ def _diagnosed(
     raw = float(findings.as_given.mean())
     models = models or probability_models.models()
     said = verdict(findings, models)
-    reader = VerdictReader(models=models, unknown=said.unknown_probability, misfit=said.misfit)
+    reader = VerdictReader(models=models, unknown=said.unknown_probability)
     forecast = design(readings, split, [*findings.contests, *findings.stages[-1:]], nominal, reader)
     rest = dependences(split.plain, simulated[2], drive)
     answer = Answer(

@@ -41,13 +41,10 @@ class VerdictReader:
         Predict the probabilities.
     unknown : float
         Probability of an unknown cause; where no effect was found, "no further effect" has at most the rest.
-    misfit : float
-        Weighted, that is left beside all effects that were found.
     """
 
     models: ProbabilityModels = field(default_factory=confidence.models)
     unknown: float = 0.0
-    misfit: float = 1.0
 
     def probabilities(self, stage: Stage) -> dict[str, float]:
         """Return the probabilities that the verdict gives to rivals and to none; what lacks to 1 is what it doubts."""
@@ -57,12 +54,10 @@ class VerdictReader:
         kind = stage.rivals[best].kind
         if own[best] > none:
             same = indistinguishable(stage, kind)
-            chance = self.models.effect.probability(confidence.effect_features(stage, kind, self.misfit, same))
+            chance = self.models.effect.probability(confidence.effect_features(stage, kind, same))
         else:
             same = []
-            chance = min(
-                self.models.suspect.probability(confidence.effect_features(stage, kind, self.misfit)), own[best]
-            )
+            chance = min(self.models.suspect.probability(confidence.effect_features(stage, kind)), own[best])
         found = divided(stage, kind, same, chance)
         most = 1.0 if stage.base.effects else 1.0 - self.unknown
         return {**found, NOTHING: min(none, most, 1.0 - sum(found.values()))}

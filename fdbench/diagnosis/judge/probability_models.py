@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from fdbench.diagnosis.model.hypothesis import adjustables
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
@@ -73,28 +72,23 @@ def models() -> ProbabilityModels:
     return read(ProbabilityModels, load_toml(FILE), FILE.name)
 
 
-def effect_features(
-    contest: Stage, kind: type[Effect], left: float, indistinguishable: Collection[str] = ()
-) -> dict[str, float]:
+def effect_features(contest: Stage, kind: type[Effect], indistinguishable: Collection[str] = ()) -> dict[str, float]:
     """Return the features of an effect, or of one of several that are indistinguishable.
 
     What an effect changes counts beside the evidence for it: machines have traces of every effect, and forms that are
-    not quite the library's look like further effects that are small. Where much is left beside everything that was
-    found, the model is not quite of the machine's form. What else the contest shows (steadiness over time, what it
-    removes of the force balances) added nothing to the prediction.
+    not quite the library's look like further effects that are small. It counts twice: as what it changes in the base,
+    of which nominal parameters may hide a part, and in its own hypothesis. What else the contest shows (misfits, how
+    many numbers were fitted, steadiness over time, what it removes of the force balances) added nothing.
 
     Parameters
     ----------
     contest : Stage
         The model without the effect, and what rivals make of that.
     kind : Effect class
-    left : float
-        Weighted misfit that is left beside all effects that were found.
     indistinguishable : collection of str
         Names of the rivals that are indistinguishable from it.
     """
     own = next(rival for rival in contest.rivals if rival.kind is kind)
-    effect = next(item for item in own.hypothesis.effects if type(item) is kind)
     different = (
         rival for rival in contest.rivals if rival.kind is not kind and rival.kind.name not in indistinguishable
     )
@@ -102,10 +96,8 @@ def effect_features(
     best = max([contest.log_evidence(contest.misfit, contest.penalty), *others])
     return {
         "margin": math.asinh(contest.log_evidence(own.misfit, own.penalty) - best),
-        "numbers": float(len(adjustables(effect))),
         "size": math.log10(max(own.size, JUDGE.smallest_size)),
         "own_size": math.log10(max(own.own_size, JUDGE.smallest_size)),
-        "left": math.log(max(left, JUDGE.smallest_misfit)),
     }
 
 

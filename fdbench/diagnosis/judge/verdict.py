@@ -67,8 +67,6 @@ class Verdict:
     suspects : tuple of Suspect
     nearest : RivalReduction or None
     unknown_probability, no_gap_probability : float
-    misfit : float
-        Weighted, that is left beside all effects that were found.
     features : mapping
         By the kind of claim (see `fdbench.diagnosis.judge.probability_models.ProbabilityModels`) and the name
         of what is claimed; names of indistinguishable effects are joined by " or ".
@@ -79,7 +77,6 @@ class Verdict:
     nearest: RivalReduction | None
     unknown_probability: float
     no_gap_probability: float
-    misfit: float
     features: Mapping[str, Mapping[str, Features]] = field(default_factory=dict)
 
 
@@ -132,14 +129,12 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     parts = [shapley(own, len(everything)) for own in closed]
     bounds = intervals(search, found.final)
     left_by = dict(zip(reductions.subsets, reductions.mean().tolist(), strict=True))
-    before = search.compared(found.base, [(Effect, found.final, True)])
-    misfit = before.rivals[0].misfit
     causes: list[Cause] = []
     effect_features_of: dict[str, Features] = {}
     for index, (effect, contest) in enumerate(zip(found.final.effects, found.contests, strict=True)):
         alone = tuple(other for other in everything if other != index)
         same = indistinguishable(contest, type(effect))
-        features = confidence.effect_features(contest, type(effect), misfit, same)
+        features = confidence.effect_features(contest, type(effect), same)
         removed = force_balances_removed(search.readings, search.split, contest)
         effect_features_of[OR.join((effect.name, *same))] = features
         odds = divided(contest, type(effect), same, models.effect.probability(features))
@@ -170,9 +165,10 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     causes += [dataclasses.replace(value, probability=discount * value.probability) for value in deviating.causes]
     causes += [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
-    suspects, suspect_features_of = suspected(found, models, discount, misfit)
+    suspects, suspect_features_of = suspected(found, models, discount)
+    before = search.compared(found.base, [(Effect, found.final, True)])
     left = gather(search.readings, search.split, found.final, ())
-    unknown = confidence.unknown_features(misfit, left.worst())
+    unknown = confidence.unknown_features(before.rivals[0].misfit, left.worst())
     rivals = [rival.size for stage in (*found.contests, *found.stages[-1:]) for rival in stage.rivals[:1]]
     none = confidence.no_gap_features(before.misfit, deviating.furthest, max(rivals, default=0.0))
     surest = max((cause.probability for cause in causes), default=0.0)
@@ -188,7 +184,6 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         nearest=nearest(found),
         unknown_probability=unknown_probability,
         no_gap_probability=min(within_noise, models.none.probability(none), 1.0 - surest, 1.0 - unknown_probability),
-        misfit=misfit,
         features={**claims, "unknown": {"unknown": unknown}, "none": {"none": none}},
     )
 
@@ -232,16 +227,14 @@ def artefact_cause(artefact: Artefact, share: float) -> Cause:
     )
 
 
-def suspected(
-    found: Findings, models: ProbabilityModels, discount: float, misfit: float
-) -> tuple[list[Suspect], dict[str, Features]]:
+def suspected(found: Findings, models: ProbabilityModels, discount: float) -> tuple[list[Suspect], dict[str, Features]]:
     """Return the effect that the search came closest to adding when it ended, if any, and its features."""
     last = found.stages[-1] if found.stages else None
     named = {type(effect) for effect in found.final.effects}
     if last is None or not last.rivals or last.rivals[0].kind in named:
         return [], {}
     best = last.rivals[0]
-    features = confidence.effect_features(last, best.kind, misfit)
+    features = confidence.effect_features(last, best.kind)
     chance = discount * min(models.suspect.probability(features), JUDGE.named)
     return [Suspect(effect=best.kind.name, probability=chance)], {best.kind.name: features}
 
