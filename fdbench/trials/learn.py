@@ -127,12 +127,13 @@ def newton(design: FloatArray, right: FloatArray, share: FloatArray, before: Flo
 def write_models(found: Sequence[Claim], output: Path, source: str, further: ProbabilityModels | None = None) -> None:
     """Fit each kind of claim and write the file that `fdbench.diagnosis.judge.probability_models` reads.
 
-    With ``further`` models those are learned further, instead of new ones.
+    With ``further`` models those are learned further, instead of new ones, as far as they have the same features.
     """
     lines = [f'source = "{source}"']
     for kind in KINDS:
         own = [claim for claim in found if claim.kind == kind]
         before = None if further is None else getattr(further, kind)
+        before = before if before is not None and before.features.keys() == own[0].features.keys() else None
         model = fitted(balanced(own, UNLISTED) if kind == "unknown" else own, before)
         lines += ["", f"[{kind}]", f"bias = {model.bias:.4f}", f"claims = {model.claims}", f"right = {model.right}", ""]
         lines += [f"[{kind}.features]"]

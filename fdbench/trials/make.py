@@ -141,9 +141,10 @@ def _case(tier: Tier, effects: list[str], nonce: str, name: str) -> Case:
             rng = seal.generator(nonce, f"tier {tier} case {name} attempt {attempt}")
             if tier in (Tier.F, Tier.G):
                 drawn = draw_foreign_case(tier, int(name), effects, rng)
-                _check_usable(drawn)
-                return drawn
-            return draw_case(tier, effects, rng)
+            else:
+                drawn = draw_case(tier, effects, rng)
+            _check_usable(drawn)
+            return drawn
         except (SimulationDiverged, UnstableLoop) as error:
             message = str(error)
     raise SimulationDiverged(f"case {name}: {MOST_ATTEMPTS} axes, none of them usable; the last: {message}")
@@ -157,7 +158,7 @@ def _check_usable(drawn: Case) -> None:
         read(Nominal, drawn.model, "model").drive.check_loop(record.sampling_time_s)
     for record in (*drawn.records.values(), *drawn.holdouts.values()):
         position = record.get("position_m")
-        if position is not None and float(np.ptp(position)) > plant["travel_m"]:
+        if position is not None and float(np.ptp(position)) > plant.get("travel_m", np.inf):
             raise SimulationDiverged("the axis reaches an end of its way.")
 
 
