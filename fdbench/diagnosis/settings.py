@@ -223,6 +223,7 @@ class JudgeSettings:
     reversal_s: float = number(0.05, "time before and after a change of direction that belongs to it")
     steady: float = number(0.02, "of the largest commanded acceleration, below which a speed is steady")
     beyond_doubt: float = number(1.5, "standard deviations of a nominal parameter below which it is no cause")
+    small_share: float = number(0.05, "of the gap, of an effect that is as soon a part of a cause that is not known")
     named: float = number(0.5, "probability above which causes stand first", "more likely than not")
     enough: float = number(0.5, "share of the gap that everything named must explain to be believed")
     unrepeated: float = number(10.0, "ratio to the floor of three repeats that one run may reach by chance")

@@ -289,7 +289,7 @@ def test_repaired_model_is_read_back(found: Diagnosis, tmp_path: Path) -> None:
     again = load_nominal(path)
     assert again == as_nominal(found.final)
     assert [type(effect).name for effect in again.drive.effects] == [
-        *("coulomb_friction", "constant_force", "direction_dependent_friction", "friction_curve"),
+        *("coulomb_friction", "constant_force", "direction_dependent_friction", "friction_curve", "current_loop_lag"),
     ]
     assert again.drive.mass_kg == found.final.variant.plant.mass_kg
 

@@ -129,6 +129,15 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     parts = [shapley(own, len(everything)) for own in closed]
     bounds = intervals(search, found.final)
     left_by = dict(zip(reductions.subsets, reductions.mean().tolist(), strict=True))
+    corrected = Shares(found.as_given, interpolated).of(np.maximum(found.as_given - recalibrated, 0.0))
+    deviating = deviating_parameters(search, found.weighed, corrected, models)
+    before = search.compared(found.base, [(Effect, found.final, True)])
+    left = gather(search.readings, search.split, found.final, ())
+    unknown = confidence.unknown_features(before.rivals[0].misfit, left.worst())
+    # What is left of the gap and a gain that is not as set speak for an unknown cause independently of each other.
+    unknown_probability = max(
+        1.0 - (1.0 - models.unknown.probability(unknown)) * (1.0 - deviating.nameless), 1.0 - discount
+    )
     causes: list[Cause] = []
     effect_features_of: dict[str, Features] = {}
     for index, (effect, contest) in enumerate(zip(found.final.effects, found.contests, strict=True)):
@@ -140,16 +149,19 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         odds = divided(contest, type(effect), same, models.effect.probability(features))
         # What the written model is no better with, beside all others, is not named.
         most = 1.0 if left_by[everything] < left_by[alone] else JUDGE.named
-        chances = {name: min(discount * p, most) for name, p in odds.items()}
         own = np.array([part[index] for part in parts])
+        share = shares.of(own)
+        # What explains little of the gap may be a part of a cause that is not known.
+        sound = discount * (1.0 - unknown_probability * JUDGE.small_share / (JUDGE.small_share + share))
+        chances = {name: min(sound * p, most) for name, p in odds.items()}
         unique = np.array([values[everything] - values[alone] for values in closed])
         causes.append(
             Cause(
                 effect=effect.name,
                 probability=chances[effect.name],
-                share=shares.of(own),
+                share=share,
                 share_of_channel=dict(zip(noise_models, shares.by_channel(own).tolist(), strict=True)),
-                unique_share=min(shares.of(own), shares.of(unique)),
+                unique_share=min(share, shares.of(unique)),
                 parameters=parameters(effect, bounds[index]),
                 indistinguishable_from=tuple(with_equivalents([effect.name, *same])[1:]),
                 alternatives={name: p for name, p in chances.items() if name != effect.name},
@@ -160,24 +172,15 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
                 at_bound=tuple(at_bound(effect)),
             )
         )
-    corrected = Shares(found.as_given, interpolated).of(np.maximum(found.as_given - recalibrated, 0.0))
-    deviating = deviating_parameters(search, found.weighed, corrected, models)
     causes += [dataclasses.replace(value, probability=discount * value.probability) for value in deviating.causes]
     causes += [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
     suspects, suspect_features_of = suspected(found, models, discount)
-    before = search.compared(found.base, [(Effect, found.final, True)])
-    left = gather(search.readings, search.split, found.final, ())
-    unknown = confidence.unknown_features(before.rivals[0].misfit, left.worst())
     rivals = [rival.size for stage in (*found.contests, *found.stages[-1:]) for rival in stage.rivals[:1]]
     none = confidence.no_gap_features(before.misfit, deviating.furthest, max(rivals, default=0.0))
     surest = max((cause.probability for cause in causes), default=0.0)
     claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": deviating.features}
     within_noise = noise_alone(float(reductions.mean()[0]))
-    # What is left of the gap and a gain that is not as set speak for an unknown cause independently of each other.
-    unknown_probability = max(
-        1.0 - (1.0 - models.unknown.probability(unknown)) * (1.0 - deviating.nameless), 1.0 - discount
-    )
     return Verdict(
         causes=tuple(causes),
         suspects=tuple(suspects),
