@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.estimator import FloatArray
-from fdbench_baselines._motion_smoother import Drift, Motion, Passed, Smoothed, passed, smoothed
+from fdbench_baselines._motion_smoother import Drift, ForcedMotion, Passed, Smoothed, passed, smoothed
 
 WALK_PER_ROOT_S, WAVE, MEMORY_S = 0.3, 0.15, 2.0
 READING = (1.0, 0.05)  # of a position's noise, and of what a velocity changes by without a cause
@@ -16,12 +16,12 @@ SURPRISE, BURST_S = 6.0, 0.2
 TOLERANCE, CLOSE = 0.02, 0.5  # of a logarithm, and of the log likelihood
 
 
-class Search(NamedTuple):
+class NoiseSearch(NamedTuple):
     """A motion under parameters, a walk and waves, and the noises that are searched.
 
     Attributes
     ----------
-    motion : Motion
+    motion : ForcedMotion
         Whose columns are p parameters, the walk, and waves.
     own : int
         p.
@@ -35,7 +35,7 @@ class Search(NamedTuple):
     log_likelihood : float
     """
 
-    motion: Motion
+    motion: ForcedMotion
     own: int
     variances: FloatArray
     point: FloatArray
@@ -69,7 +69,7 @@ class Search(NamedTuple):
         """Return what the smoother makes of some sums of the coefficients at the best point."""
         return smoothed(self.motion, self.drift(), self.run(), sums)
 
-    def likeliest(self, evaluations: int) -> "Search":
+    def likeliest(self, evaluations: int) -> "NoiseSearch":
         """Return the search at the point of greatest likelihood, by the simplex of Nelder and Mead."""
         from scipy.optimize import minimize
 
@@ -82,7 +82,7 @@ class Search(NamedTuple):
         found = minimize(loss, self.point, method="Nelder-Mead", options=options)
         return self._replace(point=found.x, log_likelihood=-float(found.fun))
 
-    def told(self, groups: NDArray[np.intp], starts: bool) -> "Search":
+    def told(self, groups: NDArray[np.intp], starts: bool) -> "NoiseSearch":
         """Return the search with the variance of each group of waves that the record tells, and shocks in it.
 
         A step of expectation and maximisation. At a shock, a jump beyond `SURPRISE` deviations, waves begin anew.
@@ -124,7 +124,7 @@ def wave_columns(
     return columns, groups.astype(np.intp)
 
 
-def with_waves(search: Search, unit: float, waves: FloatArray, still: int = 0) -> Search:
+def with_waves(search: NoiseSearch, unit: float, waves: FloatArray, still: int = 0) -> NoiseSearch:
     """Return the search of a motion with waves in place of its own, ``unit`` being the acceleration of one."""
     columns = np.ascontiguousarray(np.hstack((search.motion.columns[:, : search.own + 1], unit * waves)))
     # What passes for a fast walk without waves is no start with them.

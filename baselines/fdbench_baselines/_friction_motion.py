@@ -50,7 +50,7 @@ class Rigid(NamedTuple):
     offset_N: float
 
 
-class Sheet(NamedTuple):
+class DriveSheet(NamedTuple):
     """The nominal drive, how far each value may be off, and in which size of forces to think.
 
     Attributes
@@ -197,14 +197,14 @@ def stated(context: Context) -> Stated:
     return Stated(mass, viscous, float(deviation[2] / abs(nominal[2])), apart / per_N)
 
 
-def sheet(context: Context) -> Sheet:
+def sheet(context: Context) -> DriveSheet:
     """Return what the data sheet says before any sample."""
     plant = context.plant
     if not isinstance(plant, FeedDrive):
         raise SpecError(f"the plant of {context.model} is no feed drive.")
     line, unit_N = plant.friction_line, FORCE_SHARE * plant.controller.force_limit_N
     values = plant.mass_kg, line.viscous_N_s_per_m, line.coulomb_N, line.offset_N
-    return Sheet(*values, plant.viscous_friction_N_s_per_m, unit_N, np.array(stated(context)))
+    return DriveSheet(*values, plant.viscous_friction_N_s_per_m, unit_N, np.array(stated(context)))
 
 
 def model_parameters(context: Context, rigid: Rigid, gain_N_s_per_m: float) -> FloatArray:
@@ -219,7 +219,7 @@ def model_parameters(context: Context, rigid: Rigid, gain_N_s_per_m: float) -> F
 
 
 def parameters_with_covariance(
-    context: Context, drive: Driven, paper: Sheet, b: FloatArray, covariance: FloatArray
+    context: Context, drive: Driven, paper: DriveSheet, b: FloatArray, covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the model's parameters (p,) and their covariance, for coefficients b and theirs, to first order."""
 

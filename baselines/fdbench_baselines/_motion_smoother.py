@@ -28,7 +28,7 @@ MOTION = 2
 THINNED = 64  # samples of which one is asked for mean squares
 
 
-class Motion(NamedTuple):
+class ForcedMotion(NamedTuple):
     """What is known of each sample.
 
     Attributes
@@ -118,13 +118,13 @@ class Smoothed(NamedTuple):
     squares: FloatArray
 
 
-def smoothed(motion: Motion, drift: Drift, run: Passed, sums: FloatArray) -> Smoothed:
+def smoothed(motion: ForcedMotion, drift: Drift, run: Passed, sums: FloatArray) -> Smoothed:
     r"""Return :math:`s_k^T \theta_k` given all readings, for ``sums`` s (n, m)."""
     behind = run.errors, run.variances, run.states[:-1], run.covariances[:-1]
     return Smoothed(*run_backward(motion.columns, drift.kept_share, motion.place, sums, *behind))
 
 
-def passed(motion: Motion, drift: Drift, keep: bool = True) -> Passed:
+def passed(motion: ForcedMotion, drift: Drift, keep: bool = True) -> Passed:
     """Run the filter; without ``keep`` states and covariances are the last ones alone."""
     return Passed(*run_motion(*motion, *drift, keep))
 

@@ -76,7 +76,7 @@ class Numbers(NamedTuple):
     force_unit: float
 
 
-class Noise(NamedTuple):
+class DriveNoise(NamedTuple):
     """Variances: of a reading, of what a sample adds to each state (N,), at the first (N,); rho; share of the walk."""
 
     reading: float
@@ -96,7 +96,7 @@ class Signals(NamedTuple):
     direction, feed : (n,) arrays
         Of the command, where a mean force may follow it.
     reading, missing, jolt : (n,) arrays
-        As in `fdbench_baselines._motion_smoother.Motion`.
+        As in `fdbench_baselines._motion_smoother.ForcedMotion`.
     """
 
     force: FloatArray

@@ -7,11 +7,11 @@ import numpy as np
 from fdbench.errors import SpecError
 from fdbench.estimator import BatchEstimator, Context, Estimate, FloatArray
 from fdbench.record import Record
-from fdbench_baselines._drifting_forces import Search, wave_columns, with_waves
+from fdbench_baselines._drifting_forces import NoiseSearch, wave_columns, with_waves
 from fdbench_baselines._friction_motion import (
     LOOP,
     Driven,
-    Sheet,
+    DriveSheet,
     declined,
     driven,
     parameters_with_covariance,
@@ -19,7 +19,7 @@ from fdbench_baselines._friction_motion import (
     sheet,
     simulated_target,
 )
-from fdbench_baselines._motion_smoother import MOTION, Motion
+from fdbench_baselines._motion_smoother import MOTION, ForcedMotion
 from fdbench_baselines._process_force import turns
 from fdbench_baselines._slip import below_half
 
@@ -148,7 +148,7 @@ class RtsFriction(BatchEstimator):
         found = simulated_target(context, estimate, self._shapes, command)
         return super().predict(context, estimate, command) if found is None else found
 
-    def _search(self, context: Context, drive: Driven, paper: Sheet) -> Search:
+    def _search(self, context: Context, drive: Driven, paper: DriveSheet) -> NoiseSearch:
         """Return the motion under parameters and a walk."""
         place, step_s, n = int(context.model == LOOP), context.sampling_time_s, len(drive.force_N)
         per_N = step_s ** (2 - place) / (paper.mass_kg * drive.unit)
@@ -158,7 +158,7 @@ class RtsFriction(BatchEstimator):
         unit = per_N * paper.force_unit_N
         columns = np.hstack((-per_N * own, np.full((n, 1), -unit)))
         left = drive.force_N - paper.linear_N_s_per_m * v - drive.friction_N - paper.offset_N
-        motion = Motion(
+        motion = ForcedMotion(
             known=per_N * left,
             columns=columns,
             reading=drive.reading / drive.unit,
@@ -167,11 +167,11 @@ class RtsFriction(BatchEstimator):
             shock=np.zeros(n, dtype=np.bool_),
             place=place,
         )
-        return Search(motion, own.shape[1], np.empty(0), np.zeros(3), step_s)
+        return NoiseSearch(motion, own.shape[1], np.empty(0), np.zeros(3), step_s)
 
     def _with_waves(
-        self, context: Context, record: Record, drive: Driven, paper: Sheet, search: Search
-    ) -> tuple[Search, FloatArray]:
+        self, context: Context, record: Record, drive: Driven, paper: DriveSheet, search: NoiseSearch
+    ) -> tuple[NoiseSearch, FloatArray]:
         """Return the search with waves of a shaker or of a cutter, and these."""
         unit = float(search.motion.columns[0, search.own])
         time_s, period_s = record["time_s"], context.disturbance_period_s

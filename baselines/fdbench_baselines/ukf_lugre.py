@@ -13,7 +13,7 @@ from fdbench.record import Record
 from fdbench_baselines._friction_motion import (
     LOOP,
     Driven,
-    Sheet,
+    DriveSheet,
     declined,
     driven,
     frictions,
@@ -30,7 +30,7 @@ from fdbench_baselines._unscented_drive import (
     VELOCITY,
     WALK,
     WAVES,
-    Noise,
+    DriveNoise,
     Numbers,
     Signals,
     run_unscented,
@@ -140,7 +140,7 @@ class UkfLugre(BatchEstimator):
         signals = signals_of(numbers, drive, record["reference_velocity_m_per_s"] * (walks if harmonics else 0.0))
         rows = np.empty((len(drive.force_N), 2))
 
-        def noise(point: FloatArray) -> Noise:
+        def noise(point: FloatArray) -> DriveNoise:
             return noises(numbers, harmonics, point, walks)
 
         def loss(point: FloatArray) -> float:
@@ -176,7 +176,7 @@ class UkfLugre(BatchEstimator):
         found = simulated_target(context, estimate, self._shapes, command)
         return super().predict(context, estimate, command) if found is None else found
 
-    def _numbers(self, context: Context, drive: Driven, paper: Sheet, friction: LugreFriction | None) -> Numbers:
+    def _numbers(self, context: Context, drive: Driven, paper: DriveSheet, friction: LugreFriction | None) -> Numbers:
         place, step_s = int(context.model == LOOP), context.sampling_time_s
         unit = drive.unit if place == 1 else drive.unit / step_s
         level = friction.coulomb_force_N if friction is not None else 0.0
@@ -231,7 +231,7 @@ def bristle(plant: FeedDrive) -> LugreFriction | None:
     return None
 
 
-def noises(numbers: Numbers, harmonics: int, point: FloatArray, walk_share: float) -> Noise:
+def noises(numbers: Numbers, harmonics: int, point: FloatArray, walk_share: float) -> DriveNoise:
     """Return the noises at logarithms of kick, walk, waves and memory about their starts."""
     kick, walk, wave, memory = np.append(point, np.zeros(4 - len(point))).tolist()
     N, h, reading = WAVES + 2 * harmonics, numbers.step_s, READING[numbers.place] ** 2
@@ -246,4 +246,4 @@ def noises(numbers: Numbers, harmonics: int, point: FloatArray, walk_share: floa
         start[MEAN:WAVES] = walk_share
         start[WAVES:] = WAVE**2 * np.exp(2.0 * np.clip(wave, -10.0, 5.0))
         fresh[WAVES:] = start[WAVES:] * -np.expm1(-2.0 * h / seconds)
-    return Noise(reading, fresh, start, float(np.exp(-h / seconds)), walk_share)
+    return DriveNoise(reading, fresh, start, float(np.exp(-h / seconds)), walk_share)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from fdbench_baselines._friction_motion import carried, filled, model_parameters, sheet, simulated_target
-from fdbench_baselines._motion_smoother import MOTION, Drift, Motion, passed, smoothed
+from fdbench_baselines._motion_smoother import MOTION, Drift, ForcedMotion, passed, smoothed
 from fdbench_baselines.rts_friction import RtsFriction
 from fdbench_baselines.state_space_gp import StateSpaceGp
 
@@ -12,7 +12,7 @@ from fdbench.estimator import Estimate, Estimator, FloatArray
 from fdbench.scenario import load_scenario
 
 
-def dense(motion: Motion, drift: Drift, sums: FloatArray) -> tuple[FloatArray, FloatArray]:
+def dense(motion: ForcedMotion, drift: Drift, sums: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return mean and variance of the sums given all readings, by the covariance of the whole record."""
     n, m = motion.columns.shape
     M, mean = m + MOTION, np.zeros((n, m + MOTION))
@@ -45,7 +45,7 @@ def dense(motion: Motion, drift: Drift, sums: FloatArray) -> tuple[FloatArray, F
 def test_it_is_the_mean_of_the_dense_process(place: int) -> None:
     rng, n = np.random.default_rng(4), 40
     columns = np.column_stack((np.ones(n), rng.normal(size=(n, 2))))
-    motion = Motion(
+    motion = ForcedMotion(
         known=rng.normal(size=n),
         columns=columns,
         reading=np.cumsum(rng.normal(size=n)),
@@ -66,7 +66,7 @@ def test_a_jump_of_a_coefficient_that_forgets_stands_out_where_it_is() -> None:
     wave = np.cos(0.7 * np.arange(n))
     speed = np.cumsum(wave * np.where(np.arange(n) < 200, 0.0, 2.0) + 0.1 * rng.normal(size=n))
     off = np.zeros(n, dtype=np.bool_)
-    motion = Motion(np.zeros(n), wave[:, None], np.append(0.0, speed[:-1]), off, np.zeros(n), off, 1)
+    motion = ForcedMotion(np.zeros(n), wave[:, None], np.append(0.0, speed[:-1]), off, np.zeros(n), off, 1)
     drift = Drift(1e-6, 0.01, np.array([0.999]), np.array([2e-3]), np.array([1.0]))
     shocks = smoothed(motion, drift, passed(motion, drift), wave[:, None]).shocks
     assert abs(int(np.argmax(shocks)) - 200) <= 2

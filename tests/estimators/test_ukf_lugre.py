@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from fdbench_baselines._motion_smoother import Drift, Motion, passed
+from fdbench_baselines._motion_smoother import Drift, ForcedMotion, passed
 from fdbench_baselines._unscented_drive import (
     BRISTLE,
     VELOCITY,
     WALK,
     WAVES,
-    Noise,
+    DriveNoise,
     Numbers,
     Signals,
     pass_point,
@@ -41,8 +41,8 @@ def test_without_friction_it_is_the_kalman_filter() -> None:
     start[[0, VELOCITY, WALK]] = 0.5, 0.5, 1.0
     rows, zero = np.empty((n, 2)), np.zeros(n)
     signals = Signals(force, zero, zero, zero, reading, off, zero)
-    x, P, found = run_unscented(drive, signals, Noise(0.5, fresh, start, 1.0, 1.0), rows)
-    motion = Motion(5e-7 * force, np.full((n, 1), -0.2), reading, off, zero, np.zeros(n, dtype=np.bool_), 0)
+    x, P, found = run_unscented(drive, signals, DriveNoise(0.5, fresh, start, 1.0, 1.0), rows)
+    motion = ForcedMotion(5e-7 * force, np.full((n, 1), -0.2), reading, off, zero, np.zeros(n, dtype=np.bool_), 0)
     run = passed(motion, Drift(0.5, 0.3, np.ones(1), np.array([0.02]), np.ones(1)))
     assert found == pytest.approx(run.log_likelihood, rel=1e-9)
     np.testing.assert_allclose(x[[0, VELOCITY, WALK]], run.states[-1], rtol=1e-8, atol=1e-10)

@@ -113,7 +113,9 @@ class Replay:
     def fill(self, replayed: Sequence[Replayed]) -> None:
         """Simulate several runs of one clock, lanes of different ones side by side, and fill in what is read."""
         lanes = [
-            _Lane(variant=variant, run=item.run, channels={name: own[place] for name, own in item.channels.items()})
+            _ReplayLane(
+                variant=variant, run=item.run, channels={name: own[place] for name, own in item.channels.items()}
+            )
             for item in replayed
             for variant, place in zip(item.variants, item.places, strict=True)
         ]
@@ -160,7 +162,7 @@ class Replay:
             kept[period_s] = blocks.values[0, :, 0], active
         return kept[period_s]
 
-    def _advance(self, lanes: Sequence["_Lane"]) -> None:
+    def _advance(self, lanes: Sequence["_ReplayLane"]) -> None:
         """Simulate one block, piece by piece."""
         period = lanes[0].run.period_s
         runs = list({id(lane.run): lane.run for lane in lanes}.values())
@@ -194,7 +196,7 @@ class Replay:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Lane:
+class _ReplayLane:
     """One lane: a variant, the run that it follows, and each channel of it, (n_samples,), to be filled."""
 
     variant: Variant
