@@ -22,6 +22,7 @@ from fdbench_baselines.output_error import commanded
 LOOP = "velocity_loop"
 MODELS = (LOOP, "inverse_dynamics")
 HELD = "held_sample"
+FEED = "reference_velocity_m_per_s"
 SHAPE_DOTS = 2  # effects.place.name
 TURN = 0.05  # by which a shape of the friction is turned for its slope
 STEP = 1e-4  # by which a coefficient is, for that of the parameters

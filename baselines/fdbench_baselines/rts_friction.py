@@ -9,6 +9,7 @@ from fdbench.estimator import BatchEstimator, Context, Estimate, FloatArray
 from fdbench.record import Record
 from fdbench_baselines._drifting_forces import NoiseSearch, wave_columns, with_waves
 from fdbench_baselines._friction_motion import (
+    FEED,
     LOOP,
     Driven,
     DriveSheet,
@@ -184,7 +185,7 @@ class RtsFriction(BatchEstimator):
         harmonics = self.harmonics if context.model == LOOP else below_half(time_s, period_s, self.harmonics)
         waves, groups = wave_columns(angle, harmonics)
         best = with_waves(search, unit, waves).likeliest(SEARCHED)
-        cut, cut_groups = wave_columns(angle, harmonics, record["reference_velocity_m_per_s"])
+        cut, cut_groups = wave_columns(angle, harmonics, record[FEED] if FEED in record else np.zeros(len(time_s)))
         # Beside a friction the mean of a cut is not told from it; tried all the same, it takes the friction's place.
         means = 0 if paper.has_friction else MEANS
         cut, cut_groups = cut[:, : cut.shape[1] - MEANS + means], cut_groups[: cut.shape[1] - MEANS + means]

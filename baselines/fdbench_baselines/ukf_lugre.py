@@ -11,6 +11,7 @@ from fdbench.estimator import BatchEstimator, Context, Estimate, FloatArray
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import Record
 from fdbench_baselines._friction_motion import (
+    FEED,
     LOOP,
     Driven,
     DriveSheet,
@@ -137,8 +138,10 @@ class UkfLugre(BatchEstimator):
             harmonics = below_half(record["time_s"], period_s, harmonics)
         walks = 1.0 if harmonics == 0 or not paper.has_friction else 0.0
         numbers = self._numbers(context, drive, paper, bristle(plant))
-        signals = signals_of(numbers, drive, record["reference_velocity_m_per_s"] * (walks if harmonics else 0.0))
-        rows = np.empty((len(drive.force_N), 2))
+        n = len(drive.force_N)
+        follows = harmonics > 0 and FEED in record
+        feed = walks * record[FEED] if follows else np.zeros(n)
+        signals, rows = signals_of(numbers, drive, feed), np.empty((n, 2))
 
         def noise(point: FloatArray) -> DriveNoise:
             return noises(numbers, harmonics, point, walks)

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from fdbench_baselines._friction_motion import carried, filled, model_parameters, sheet, simulated_target
+from fdbench_baselines._friction_motion import FEED, carried, filled, model_parameters, sheet, simulated_target
 from fdbench_baselines._motion_smoother import MOTION, Drift, ForcedMotion, passed, smoothed
 from fdbench_baselines.rts_friction import RtsFriction
 from fdbench_baselines.state_space_gp import StateSpaceGp
 
 from fdbench.errors import SpecError
 from fdbench.estimator import Estimate, Estimator, FloatArray
+from fdbench.record import Record
 from fdbench.scenario import load_scenario
 
 
@@ -143,3 +144,15 @@ def test_harmonics_that_are_none_are_refused(harmonics: float) -> None:
 def test_a_deviation_that_is_none_is_refused(deviation: float) -> None:
     with pytest.raises(SpecError, match="rts_friction: shape_deviation"):
         RtsFriction(shape_deviation=deviation)
+
+
+def test_a_record_without_the_commanded_velocity_is_taken() -> None:
+    """A shaker's wave does not follow the feed, which a measured record may lack."""
+    scenario = load_scenario("LinearMotorAxis-v1")
+    context, record = scenario.context(), scenario.record(11)
+    assert context.disturbance_period_s is not None
+    assert FEED in record
+    bare = Record({name: record[name] for name in record.columns if name != FEED})
+    found = RtsFriction().fit(context, bare)
+    assert found.disturbance_N is not None
+    assert np.isfinite(found.disturbance_N).all()
