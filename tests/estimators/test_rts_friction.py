@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from disturbance_found import error_of
 from fdbench_baselines._friction_motion import FEED, carried, filled, model_parameters, sheet, simulated_target
 from fdbench_baselines._motion_smoother import MOTION, Drift, ForcedMotion, passed, smoothed
 from fdbench_baselines.rts_friction import RtsFriction
 from fdbench_baselines.state_space_gp import StateSpaceGp
 
 from fdbench.errors import SpecError
-from fdbench.estimator import Estimate, Estimator, FloatArray
+from fdbench.estimator import Estimate, FloatArray
 from fdbench.record import Record
 from fdbench.scenario import load_scenario
 
@@ -114,17 +115,6 @@ def test_held_samples_are_filled_by_a_spline() -> None:
     stepped = place.copy()
     stepped[held] = place[[4, 10, 10]]
     np.testing.assert_allclose(filled(stepped, fresh), place, rtol=1e-9, atol=1e-6)
-
-
-def error_of(estimator: Estimator, name: str, seed: int) -> float:
-    scenario = load_scenario(name)
-    record, truth = scenario.observe(seed)
-    context = scenario.context()
-    found = estimator.fit(context, record).disturbance_N
-    assert found is not None
-    assert truth.disturbance_N is not None
-    force = truth.disturbance_N[context.regression(record).rows]
-    return float(np.linalg.norm(found - force) / np.linalg.norm(force))
 
 
 def test_a_shaker_on_an_axis_with_bristles_is_found_through_reversals() -> None:

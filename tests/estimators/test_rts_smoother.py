@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from disturbance_found import error_of
 from fdbench_baselines._kalman_filter import Observer
 from fdbench_baselines._steady_smoother import filtered
 from fdbench_baselines.kalman import Kalman
@@ -10,7 +11,6 @@ from fdbench_baselines.rts_smoother import RtsSmoother
 
 from fdbench.errors import SpecError
 from fdbench.estimator import Estimator, FloatArray
-from fdbench.scenario import load_scenario
 
 
 def model() -> Observer:
@@ -57,17 +57,6 @@ def test_it_is_the_mean_of_the_dense_process() -> None:
     assert variance / found.scale == pytest.approx(exact[150], rel=1e-6)
     assert found.scale == pytest.approx(1.0, abs=0.15)
     assert np.abs(force - mean)[:60].max() < np.sqrt(exact[:60]).max()
-
-
-def error_of(estimator: Estimator, name: str, seed: int) -> float:
-    scenario = load_scenario(name)
-    record, truth = scenario.observe(seed)
-    context = scenario.context()
-    found = estimator.fit(context, record).disturbance_N
-    assert found is not None
-    assert truth.disturbance_N is not None
-    force = truth.disturbance_N[context.regression(record).rows]
-    return float(np.linalg.norm(found - force) / np.linalg.norm(force))
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from disturbance_found import error_of
 from fdbench_baselines._friction_motion import FEED
 from fdbench_baselines._motion_smoother import Drift, ForcedMotion, passed
 from fdbench_baselines._unscented_drive import (
@@ -21,7 +22,6 @@ from fdbench_baselines.ukf_lugre import UkfLugre
 
 from fdbench.effects.lugre_friction import LugreFriction
 from fdbench.errors import SpecError
-from fdbench.estimator import Estimator
 from fdbench.record import Record
 from fdbench.scenario import load_scenario
 
@@ -83,17 +83,6 @@ def test_a_root_has_zeros_where_a_state_is_known() -> None:
     np.testing.assert_allclose(L @ L.T, P, rtol=0.0, atol=1e-9 * np.abs(P).max())
     assert not L[2].any()
     assert not L[:, 2].any()
-
-
-def error_of(estimator: Estimator, name: str, seed: int) -> float:
-    scenario = load_scenario(name)
-    record, truth = scenario.observe(seed)
-    context = scenario.context()
-    found = estimator.fit(context, record).disturbance_N
-    assert found is not None
-    assert truth.disturbance_N is not None
-    force = truth.disturbance_N[context.regression(record).rows]
-    return float(np.linalg.norm(found - force) / np.linalg.norm(force))
 
 
 def test_a_shaker_is_told_from_the_friction_of_reversals() -> None:

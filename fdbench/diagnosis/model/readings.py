@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis
-from fdbench.diagnosis.model.replay import Replay, Replayed
+from fdbench.diagnosis.model.replay import Replay, Replayed, room
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import MODEL
@@ -56,7 +56,7 @@ class Readings:
             found, replayed = [], []
             for place in together:
                 run = self.runs[place]
-                channels = {name: np.empty((len(keys), run.n_samples)) for name in run.channels}
+                channels = room(run, len(keys))
                 new = [own for key, own in first.items() if place not in self._kept.get(key, ())]
                 variants = [hypotheses[own].variant for own in new]
                 replayed.append(Replayed(run=run, variants=variants, channels=channels, places=new))

@@ -58,6 +58,11 @@ class Replayed:
     places: Sequence[int]
 
 
+def room(run: RecordedRun, n_lanes: int) -> dict[str, FloatArray]:
+    """Return an array (n_lanes, n_samples) for each channel of a run, to be filled."""
+    return {name: np.empty((n_lanes, run.n_samples)) for name in run.channels}
+
+
 @lru_cache(maxsize=4096)
 def _mechanics(plant: FeedDrive) -> Mechanics:
     return dataclasses.replace(plant.mechanics(), position_limit_m=np.inf, velocity_limit_m_per_s=np.inf)
@@ -106,7 +111,7 @@ class Replay:
 
         Readings are free of noise; every variant starts from the measured position and velocity.
         """
-        channels = {name: np.empty((len(variants), run.n_samples)) for name in run.channels}
+        channels = room(run, len(variants))
         self.fill([Replayed(run=run, variants=variants, channels=channels, places=range(len(variants)))])
         return channels
 
@@ -128,11 +133,11 @@ class Replay:
 
     def alone(self, run: RecordedRun, variant: Variant) -> dict[str, FloatArray]:
         """Return each channel of the run as one variant has it, (n_samples,)."""
-        return {name: values[0] for name, values in self.simulate(run, [variant]).items()}
+        return self.on_each([run], variant)[0]
 
     def on_each(self, runs: Sequence[RecordedRun], variant: Variant) -> list[dict[str, FloatArray]]:
         """Return for each of several runs what `alone` returns."""
-        found = [{name: np.empty((1, run.n_samples)) for name in run.channels} for run in runs]
+        found = [room(run, 1) for run in runs]
         self.fill(
             [
                 Replayed(run=run, variants=[variant], channels=own, places=[0])

@@ -114,7 +114,7 @@ class Refinement:
             start, fell, fresh = hypothesis, 0.0, tangent.is_about(hypothesis)
             for dampings in (SEARCH.dampings, SEARCH.further_dampings):
                 trials = steps.damped(dampings)
-                after = self._objectives(start, trials, weight)
+                after = _objectives(self._squares(start, trials)[1:], trials, weight)
                 best = int(np.argmin(after))
                 if after[best] < before:
                     hypothesis, fell = trials[best], before - after[best]
@@ -169,17 +169,15 @@ class Refinement:
 
     def better(self, base: Hypothesis, rivals: Sequence[Hypothesis]) -> Hypothesis:
         """Return which of several has the lowest objective, with the weights of a base."""
-        weight = prior_weight(float(self._squares(base, [])[0]))
-        return rivals[int(np.argmin(self._objectives(base, rivals, weight)))]
+        alone, *squares = self._squares(base, rivals)
+        return rivals[int(np.argmin(_objectives(squares, rivals, prior_weight(alone))))]
 
-    def _objectives(self, base: Hypothesis, trials: Sequence[Hypothesis], weight: float) -> list[float]:
-        squares = self._squares(base, trials)[1:].tolist()
-        return [own + weight * trial.prior_penalty() for own, trial in zip(squares, trials, strict=True)]
-
-    def _squares(self, base: Hypothesis, trials: Sequence[Hypothesis]) -> FloatArray:
+    def _squares(self, base: Hypothesis, trials: Sequence[Hypothesis]) -> list[float]:
+        """Return the weighted squares of a base and of trials, with the weights of the base."""
         about = Tangent(about=[base] * len(trials), moved=[*trials])
         evidence = self._gather(base, about, trials, self.split.fitted)
-        return np.asarray(evidence.squares()[~evidence.held_out].sum(axis=0))
+        squares: list[float] = evidence.squares()[~evidence.held_out].sum(axis=0).tolist()
+        return squares
 
     def _gather(
         self, base: Hypothesis, tangent: Tangent, keep: Sequence[Hypothesis], places: Sequence[int]
@@ -230,6 +228,10 @@ class _Steps:
         step = np.zeros(len(self.numbers))
         step[self.moving] = coefficients
         return with_parameters(self.hypothesis, self.values + step * [item.step for item in self.numbers])
+
+
+def _objectives(squares: Sequence[float], trials: Sequence[Hypothesis], weight: float) -> list[float]:
+    return [own + weight * trial.prior_penalty() for own, trial in zip(squares, trials, strict=True)]
 
 
 def prior_weight(squares: float) -> float:

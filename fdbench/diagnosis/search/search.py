@@ -61,17 +61,16 @@ class Search:
     def stage(self, base: Hypothesis) -> Stage | None:
         """Rank all classes of effects as the next one; None where the base leaves noise alone."""
         fitted = self.split.fitted
-        alone = self._screen(base, (), fitted)
-        if alone.alone.train < SEARCH.noise_alone:
+        before = self._screen(base, (), fitted)
+        if before.alone.train < SEARCH.noise_alone:
             return None
         every = candidates(base, located(self.readings, self.split, base), self.split.runs[0].period_s)
         if len(fitted) > 1:  # most that is too large is seen to be so on a part of the records
             shortest = min(fitted, key=lambda place: self.split.runs[place].n_samples)
-            sizes = self._screen(base, every, [shortest]).sizes
-            every = [_not_oversized(item, size / alone.gap) for item, size in zip(every, sizes, strict=True)]
+            every = _not_oversized(every, self._screen(base, every, [shortest]).sizes, before.gap)
         screened = self._screen(base, every, fitted)
         fits = screened.fits
-        smaller = [_not_oversized(item, size / alone.gap) for item, size in zip(every, screened.sizes, strict=True)]
+        smaller = _not_oversized(every, screened.sizes, before.gap)
         large = [place for place, (item, given) in enumerate(zip(smaller, every, strict=True)) if item is not given]
         if large:
             again = self._screen(base, [smaller[place] for place in large], fitted).fits
@@ -228,10 +227,13 @@ class _Screened:
     sizes: list[float]
 
 
-def _not_oversized(candidate: Candidate, ratio: float) -> Candidate:
-    """Return a candidate as it is, or as large as the gap where its response is ``ratio`` times that: by far larger."""
-    fits = ratio <= SEARCH.oversized or candidate.replaces is not None
-    return candidate if fits else candidate.sizes([1.0 / ratio])[0]
+def _not_oversized(every: Sequence[Candidate], sizes: Sequence[float], gap: float) -> list[Candidate]:
+    """Return candidates as they are, or as large as the gap where their response is by far larger."""
+    ratios = [size / gap for size in sizes]
+    return [
+        item if ratio <= SEARCH.oversized or item.replaces is not None else item.sizes([1.0 / ratio])[0]
+        for item, ratio in zip(every, ratios, strict=True)
+    ]
 
 
 def _cost(base: Hypothesis, misfit: float, fit: Fit) -> float:
