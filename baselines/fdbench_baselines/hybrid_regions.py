@@ -1,0 +1,410 @@
+"""Hybrid model by region: physics, and a correction by recursive least squares that differs with motion and place."""
+
+from dataclasses import replace
+from typing import Any, ClassVar, final
+
+import numpy as np
+from numba import njit
+
+from fdbench.compilation import kept
+from fdbench.errors import PluginError, SpecError
+from fdbench.estimator import Context, Estimate, FloatArray, OnlineEstimator, Sample
+from fdbench.plants import RespondingPlant
+from fdbench.record import Record
+from fdbench_baselines._hybrid_drive import DriveHybrid
+from fdbench_baselines._one_step import MODEL as STATE_SPACE
+from fdbench_baselines._one_step import declined
+from fdbench_baselines._recursive_least_squares import rls
+
+MM_PER_M = 1e3
+DRIVES = ("velocity_loop", "inverse_dynamics", "directional_inverse_dynamics")
+REGIONS = 4
+KEPT = 1.0 - 1.0 / 2000.0  # of the squares that the interval rests on, from a row to the next
+# How much narrower than a common weight a region's difference is beforehand; 0 is none, as without regions.
+NARROWER = np.array([1e-2, 1e-4, 0.0])
+
+
+@final
+class HybridRegions(OnlineEstimator):
+    r"""Nominal physics and a learnt correction with weights by region, which risks no more than it has gained.
+
+    On a stage the force H that the physics lacks enters by the same modes wherever it acts. Straight in each region r
+    of motion and place, :math:`H = h_r + k_r x + d_r \dot x`, it leaves an error with poles in common and a numerator
+    for each region:
+
+    .. math::
+        \hat e_k = (w + \delta_r)^T \varphi_k + a^T (e_{k-1} \ldots e_{k-p}), \qquad
+        \varphi_k = (1, x_{pb,k} \ldots x_{pb,k-q}), \qquad e = x - x_{pb}
+
+    r is one of four: :math:`x_{pb}` rises or not, above zero or not, where friction, drag, and cables change sign. All
+    weights are those of recursive least squares from :math:`w, a \sim N(0, \sigma^2 / \lambda)` and
+    :math:`\delta_r \sim N(0, \nu \sigma^2 / \lambda)`, so that a region that was never visited has the common ones.
+    Of three :math:`\nu`, 0 among them, a batch takes the one whose batches before were foretold best (empirical Bayes,
+    by prediction). Within a batch errors are predicted ones, none beyond the largest that was measured before it.
+
+    What is added to physics is :math:`s_k \hat e_k`. With all sums over the batches before,
+
+    .. math::
+        s_k = \min\left(1, \frac{\sum e \hat e}{\sum \hat e^2}, \frac{(G - Q_k)^+}{\hat e_k^2}\right), \qquad
+        G = \sum e^2 - (e - \hat e)^2, \qquad Q_k = \sum_{i < k} s_i \hat e_i^2 \text{ of this batch}
+
+    so that a batch without any error would lose no more than was gained. The interval is that of a prediction h samples
+    ahead, with :math:`\sigma^2` of one sample, P of the weights by recursive least squares, :math:`\psi` the impulse
+    response of a, and c the mean of past squares beside it, half of them forgotten in 1400 samples, a region's drawn to
+    that of all:
+
+    .. math:: v_k = c_r \min(\sigma^2 (\psi_0^2 + \ldots + \psi_{h-1}^2 + \varphi^T P \varphi), \max e^2)
+
+    In a free run both halves of the record choose :math:`\nu` and a share s in [0, 1] of the correction, each with the
+    weights of the other. On a drive it is the linear model of `DriveHybrid` with a mean of its own on each side of zero
+    of the foretold target; ``output`` is as safe, ``parameters`` and ``disturbance_N`` are `hybrid_rls`'s, and a free
+    run takes the share of the corrections that the record's own command asks for.
+
+    Parameters
+    ----------
+    response_lags, error_lags : int
+        q and p, at least 0.
+    batch_samples : int
+        Samples that are predicted at once; at least 1.
+    regularisation_m2 : float
+        :math:`\lambda`, above 0; the 1 in the features stands for 1 mm.
+
+    Raises
+    ------
+    SpecError
+        If an argument is out of bounds, or the model is none of these.
+    PluginError
+        If a sample comes before ``start``.
+
+    Validity
+    --------
+    It was told the nominal plant alone. An error of the other sign than foretold, and no larger, costs up to three
+    times the stake: what is safe is what goes on as before. A first move after rest is left to physics until a batch of
+    it has been seen, and while errors still grow the stake withholds a part of a correction that would be right.
+
+    References
+    ----------
+    Chou, Duan, Okwudire, A linear hybrid model for enhanced servo error pre-compensation of feed drives with unmodeled
+    nonlinear dynamics, CIRP Annals, eqs. (3) to (6). Regions, stake and interval are ours.
+
+    Examples
+    --------
+    The mass is 1.25 times that of the data sheet, so that beta_1 is 0.4.
+
+    >>> from fdbench_baselines._example import example_drive
+    >>> found = HybridRegions().fit(*example_drive(mass_ratio=1.25))
+    >>> {name: round(value, 3) for name, value in found.parameters.items()}
+    {'beta_1': 0.4, 'beta_2': 0.6}
+    """
+
+    made_for: ClassVar[tuple[str, ...] | None] = ("servo_response", STATE_SPACE, *DRIVES)
+
+    def __init__(
+        self,
+        response_lags: int = 10,
+        error_lags: int = 50,
+        batch_samples: int = 100,
+        regularisation_m2: float = 1e-6,
+    ) -> None:
+        bounds = {
+            "response_lags": (response_lags, 0),
+            "error_lags": (error_lags, 0),
+            "batch_samples": (batch_samples, 1),
+        }
+        for name, (value, least) in bounds.items():
+            if not isinstance(value, int) or value < least:
+                raise SpecError(f"hybrid_regions: {name} = {value!r} must be an integer of at least {least}.")
+        if not 0.0 < regularisation_m2 < np.inf:
+            raise SpecError(f"hybrid_regions: regularisation_m2 = {regularisation_m2!r} must be above 0 and finite.")
+        self.response_lags, self.error_lags, self.batch_samples = response_lags, error_lags, batch_samples
+        self.regularisation_m2 = regularisation_m2
+        self._context: Context | None = None
+
+    def skip(self, context: Context) -> str | None:
+        """Skip where the model is neither a servo's response nor an equation of a force on a drive."""
+        if isinstance(context.plant, RespondingPlant) or context.model in DRIVES:
+            return None
+        if context.model == STATE_SPACE:
+            return declined(context)
+        return "the model is neither the response of a servo nor an equation of a force on a drive"
+
+    def start(self, context: Context) -> None:
+        """Forget everything."""
+        reason = self.skip(context)
+        if reason is not None:
+            raise SpecError(f"hybrid_regions: {reason}.")
+        self._context = context
+        self._record: Record | None = None
+        self._nominal = np.array(list(context.nominal.values()))
+        on_stage = isinstance(context.plant, RespondingPlant)
+        self._drive = None if on_stage else DriveHybrid(context, self.error_lags)
+        self._rows: list[tuple[float, float, float]] = []
+
+    def update(self, sample: Sample) -> None:
+        """Take a sample in."""
+        self._started()
+        physics = float((sample.regressors * self._nominal).sum())
+        self._rows.append((sample.time_s, physics, sample.target))
+        self._gain = sample.disturbance_gain
+        if self._drive is not None:
+            self._drive.take(
+                sample.regressors[np.newaxis],
+                np.array([sample.target]),
+                sample.disturbance_gain,
+                sample.readings[np.newaxis],
+            )
+
+    def estimate(self) -> Estimate:
+        """Return the predictions made so far, each from the batches before it, and what is known of a drive by now."""
+        self._started()
+        if self._drive is not None:
+            return self._on_drive(self._drive.estimate())
+        found = [self._on_axis(response, error) for response, error in self._axes()]
+        output, variance = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        return Estimate(output=output / MM_PER_M, output_variance=variance / MM_PER_M**2)
+
+    def fit(self, context: Context, record: Record) -> Estimate:
+        """Run over a whole record."""
+        found = super().fit(context, record)
+        self._record = record
+        return found
+
+    def predict(self, context: Context, estimate: Estimate, command: Record) -> FloatArray | None:
+        """Return physics and the share of the correction that the record's own free runs ask for."""
+        self._started()
+        if not isinstance(context.plant, RespondingPlant):
+            return self._free_drive(context, estimate, command)
+        axes = self._axes()
+        responses = np.split(MM_PER_M * context.plant.nominal_response(command), len(axes))
+        runs = [row + self._free_axis(*axis, row) for axis, row in zip(axes, responses, strict=True)]
+        return np.concatenate(runs) / MM_PER_M
+
+    def _started(self) -> None:
+        if self._context is None:
+            raise PluginError("hybrid_regions: start(context) must come before update and estimate.")
+
+    def _axes(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Return response and error of each axis in mm; a row of an earlier time begins another one."""
+        time_s, response, target = np.array(self._rows).reshape(-1, 3).T
+        breaks = np.flatnonzero(np.diff(time_s) < 0.0) + 1
+        errors = np.split(MM_PER_M * (target - response), breaks)
+        return list(zip(np.split(MM_PER_M * response, breaks), errors, strict=True))
+
+    def _learn(self, axis: tuple[FloatArray, FloatArray], begin: int, end: int) -> Any:
+        lags, ridge = (self.response_lags, self.error_lags), MM_PER_M**2 * self.regularisation_m2
+        return learn(*axis, begin, end, *lags, self.batch_samples, ridge, NARROWER)
+
+    def _on_axis(self, response: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return predictions and their variances, in mm."""
+        foretold, spread, _ = self._learn((response, error), 0, len(error))
+        added = staked(foretold, error, self.batch_samples)
+        regions = np.array([quadrant(response, k) for k in range(len(response))])
+        return response + added, interval(error - added, spread, regions, self.batch_samples)
+
+    def _free_axis(self, response: FloatArray, error: FloatArray, ahead: FloatArray) -> FloatArray:
+        """Return the error of a free run; both halves choose how narrow regions are, and the share."""
+        n, q, limit = len(error), self.response_lags, float(np.abs(error).max())
+        ends = (0, n // 2), (n // 2, n)
+        first, second = (self._learn((response, error), *part)[2] for part in ends)
+        runs = []
+        for early, late in zip(second, first, strict=True):
+            withheld = (follow(early, response, q, limit)[: n // 2], follow(late, response, q, limit)[n // 2 :])
+            runs.append(np.concatenate(withheld))
+        best = int(np.argmin([np.sum((run - error) ** 2) for run in runs]))
+        weights = self._learn((response, error), 0, n)[2][best]
+        return share(runs[best], error) * np.asarray(follow(weights, ahead, q, 2.0 * limit))
+
+    def _on_drive(self, found: Estimate) -> Estimate:
+        """Return what the linear model found, its output drawn to each side's mean and staked as on a stage."""
+        output, disturbance = np.asarray(found.output), np.asarray(found.disturbance_N)
+        _, physics, target = np.array(self._rows).reshape(-1, 3).T
+        if not len(self._nominal):
+            physics = output - disturbance * self._gain
+        error, regions = target - physics, (physics < 0.0).astype(np.int64)
+        foretold = output - physics + means(target - output, regions, self.batch_samples)
+        added, variance = staked(foretold, error, 1), found.output_variance
+        if variance is not None:
+            variance = interval(error - added, variance, regions, 1)
+        return replace(found, output=physics + added, output_variance=variance)
+
+    def _free_drive(self, context: Context, estimate: Estimate, command: Record) -> FloatArray | None:
+        """Return the sheet's free run, and the share of what the found parameters change that the record asks for."""
+        run = super().predict(context, estimate, command)
+        if run is None or self._record is None:
+            return run
+        model, sheet = context.linear_model, context.nominal
+        known = model.free_run(command, sheet), model.free_run(self._record, sheet)
+        own = model.free_run(self._record, estimate.parameters)
+        if own is None or known[0] is None or known[1] is None:
+            return run
+        part = share(own - known[1], np.array(self._rows)[:, 2] - known[1])
+        return np.asarray(known[0] + part * (run - known[0]))
+
+
+def share(run: FloatArray, error: FloatArray) -> float:
+    """Return how much of a run the error asks for, from 0 to 1."""
+    power = float(run @ run)
+    return min(max(float(run @ error) / power, 0.0), 1.0) if power > 0.0 else 0.0
+
+
+@kept
+@njit(error_model="numpy")
+def means(left, regions, common):  # type: ignore[no-untyped-def]
+    """Return the mean of what was left in each row's region before it, drawn to that of all by so many rows."""
+    found, sums, counts, total = np.zeros(left.size), np.zeros(REGIONS), np.zeros(REGIONS), 0.0
+    for k in range(left.size):
+        r = regions[k]
+        found[k] = (sums[r] + common * total / (k + common)) / (counts[r] + common)
+        sums[r] += left[k]
+        counts[r] += 1.0
+        total += left[k]
+    return found
+
+
+@kept
+@njit(error_model="numpy")
+def follow(theta, x, q, limit):  # type: ignore[no-untyped-def]
+    """Return the errors of a free run with some weights, none beyond a limit."""
+    first = 2 + q
+    p = theta.size - (1 + REGIONS) * first
+    phi, before, run = np.empty(theta.size), np.zeros(p), np.empty(x.size)
+    for k in range(x.size):
+        fill(phi, x, k, q, before)
+        run[k] = min(max(dot(theta, phi), -limit), limit)
+        push(before, run[k])
+    return run
+
+
+@kept
+@njit(error_model="numpy")
+def quadrant(x, k):  # type: ignore[no-untyped-def]
+    """Return the region of sample k of a response: 1 where it falls, and 2 more below zero."""
+    return (1 if k > 0 and x[k] < x[k - 1] else 0) + (2 if x[k] < 0.0 else 0)
+
+
+@kept
+@njit(error_model="numpy")
+def fill(phi, x, k, q, before):  # type: ignore[no-untyped-def]
+    """Write the features of sample k: common ones, errors before, and the common ones in the place of the region."""
+    first = 2 + q
+    phi[:] = 0.0
+    phi[0] = 1.0
+    for i in range(min(q, k) + 1):
+        phi[1 + i] = x[k - i]
+    for i in range(before.size):
+        phi[first + i] = before[i]
+    at = first + before.size + quadrant(x, k) * first
+    for i in range(first):
+        phi[at + i] = phi[i]
+
+
+@kept
+@njit(error_model="numpy")
+def dot(a, b):  # type: ignore[no-untyped-def]
+    """Return the product of two vectors, summed in order."""
+    total = 0.0
+    for i in range(a.size):
+        total += a[i] * b[i]
+    return total
+
+
+@kept
+@njit(error_model="numpy")
+def push(values, new):  # type: ignore[no-untyped-def]
+    """Put a value before the others and drop the last."""
+    for i in range(values.size - 1, 0, -1):
+        values[i] = values[i - 1]
+    if values.size > 0:
+        values[0] = new
+
+
+@kept
+@njit(error_model="numpy")
+def learn(x, e, begin, end, q, p, batch, ridge, narrower):  # type: ignore[no-untyped-def]
+    """Return of samples from begin to end predicted errors, what weights and noise give as variance; weights (3, m)."""
+    n, first, choices = e.size, 2 + q, narrower.size
+    m = first + p + REGIONS * first
+    theta, P = np.zeros((choices, m)), np.zeros((choices, m, m))
+    for c in range(choices):
+        for i in range(m):
+            P[c, i, i] = (1.0 if i < first + p else narrower[c]) / ridge
+    foretold, spread, loss = np.zeros(n), np.zeros(n), np.zeros(choices)
+    noise, largest, phi, rows = 0.0, 0.0, np.empty(m), np.empty((batch, m))
+    measured = np.zeros(p)
+    for i in range(min(p, begin)):
+        measured[i] = e[begin - 1 - i]
+    for start in range(begin, end, batch):
+        count = min(batch, end - start)
+        best = np.argmin(loss)
+        for c in range(choices):
+            before, impulse, power = measured.copy(), np.zeros(p), 0.0
+            for k in range(start, start + count):
+                fill(phi, x, k, q, before)
+                value = min(max(dot(theta[c], phi), -largest), largest)
+                loss[c] += (e[k] - value) ** 2
+                push(before, value)
+                if c == best:
+                    psi = 1.0 if k == start else dot(theta[c, first : first + p], impulse)
+                    power = min(power + psi * psi, 1e12)
+                    push(impulse, psi)
+                    doubt = 0.0
+                    for i in range(m):
+                        if phi[i] != 0.0:
+                            doubt += phi[i] * dot(P[c, i], phi)
+                    foretold[k] = value
+                    spread[k] = min(noise / max(start - begin, 1) * (power + doubt), largest * largest)
+        for k in range(start, start + count):
+            fill(rows[k - start], x, k, q, measured)
+            push(measured, e[k])
+            largest = max(largest, abs(e[k]))
+        for c in range(choices):
+            errors = rls(theta[c], P[c], rows[:count], e[start : start + count], 1.0)
+            if c == best:
+                noise += dot(errors, errors)
+    return foretold, spread, theta
+
+
+@kept
+@njit(error_model="numpy")
+def staked(foretold, e, batch):  # type: ignore[no-untyped-def]
+    """Return the part of predicted errors that is added: at most what the batches before ask for, and have gained."""
+    added, product, power, at_stake = np.zeros(e.size), 0.0, 0.0, 0.0
+    for k in range(e.size):
+        if k % batch == 0:
+            at_stake = 0.0
+            for i in range(max(k - batch, 0), k):
+                product += foretold[i] * e[i]
+                power += foretold[i] ** 2
+        square = foretold[k] ** 2
+        if product > 0.0 and square > 0.0:
+            s = min(1.0, product / power, max(2.0 * product - power - at_stake, 0.0) / square)
+            added[k] = s * foretold[k]
+            at_stake += s * square
+    return added
+
+
+@kept
+@njit(error_model="numpy")
+def interval(left, spread, regions, batch):  # type: ignore[no-untyped-def]
+    """Return the variances of what is left, from all before a batch; in the first one the mean square so far."""
+    variance, sums, counts, squares = np.empty(left.size), np.zeros(REGIONS), np.zeros(REGIONS), 0.0
+    total, number = 0.0, 0.0
+    for k in range(left.size):
+        if k % batch == 0:
+            for i in range(max(k - batch, 0), k):
+                sums *= KEPT
+                counts *= KEPT
+                total *= KEPT
+                number *= KEPT
+                if spread[i] > 0.0:
+                    ratio = left[i] ** 2 / spread[i]
+                    sums[regions[i]] += ratio
+                    counts[regions[i]] += 1.0
+                    total += ratio
+                    number += 1.0
+        squares += left[k] ** 2
+        variance[k] = squares / (k + 1)
+        if number > 0.0 and spread[k] > 0.0:
+            r = regions[k]
+            variance[k] = spread[k] * (sums[r] + batch * total / number) / (counts[r] + batch)
+    return variance
