@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from fdbench.diagnosis.answer import Answer, Recorded
 from fdbench.diagnosis.evidence.baseline import Baseline
@@ -68,7 +69,7 @@ class Diagnosis:
     features: Mapping[str, Mapping[str, Features]]
 
 
-# What diverges overflows, and is left out where evidence is gathered.
+# What diverges overflows, and is left out where evidence is gathered; on small matrices threads of BLAS only wait.
 @np.errstate(over="ignore", invalid="ignore")
 def diagnose(
     nominal: Nominal,
@@ -96,7 +97,7 @@ def diagnose(
     RecordError
         If there are no records, or one lacks what is needed; the message says what to do.
     """
-    with spoken_of(nominal.axis):
+    with threadpool_limits(1, user_api="blas"), spoken_of(nominal.axis):
         return _diagnosed(nominal, records, holdouts, progress, models, baseline)
 
 
@@ -220,14 +221,14 @@ def _searched(
     return _Searched(ready=ready, given=given, calibrated=calibrated, findings=findings)
 
 
-# What diverges overflows, as in `diagnose`.
+# As in `diagnose`.
 @np.errstate(over="ignore", invalid="ignore")
 def judged(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record] = ()) -> Verdict:
     """Return the verdict alone, by the probability models of the package: nothing drawn, proposed or described.
 
     See `diagnose` for parameters and errors.
     """
-    with spoken_of(nominal.axis):
+    with threadpool_limits(1, user_api="blas"), spoken_of(nominal.axis):
         return verdict(_searched(nominal, records, holdouts, None, None).findings, probability_models.models())
 
 

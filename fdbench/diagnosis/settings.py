@@ -115,7 +115,7 @@ class ModelSettings:
     most_replacement: float = number(3.0, "of a known effect that another one in its place may have in a linear fit")
     largest_change: float = number(4.0, "times the tried size that one linear fit may make of an effect")
     highest_of_nyquist: float = number(0.8, "frequency of a mode or line that samples still show", zero=1.0)
-    held_at_once: int = number(2_000_000, "readings of a channel, beyond which runs are simulated one after the other")
+    held_at_once: int = number(4_000_000, "readings of a channel, beyond which runs are simulated one after the other")
     coarser_substeps: tuple[int, ...] = number((3, 4, 5, 6, 8), "substeps that are tried where the model has more")
     substeps_error: float = number(0.1, "of the noise, root mean square, by which coarser substeps may move a reading")
     slower: float = number(0.8, "factor of the bandwidth of a virtual controller that rings or is loud", zero=1.0)

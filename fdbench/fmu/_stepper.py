@@ -16,11 +16,11 @@ from fdbench.simulate.compose import PORT_ARGUMENTS, Slot
 INTEGRATOR = {
     "propagate": "double *w, int row, int i, double x_m, double v_m, double x_t, double v_t, double force_m, "
     "double force_t",
-    "measure_and_control": "double *w, double period, const double *reference, double *out",
+    "measure_and_control": "double *w, double period",
     "integrate_substep": "double *w, double time_in_period, double period, double h",
 }
-# Arrays of the integrator in C: one lane, the input in place of the reference, no noise.
-ARRAYS = {"w": "w[{0}]", "reference": "reference[{1}]", "normal": "0.0", "out": "out[{1}]"}
+# Arrays of the integrator in C: one lane.
+ARRAYS = {"w": "w[{0}]"}
 
 
 def stepper(drive: FeedDrive, rows: Mapping[str, float], period_s: float, substeps: int) -> str:

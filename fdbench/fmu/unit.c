@@ -71,13 +71,14 @@ static void place(unit *u)
 
 static void sample(unit *u)
 {
-    double *w = u->w, reference[3] = {0.0, 0.0, 0.0}, h = PERIOD_S / SUBSTEPS;
+    double *w = u->w, h = PERIOD_S / SUBSTEPS;
     int step;
     if (N_IN == 3)
-        memcpy(reference, u->in, sizeof reference);
+        w[COMMANDED_X] = u->in[0], w[COMMANDED_V] = u->in[1], w[COMMANDED_A] = u->in[2];
     else
         w[ACTION_FORCE] = u->in[0];
-    measure_and_control(w, PERIOD_S, reference, u->out);
+    measure_and_control(w, PERIOD_S);
+    memcpy(u->out, w + COMMANDED_X, sizeof u->out);
     for (step = 0; step < SUBSTEPS; step++)
         integrate_substep(w, (step + 0.5) * h, PERIOD_S, h);
     w[INDEX] += 1.0;

@@ -102,7 +102,7 @@ class Axis(System):
         self._now = copy.deepcopy(self._initial)
         width = self._side_by_side
         self._idle = slice((n_lanes - 1) % self._side_by_side + 1, None)
-        self._out = np.zeros((self._n_blocks, 1, layout.OUT_COLUMNS, width))
+        self._out = np.zeros((self._n_blocks, 1, layout.OUT_COLUMNS * width))
         self.limits, self.at_rest = self._ranges(mechanics, controller["FORCE_LIMIT"] * logged_per_N)
         self._bind()
 
@@ -114,7 +114,8 @@ class Axis(System):
         self._shared = self._whole_numbers()
         stepper = compose(self._kinds, width, self._shared)
         clock = self.timing.substeps, self.timing.sampling_time_s
-        random = self._numbers.normal, self._numbers.uniform
+        normal = self._numbers.normal
+        random = normal.reshape(*normal.shape[:2], -1), self._numbers.uniform
         self._settings = (*clock, *stepper.calls(self._active), self.reference, *random)
         self._step = compiled(stepper.advance, (self._flat_blocks, 0, 1, *self._settings, self._out))
         first = lane // width * blocks[0].size + lane % width
@@ -245,10 +246,10 @@ class Axis(System):
 
     def _advance(self, rows: FloatArray) -> None:
         n = len(rows)
-        shape = self._n_blocks, n, layout.OUT_COLUMNS, self._side_by_side
-        raw = self._out if n == 1 else np.empty(shape)
+        raw = self._out if n == 1 else np.empty((self._n_blocks, n, layout.OUT_COLUMNS * self._side_by_side))
         self._step(self._flat_blocks, self._numbers.position, n, *self._settings, raw)
-        picked = raw.transpose(1, 2, 0, 3)[:, self._pick]
+        columns = raw.reshape(self._n_blocks, n, layout.OUT_COLUMNS, self._side_by_side)
+        picked = columns.transpose(1, 2, 0, 3)[:, self._pick]
         rows[:] = picked.reshape(n, len(self._pick), -1)[:, :, : self.n_lanes]
 
     def advance_one(self, action: float) -> FloatArray:

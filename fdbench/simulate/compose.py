@@ -187,7 +187,7 @@ def _port(place: int, cases: Sequence[str], lanes: int) -> str:
 def source(effects: Sequence[type[Effect]], lanes: int, shared: Shared = ()) -> str:
     """Return the text of the generated module, with a case for each of these effects."""
     constants = [f"{name} = {row * lanes}" for row, name in enumerate(layout.ROWS)]
-    constants += [f"{name} = {value}" for name, value in vars(layout).items() if name.startswith("OUT_")]
+    constants += [f"OUT_COLUMNS = {layout.OUT_COLUMNS}", f"NORMAL_COLUMNS = {layout.NORMAL_COLUMNS}"]
     cases: dict[Port, list[str]] = {port: [] for port in PORT_ARGUMENTS}
     for number, slot in enumerate(slots(tuple(effects))):
         effect = slot.effect

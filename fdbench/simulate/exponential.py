@@ -47,6 +47,7 @@ def _balance(A: FloatArray) -> FloatArray:
     size = np.ones(len(A))
     off = np.abs(A) * (1.0 - np.eye(len(A)))
     for _ in range(SWEEPS):
+        before = size.copy()
         for i in range(len(A)):
             row, column = off[i].max(), off[:, i].max()
             if row == column == 0.0:
@@ -56,4 +57,6 @@ def _balance(A: FloatArray) -> FloatArray:
             off[i] /= factor
             off[:, i] *= factor
             size[i] *= factor
+        if np.array_equal(size, before):
+            break
     return size

@@ -20,8 +20,8 @@ def propagate(w, row, i, x_m, v_m, x_t, v_t, force_m, force_t):
     )
 
 
-def measure_and_control(w, calls, first_calls, k, period, reference, normal, uniform, out):
-    """Read the encoders, log one row, and set the force that is asked of the motor for the coming period."""
+def measure_and_control(w, calls, first_calls, period, uniform):
+    """Read the encoders, log them, and set the force that is asked of the motor for the coming period."""
     for i in range(LANES):
         w[T + i] = w[INDEX + i] * period
         w[READ_MOTOR + i] = w[X_M + i]
@@ -31,42 +31,41 @@ def measure_and_control(w, calls, first_calls, k, period, reference, normal, uni
     table_scale(w, calls, first_calls, period, X_T, V_T, READ_TABLE, uniform)
     logging(w, calls, first_calls, period, X_M, V_M, READ_HELD, uniform)
     for i in range(LANES):
-        motor = w[READ_MOTOR + i] + w[NOISE_MOTOR + i] * normal[0, i]
-        table = w[READ_TABLE + i] + w[NOISE_TABLE + i] * normal[1, i]
+        motor = w[READ_MOTOR + i] + w[NOISE_MOTOR + i] * w[NORMAL_MOTOR + i]
+        table = w[READ_TABLE + i] + w[NOISE_TABLE + i] * w[NORMAL_TABLE + i]
         use_table = w[USE_TABLE + i] > 0.5
+        v_m, v_t = w[V_M + i], w[V_T + i]
         feedback = table if use_table else motor
-        tachometer = (w[V_T + i] if use_table else w[V_M + i]) + w[NOISE_VELOCITY + i] * normal[2, i]
+        tachometer = (v_t if use_table else v_m) + w[NOISE_VELOCITY + i] * w[NORMAL_VELOCITY + i]
         span = w[DIFFERENCE_SPAN + i]
-        back = w[BACK_1 + i] if span < 1.5 else w[BACK_2 + i]
-        velocity = (feedback - back) / (max(span, 1.0) * period) if span > 0.5 else tachometer
-        row = int(w[INDEX + i] + w[FIRST_ROW + i])
-        w[COMMANDED_V + i] = reference[row, 1]
-        commanded = reference[row, 1] - w[VELOCITY_REFERENCE_DELAY + i] * reference[row, 2]
+        back_1, back_2 = w[BACK_1 + i], w[BACK_2 + i]
+        # What is not divided is divided by 1, for a division in a branch keeps lanes apart.
+        differences = span > 0.5
+        change = feedback - (back_1 if span < 1.5 else back_2)
+        velocity = (change if differences else tachometer) / (max(span, 1.0) * period if differences else 1.0)
+        commanded = w[COMMANDED_V + i] - w[VELOCITY_REFERENCE_DELAY + i] * w[COMMANDED_A + i]
         wanted = w[VELOCITY_FEEDFORWARD + i] * (commanded + w[ACTION_VELOCITY + i])
-        wanted += w[POSITION_GAIN + i] * (reference[row, 0] + w[ACTION_POSITION + i] - feedback)
+        wanted += w[POSITION_GAIN + i] * (w[COMMANDED_X + i] + w[ACTION_POSITION + i] - feedback)
         error = wanted - velocity
-        free = w[VELOCITY_GAIN + i] * error + w[INTEGRAL_GAIN + i] * w[INTEGRAL + i]
-        free += w[ACCELERATION_FEEDFORWARD + i] * reference[row, 2] + w[ACTION_FORCE + i]
+        integral = w[INTEGRAL + i]
+        free = w[VELOCITY_GAIN + i] * error + w[INTEGRAL_GAIN + i] * integral
+        free += w[ACCELERATION_FEEDFORWARD + i] * w[COMMANDED_A + i] + w[ACTION_FORCE + i]
         limited = min(max(free, -w[FORCE_LIMIT + i]), w[FORCE_LIMIT + i])
-        w[INTEGRAL + i] += error * period if limited == free else 0.0
-        w[BACK_2 + i] = w[BACK_1 + i]
+        w[INTEGRAL + i] = integral + (error * period if limited == free else 0.0)
+        w[BACK_2 + i] = back_1
         w[BACK_1 + i] = feedback
         w[REQUEST + i] = limited
         w[PROCESS_SUM + i] = 0.0
-        fresh = w[READ_HELD + i] < 0.5 or w[INDEX + i] < 0.5
-        w[HELD + i] = 0.0 if fresh else 1.0
-        w[LAST_MOTOR + i] = motor if fresh else w[LAST_MOTOR + i]
-        w[LAST_TABLE + i] = table if fresh else w[LAST_TABLE + i]
-        w[LAST_VELOCITY + i] = velocity if fresh else w[LAST_VELOCITY + i]
-        logged = limited + w[NOISE_COMMAND + i] * normal[4, i]
-        w[LAST_FORCE + i] = logged if fresh else w[LAST_FORCE + i]
-        out[k, OUT_REFERENCE_POSITION, i] = reference[row, 0]
-        out[k, OUT_REFERENCE_VELOCITY, i] = reference[row, 1]
-        out[k, OUT_MOTOR, i] = w[LAST_MOTOR + i]
-        out[k, OUT_TABLE, i] = w[LAST_TABLE + i]
-        out[k, OUT_VELOCITY, i] = w[LAST_VELOCITY + i]
-        out[k, OUT_FORCE, i] = w[LAST_FORCE + i] * w[LOGGED_PER_N + i]
-        out[k, OUT_HELD, i] = w[HELD + i]
+        read_held, index = w[READ_HELD + i], w[INDEX + i]
+        held = read_held >= 0.5 and index >= 0.5
+        last_motor, last_table = w[LAST_MOTOR + i], w[LAST_TABLE + i]
+        last_velocity, last_force = w[LAST_VELOCITY + i], w[LAST_FORCE + i]
+        force = (limited + w[NOISE_COMMAND + i] * w[NORMAL_COMMAND + i]) * w[LOGGED_PER_N + i]
+        w[HELD + i] = 1.0 if held else 0.0
+        w[LAST_MOTOR + i] = last_motor if held else motor
+        w[LAST_TABLE + i] = last_table if held else table
+        w[LAST_VELOCITY + i] = last_velocity if held else velocity
+        w[LAST_FORCE + i] = last_force if held else force
 
 
 def integrate_substep(w, calls, first_calls, time_in_period, period, h, uniform):
@@ -164,25 +163,35 @@ def advance(blocks, first, n_samples, substeps, period, calls, first_calls, refe
         Where those of each port begin.
     reference : (n_reference, 3) array
         Commanded position (m), velocity (m/s) and acceleration (m/s^2); a lane's own begin at its first row.
-    normal, uniform : (n_blocks, n_random, n, LANES) arrays
+    normal : (n_blocks, n_random, NORMAL_COLUMNS * LANES) array
+    uniform : (n_blocks, n_random, n, LANES) array
         Random numbers of each sample.
-    out : (n_blocks, n_samples, OUT_COLUMNS, LANES) array, written
+    out : (n_blocks, n_samples, OUT_COLUMNS * LANES) array, written
     """
     h = period / substeps
     for block in range(blocks.shape[0]):
         w = blocks[block]
         for k in range(n_samples):
-            gauss = normal[block, first + k]
+            # Loops that touch other arrays stand alone: lanes of the others run as vectors.
+            for i in range(LANES):
+                row = int(w[INDEX + i] + w[FIRST_ROW + i])
+                w[COMMANDED_X + i] = reference[row, 0]
+                w[COMMANDED_V + i] = reference[row, 1]
+                w[COMMANDED_A + i] = reference[row, 2]
+            for place in range(NORMAL_COLUMNS * LANES):
+                w[NORMAL_MOTOR + place] = normal[block, first + k, place]
             flat = uniform[block, first + k]
-            measure_and_control(w, calls, first_calls, k, period, reference, gauss, flat, out[block])
+            measure_and_control(w, calls, first_calls, period, flat)
             for step in range(substeps):
                 integrate_substep(w, calls, first_calls, (step + 0.5) * h, period, h, flat)
             for i in range(LANES):
-                kick = w[NOISE_EQUATION + i] * gauss[3, i]
+                kick = w[NOISE_EQUATION + i] * w[NORMAL_EQUATION + i]
                 w[V_M + i] += kick
                 w[V_T + i] += kick
                 w[INDEX + i] += 1.0
-                out[block, k, OUT_DISTURBANCE, i] = w[PROCESS_SUM + i] / substeps
-                inside = abs(w[X_M + i]) <= w[POSITION_LIMIT + i] and abs(w[V_M + i]) <= w[VELOCITY_LIMIT + i]
-                w[DIVERGED + i] = w[DIVERGED + i] if inside else 1.0
-                out[block, k, OUT_DIVERGED, i] = w[DIVERGED + i]
+                w[DISTURBANCE + i] = w[PROCESS_SUM + i] / substeps
+                inside = (abs(w[X_M + i]) <= w[POSITION_LIMIT + i]) & (abs(w[V_M + i]) <= w[VELOCITY_LIMIT + i])
+                diverged = w[DIVERGED + i]
+                w[DIVERGED + i] = diverged if inside else 1.0
+            for place in range(OUT_COLUMNS * LANES):
+                out[block, k, place] = w[COMMANDED_X + place]

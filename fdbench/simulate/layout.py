@@ -10,9 +10,11 @@ ROWS: tuple[str, ...] = (
     # the table.
     *("X_M", "V_M", "X_T", "V_T", "F_MOTOR", "F_TABLE", "AHEAD_MOTOR", "AHEAD_TABLE", "OFFSET"),
     *("OFFSET_RATE", "ACCELERATION"),
-    # State of controller and logger: integral of the velocity error, last two readings, sample number, flags, last row.
-    *("INTEGRAL", "BACK_1", "BACK_2", "INDEX", "HELD", "DIVERGED"),
-    *("LAST_MOTOR", "LAST_TABLE", "LAST_VELOCITY", "LAST_FORCE"),
+    # State of the controller: integral of the velocity error, last two readings, sample number.
+    *("INTEGRAL", "BACK_1", "BACK_2", "INDEX"),
+    # What is handed out of each sample, in the order of OUT: command, last row of the log, process force, flags.
+    *("COMMANDED_X", "COMMANDED_V", "LAST_MOTOR", "LAST_TABLE", "LAST_VELOCITY", "LAST_FORCE"),
+    *("DISTURBANCE", "HELD", "DIVERGED"),
     # Propagators over half a substep and a whole one: rows of A | B for X_M, V_M, X_T, V_T.
     *(f"HALF_{i}" for i in range(24)),
     *(f"FULL_{i}" for i in range(24)),
@@ -27,7 +29,9 @@ ROWS: tuple[str, ...] = (
     # Scratch of one substep.
     *("T", "MID_X_M", "MID_V_M", "MID_X_T", "MID_V_T", "U", "F_M", "S_M", "F_T", "S_T", "STRETCH", "STRETCH_FREE"),
     *("ACCELERATION_AHEAD", "ADDED_MASS", "DELIVERED", "TRANSMITTED", "PROCESS", "PROCESS_SUM", "REQUEST"),
-    *("COMMANDED_V", "READ_MOTOR", "READ_TABLE", "READ_HELD"),
+    *("COMMANDED_A", "READ_MOTOR", "READ_TABLE", "READ_HELD"),
+    # Random numbers of the sample.
+    *("NORMAL_MOTOR", "NORMAL_TABLE", "NORMAL_VELOCITY", "NORMAL_EQUATION", "NORMAL_COMMAND"),
 )
 
 FIRST_FREE_ROW = len(ROWS)

@@ -65,6 +65,11 @@ class Evidence:
         own[:, 1:] += self.products[:, :1, 0] - 2.0 * self.products[:, 0, 1:]
         return own
 
+    def of_run(self, place: int) -> "Evidence":
+        """Return the evidence of one run, by its place in the split."""
+        own = self.run == place
+        return Evidence(**{item.name: getattr(self, item.name)[own] for item in dataclasses.fields(self)})
+
     def worst(self) -> float:
         """Return the mean squared gap of the stretch of time in which it is largest, over all channels."""
         _, place = np.unique(self.group, return_inverse=True)
@@ -83,7 +88,8 @@ class Evidence:
 
 def silenced(signals: Mapping[str, FloatArray]) -> NDArray[np.bool_]:
     """Set to zero, in place and in all channels, what diverges of gaps and changes; return which rows these are."""
-    lost = np.asarray(~np.logical_and.reduce([(np.abs(values) < HUGE).all(axis=1) for values in signals.values()]))
+    squares = [np.einsum("ij,ij->i", values, values) for values in signals.values()]
+    lost = np.asarray(~np.logical_and.reduce([own < HUGE**2 for own in squares]))
     for values in signals.values():
         values[lost] = 0.0
     return lost
@@ -124,7 +130,7 @@ def gather(
     products, gaps, counts, outs, groups, owners, channels, known = [], [], [], [], [], [], [], []
     offset = 0
     numbers = range(len(split.runs)) if places is None else places
-    for number, simulated in zip(numbers, readings.each(numbers, lanes, [base, *keep]), strict=True):
+    for number, simulated in zip(numbers, readings.each(numbers, lanes, [base, *keep], lent=True), strict=True):
         run, out = split.runs[number], split.held_out[number]
         length = segment_length(run)
         n_segments = -(-run.n_samples // length)

@@ -19,6 +19,8 @@ from fdbench.diagnosis.records.runs import RecordedRun, deviations, repeated, sa
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.record import FloatArray
 
+PIECE = 1024  # samples of a product that stays in the processor's cache
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Change:
@@ -44,7 +46,9 @@ class Change:
         parts = list(zip(signals, self.directions.transpose(1, 0, 2), strict=True))
         along = sum(own @ directions.T for own, directions in parts) * self.shrinkage
         for own, directions in parts:
-            own -= along @ directions
+            for first in range(0, own.shape[1], PIECE):
+                piece = slice(first, first + PIECE)
+                own[:, piece] -= along @ directions[:, piece]
 
 
 def within(floor: NoiseModel, left: Sequence[FloatArray]) -> NoiseModel:

@@ -7,13 +7,14 @@ hidden. Probabilities before and after are read in the same way, as the verdict 
 """
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.diagnosis.answer import ExpectedProbability, Experiment, Separation
-from fdbench.diagnosis.evidence.evidence import gather
+from fdbench.diagnosis.evidence.evidence import Evidence, gather
 from fdbench.diagnosis.evidence.least_squares import solved
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import Trajectory
@@ -201,46 +202,56 @@ class Forecaster:
         """Columns of the responses of the rivals."""
         return range(1 + self.n_shifts, 1 + len(self.variants))
 
-    def forecast(self, trajectory: Trajectory) -> Forecast | None:
-        """Return what a motion is expected to show, or None if the axis would not follow it."""
-        run = self._recorded(trajectory)
-        if run is None:
-            return None
+    def forecasts(self, trajectories: Sequence[Trajectory]) -> list[Forecast | None]:
+        """Return what each motion is expected to show, or None if the axis would not follow it."""
+        every = self._recorded(trajectories)
+        runs = [run for run in every if run is not None]
+        if not runs:
+            return [None] * len(every)
         # What changes from run to run is not known of another motion, and counts as noise.
-        indistinguishable = Split(
-            runs=[run], held_out=[np.zeros(run.n_samples, dtype=np.bool_)], noise_models=self.split.plain.noise_models
+        split = Split(
+            runs=runs,
+            held_out=[np.zeros(run.n_samples, dtype=np.bool_) for run in runs],
+            noise_models=self.split.plain.noise_models,
         )
-        evidence = gather(Readings(self.replay, [run]), indistinguishable, self.stage.base, self.variants)
-        count, changes = (
-            float(evidence.counts.sum()),
-            np.maximum(self.changes, evidence.sizes(indistinguishable)[self._columns]),
-        )
+        evidence = gather(Readings(self.replay, runs), split, self.stage.base, self.variants)
+        parts = map(evidence.of_run, range(len(runs)))
+        return [
+            None if run is None else self._forecast(trajectory, next(parts), split)
+            for trajectory, run in zip(trajectories, every, strict=True)
+        ]
+
+    def _forecast(self, trajectory: Trajectory, evidence: Evidence, split: Split) -> Forecast:
+        count = float(evidence.counts.sum())
+        changes = np.maximum(self.changes, evidence.sizes(split)[self._columns])
         after = []
         for truth, size in zip((*self._columns, 0), (*self.sizes, 0.0), strict=True):
             excess = np.maximum(size**2 * evidence.products[:, truth, truth] / evidence.counts - 1.0, 0.0)
-            sums = np.einsum("s,sij->ij", 1.0 / (1.0 + EVIDENCE.model_error * excess), evidence.products)
+            sums = np.tensordot(1.0 / (1.0 + EVIDENCE.model_error * excess), evidence.products, 1)
             left, fitted = self._fits(self.known + self._as_gap(sums, truth, size))
             after.append(self._read(self._judged(left - self.alone, changes * fitted**2, count)))
         return Forecast(
             trajectory=trajectory, names=self.names, now=self.now, before=self.before, after=np.array(after)
         )
 
-    def _recorded(self, trajectory: Trajectory) -> RecordedRun | None:
-        """Return what the base of the stage would do."""
-        reference = np.ascontiguousarray(trajectory.reference)
-        names = self.split.runs[0].channels
-        still = np.full(len(reference), reference[0, 0])
-        run = RecordedRun(
-            name=trajectory.words,
-            period_s=trajectory.period_s,
-            reference=reference,
-            channels=dict.fromkeys(names, still),
-            lap=None,
-        )
-        channels = self.replay.alone(run, self.stage.base.variant)
-        missed = np.abs(channels["position_m"] - reference[:, 0]).max()
-        follows = all(np.isfinite(each).all() for each in channels.values()) and missed <= self.most_missed_m
-        return replace(run, channels=channels) if follows else None
+    def _recorded(self, trajectories: Sequence[Trajectory]) -> list[RecordedRun | None]:
+        """Return what the base of the stage would do along each motion, or None where it would not follow."""
+        runs = [
+            RecordedRun(
+                name=item.words,
+                period_s=item.period_s,
+                reference=np.ascontiguousarray(item.reference),
+                channels=dict.fromkeys(self.split.runs[0].channels, np.full(len(item.reference), item.reference[0, 0])),
+                lap=None,
+            )
+            for item in trajectories
+        ]
+        found: list[RecordedRun | None] = []
+        for run, channels in zip(runs, self.replay.on_each(runs, self.stage.base.variant), strict=True):
+            missed = np.abs(channels["position_m"] - run.reference[:, 0]).max()
+            follows = all(np.isfinite(each).all() for each in channels.values()) and missed <= self.most_missed_m
+            found.append(replace(run, channels=channels) if follows else None)
+        return found
 
     @staticmethod
     def _as_gap(sums: FloatArray, truth: int, size: float = 1.0) -> FloatArray:

@@ -56,6 +56,6 @@ def design(
         return None
     forecaster = Forecaster(readings, split, stage, reader)
     every = menu_of(split, nominal) if trajectories is None else trajectories
-    followed = (item for item in map(forecaster.forecast, every) if item is not None)
+    followed = [item for item in forecaster.forecasts(every) if item is not None]
     found = [item for item in followed if item.gain() >= EXPERIMENT.smallest_gain]
     return max(found, key=Forecast.utility, default=None)

@@ -46,21 +46,28 @@ class Readings:
         return next(self.each([place], hypotheses, keep))
 
     def each(
-        self, places: Sequence[int], hypotheses: Sequence[Hypothesis], keep: Sequence[Hypothesis] = ()
+        self,
+        places: Sequence[int],
+        hypotheses: Sequence[Hypothesis],
+        keep: Sequence[Hypothesis] = (),
+        *,
+        lent: bool = False,
     ) -> Iterator[dict[str, FloatArray]]:
-        """Yield for one run after the other what `of` returns; several are simulated at once where they are small."""
+        """Yield for one run after the other what `of` returns; several are simulated at once where they are small.
+
+        Arrays that are ``lent`` hold readings of a run until the next one is asked for, here or elsewhere.
+        """
         keys = [_key(item) for item in hypotheses]
         first = {key: place for place, key in reversed([*enumerate(keys)])}
         kept = {_key(item) for item in keep}
         for together in self._together(places, len(keys)):
-            found, replayed = [], []
-            for place in together:
-                run = self.runs[place]
-                channels = room(run, len(keys))
+            runs = [self.runs[place] for place in together]
+            found = self.replay.memory.rooms(runs, len(keys)) if lent else [room(run, len(keys)) for run in runs]
+            replayed = []
+            for place, run, channels in zip(together, runs, found, strict=True):
                 new = [own for key, own in first.items() if place not in self._kept.get(key, ())]
                 variants = [hypotheses[own].variant for own in new]
                 replayed.append(Replayed(run=run, variants=variants, channels=channels, places=new))
-                found.append(channels)
             self.replay.fill(replayed)
             for place, channels in zip(together, found, strict=True):
                 for own, key in enumerate(keys):

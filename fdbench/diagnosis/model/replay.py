@@ -63,6 +63,25 @@ def room(run: RecordedRun, n_lanes: int) -> dict[str, FloatArray]:
     return {name: np.empty((n_lanes, run.n_samples)) for name in run.channels}
 
 
+class Memory:
+    """Room for readings that is used again: pages of new arrays cost as much as what is simulated into them."""
+
+    def __init__(self) -> None:
+        self._arrays: dict[str, FloatArray] = {}
+
+    def rooms(self, runs: Sequence[RecordedRun], n_lanes: int) -> list[dict[str, FloatArray]]:
+        """Return what `room` returns of several runs, in arrays that are lent until rooms are asked for again."""
+        ends = np.cumsum([n_lanes * run.n_samples for run in runs]).tolist()
+        found: list[dict[str, FloatArray]] = [{} for _ in runs]
+        for name in runs[0].channels:
+            if name not in self._arrays or len(self._arrays[name]) < ends[-1]:
+                self._arrays[name] = np.empty(ends[-1])
+            for own, run, end in zip(found, runs, ends, strict=True):
+                part = self._arrays[name][end - n_lanes * run.n_samples : end]
+                own[name] = part.reshape(n_lanes, run.n_samples)
+        return found
+
+
 @lru_cache(maxsize=4096)
 def _mechanics(plant: FeedDrive) -> Mechanics:
     return dataclasses.replace(plant.mechanics(), position_limit_m=np.inf, velocity_limit_m_per_s=np.inf)
@@ -83,6 +102,11 @@ class Replay:
     library : sequence of Effect classes
         Effects that variants may have in addition, at most one of a class.
     substeps : int
+
+    Attributes
+    ----------
+    memory : Memory
+        Shared with those of other substeps.
     """
 
     def __init__(self, drive: FeedDrive, library: Sequence[type[Effect]], substeps: int) -> None:
@@ -101,10 +125,12 @@ class Replay:
         for kind in known:
             places = (place for place, other in enumerate(self.kinds) if other is kind and place not in self._known)
             self._known.append(next(places))
-        self._uniform = max(1, sum(kind.random for kind in self.kinds))
+        n_uniform = max(1, sum(kind.random for kind in self.kinds))
+        self._no_noise = np.zeros((1, PIECE, layout.NORMAL_COLUMNS * WIDTH)), np.ones((1, PIECE, n_uniform, WIDTH))
         self._last = {kind: place for place, kind in enumerate(self.kinds)}  # of a kind, is no known one
         self._stepper = compose(self.kinds, WIDTH)
         self._lanes: Lanes = WeakKeyDictionary()
+        self.memory = Memory()
 
     def simulate(self, run: RecordedRun, variants: Sequence[Variant]) -> dict[str, FloatArray]:
         """Return each channel of the run as simulated, (n_variants, n_samples); not finite where a variant diverges.
@@ -181,21 +207,20 @@ class Replay:
             blocks.place(*lane.run.start, period, np.array([place]))
             blocks.set_scalars({"FIRST_ROW": first_rows[id(lane.run)]}, np.array([place]))
         active = np.logical_or.reduce([own for _, own in made])
-        normal = np.zeros((1, PIECE, layout.NORMAL_COLUMNS, WIDTH))
-        uniform = np.ones((1, PIECE, self._uniform, WIDTH))
-        out = np.empty((1, PIECE, layout.OUT_COLUMNS, WIDTH))
+        out = np.empty((1, PIECE, layout.OUT_COLUMNS * WIDTH))
+        columns = out[0].reshape(PIECE, layout.OUT_COLUMNS, WIDTH).transpose(1, 2, 0)
         calls = self._stepper.calls(active)
         motor, scale = layout.OUT_MOTOR, layout.OUT_TABLE
-        columns = {
+        read_from = {
             "motor_force_N": layout.OUT_FORCE,
             "position_m": scale if self.drive.controller.uses_table else motor,
         }
         for start in range(0, longest, PIECE):
             n = min(PIECE, longest - start)
-            self._stepper.advance(blocks.flat, 0, n, self.substeps, period, *calls, reference, normal, uniform, out)
+            self._stepper.advance(blocks.flat, 0, n, self.substeps, period, *calls, reference, *self._no_noise, out)
             for name in lanes[0].channels:
-                found = out[0, :n, columns[name]] if name != DEFLECTION else out[0, :n, motor] - out[0, :n, scale]
-                for lane, values in zip(lanes, np.ascontiguousarray(found.T), strict=False):
+                found = columns[motor] - columns[scale] if name == DEFLECTION else columns[read_from[name]]
+                for lane, values in zip(lanes, np.ascontiguousarray(found), strict=False):
                     read = lane.channels[name][start : start + n]
                     read[:] = values[: len(read)]
 

@@ -220,15 +220,30 @@ def test_a_motion_that_the_axis_does_not_follow_has_no_forecast(lab: Lab) -> Non
     jump = np.zeros((400, 3))
     jump[100:, 0] = 0.04
     there = Trajectory(kind="jump", words="jump", period_s=PERIOD_S, reference=jump)
-    assert Forecaster(readings, split, READER.shortlisted(OPEN), READER).forecast(there) is None
+    assert Forecaster(readings, split, READER.shortlisted(OPEN), READER).forecasts([there]) == [None]
 
 
 def test_old_records_again_hardly_help(lab: Lab, chosen: Forecast) -> None:
     readings, split = lab
     again = Trajectory(kind="again", words="again", period_s=PERIOD_S, reference=split.runs[0].reference)
-    repeated = Forecaster(readings, split, READER.shortlisted(OPEN), READER).forecast(again)
+    (repeated,) = Forecaster(readings, split, READER.shortlisted(OPEN), READER).forecasts([again])
     assert repeated is not None
     assert repeated.gain() < 0.5 * chosen.gain()
+
+
+def test_motions_together_have_the_forecasts_that_they_have_alone(lab: Lab) -> None:
+    jump = np.zeros((400, 3))
+    jump[100:, 0] = 0.04
+    there = Trajectory(kind="jump", words="jump", period_s=PERIOD_S, reference=jump)
+    first, second = menu_of(lab[1], nominal())[:2]
+    forecaster = Forecaster(*lab, READER.shortlisted(OPEN), READER)
+    together = forecaster.forecasts([first, there, second])
+    for trajectory, found in zip((first, there, second), together, strict=True):
+        (alone,) = forecaster.forecasts([trajectory])
+        assert (found is None) == (alone is None) == (trajectory is there)
+        if found is not None and alone is not None:
+            assert found.trajectory is trajectory
+            np.testing.assert_array_equal(found.after, alone.after)
 
 
 # ---- the proposal ----
@@ -270,8 +285,8 @@ def test_nothing_found_is_no_nothing_where_an_unknown_cause_is_probable() -> Non
 
 def test_no_motion_separates_equivalent_effects(lab: Lab) -> None:
     same = Forecaster(*lab, stage((GAP, 1.20), (GAP, 1.21), alone=9.0), READER)
-    for trajectory in menu_of(lab[1], nominal())[::4]:
-        found = same.forecast(trajectory)
+    some = menu_of(lab[1], nominal())[::4]
+    for trajectory, found in zip(some, same.forecasts(some), strict=True):
         assert found is not None
         assert abs(found.log_odds(0, 1)) < 0.5, trajectory.words
 
