@@ -109,6 +109,8 @@ def trial_learn(
     with Console(stderr=True).status("learning") as status:
         before = probability_models.models() if further else None
         found = learn(list(zip(folders, key, strict=True)), output, status.update, before, jobs or os.cpu_count() or 1)
+    for words in found.left_out:
+        say(f"left out, for it cannot be diagnosed: {words}")
     for kind in KINDS:
-        own = [claim.right for claim in found if claim.kind == kind]
+        own = [claim.right for claim in found.claims if claim.kind == kind]
         say(f"{kind}: {len(own)} claims, {sum(own)} right")

@@ -13,7 +13,7 @@ from fdbench.cluster import in_processes
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.judge.probability_models import Feature, Features, ProbabilityModel, ProbabilityModels
 from fdbench.diagnosis.judge.verdict import OR
-from fdbench.errors import SpecError
+from fdbench.errors import FdbenchError, SpecError
 from fdbench.files import write_text
 from fdbench.record import FloatArray
 from fdbench.trials import seal
@@ -38,9 +38,12 @@ class _Waiting(NamedTuple):
     files: list[str]
 
 
-def _features(case: _Waiting) -> tuple[str, Mapping[str, Mapping[str, Features]]]:
-    """Return the features of a case; processes are started with this function."""
-    return case.place, diagnose(*read_case(case.folder, case.files)).features
+def _features(case: _Waiting) -> tuple[str, Mapping[str, Mapping[str, Features]] | str]:
+    """Return the features of a case, or why it cannot be diagnosed; processes are started with this function."""
+    try:
+        return case.place, diagnose(*read_case(case.folder, case.files)).features
+    except FdbenchError as error:
+        return case.place, f"{case.folder}: {error}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,15 +147,24 @@ def write_models(found: Sequence[Claim], output: Path, source: str, further: Pro
     write_text(output, "\n".join(lines) + "\n")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Learned:
+    """The claims that were learned from, and what was said of each case that cannot be diagnosed."""
+
+    claims: Sequence[Claim]
+    left_out: Sequence[str]
+
+
 def learn(
     trials: Sequence[tuple[Path, Path]],
     output: Path,
     progress: Callable[[str], None] | None = None,
     further: ProbabilityModels | None = None,
     jobs: int = 1,
-) -> Sequence[Claim]:
+) -> Learned:
     """Diagnose every case of trials to learn from, fit the probability models on their opened keys, and write them.
 
+    A case that cannot be diagnosed claims nothing and is left out.
     What each case gives is kept beside the output in ``<output>.claims.json`` until all are done, so that learning
     that was interrupted goes on.
 
@@ -189,19 +201,23 @@ def learn(
                 waiting.append(_Waiting(place, folder / name, sorted(case["files"])))
         sources.append(f"tier {manifest['tier']}, {len(manifest['cases'])} cases, nonce {opened['nonce']}")
     diagnosed = in_processes(_features, waiting, jobs) if min(jobs, len(waiting)) > 1 else map(_features, waiting)
-    for place, features in diagnosed:
-        done[place] = features
-        write_text(kept, json.dumps(done))
+    left_out = []
+    for place, found in diagnosed:
+        if isinstance(found, str):
+            left_out.append(found)
+        else:
+            done[place] = found
+            write_text(kept, json.dumps(done))
         if progress is not None:
-            progress(f"{len(done)} of {len(cases)} cases")
-    found = [claim for place, truth in cases for claim in claims(done[place], truth)]
+            progress(f"{len(done) + len(left_out)} of {len(cases)} cases")
+    every = [claim for place, truth in cases if place in done for claim in claims(done[place], truth)]
     for kind in KINDS:
-        rights = {claim.right for claim in found if claim.kind == kind}
+        rights = {claim.right for claim in every if claim.kind == kind}
         if len(rights) < 2:
             folders = " and ".join(str(folder) for folder, _ in trials)
             raise SpecError(f"{folders}: claims of kind '{kind}' that are right and wrong are needed; make more cases.")
     if further is not None:
         sources = [further.source, *(f"further {source}" for source in sources)]
-    write_models(found, output, "; ".join(sources), further)
+    write_models(every, output, "; ".join(sources), further)
     kept.unlink()
-    return found
+    return Learned(claims=every, left_out=left_out)

@@ -12,9 +12,10 @@ from scipy.optimize import minimize
 from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.probability_models import Feature, ProbabilityModel
 from fdbench.diagnosis.model.nominal import Nominal
-from fdbench.errors import SpecError
+from fdbench.errors import RecordError, SpecError
 from fdbench.specification import load_toml, read
 from fdbench.trials import board, learn
+from fdbench.trials.learn import Claim
 from fdbench.trials.make import make
 from fdbench.virtual_axes import cases as tiers
 from fdbench.virtual_axes.cases import Tier
@@ -205,6 +206,34 @@ def test_learning_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.M
     with pytest.raises(SpecError, match="claims of kind 'effect' that are right and wrong"):
         learn.learn([(folder, key)], output)
     assert len(asked) == 3  # the first case is not diagnosed again
+
+
+def test_a_case_that_cannot_be_diagnosed_is_left_out_and_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, key, output = tmp_path / "L", tmp_path / "key.json", tmp_path / "models.toml"
+    monkeypatch.setattr(tiers, "LIMITED_DATA", 1.0)
+    make(folder, key, Tier.L, 2, "feed" * 16)
+    asked = []
+
+    def diagnosed(nominal: Nominal, records: object, holdouts: object) -> SimpleNamespace:
+        asked.append(nominal)
+        if len(asked) == 1:
+            raise RecordError("the axis leaves its limits")
+        return SimpleNamespace(features={"own": len(asked)})
+
+    def claimed(features: dict[str, int], truth: object) -> list[Claim]:
+        assert features == {"own": 2}
+        return [
+            Claim(kind=kind, features={"s": sign}, right=sign > 0.0) for kind in learn.KINDS for sign in (-1.0, 1.0)
+        ]
+
+    monkeypatch.setattr(learn, "diagnose", diagnosed)
+    monkeypatch.setattr(learn, "claims", claimed)
+    found = learn.learn([(folder, key)], output)
+    assert len(found.claims) == 2 * len(learn.KINDS)
+    (words,) = found.left_out
+    assert words.startswith(str(folder))
+    assert "leaves its limits" in words
+    assert output.exists()
 
 
 @pytest.mark.parametrize(("name", "is_hidden"), [("quadratic_drag", True), ("constant_force", False)])
