@@ -133,15 +133,7 @@ def run(
     FdbenchError
         If a number is out of bounds, an id is given twice, or a worker process dies. What was finished is kept.
     """
-    for name, value, low, high in (
-        ("seeds", seeds, 1, MOST_SEEDS),
-        ("jobs", jobs, 1, MOST_JOBS),
-        ("first seed", first_seed, 0, LAST_SEED),
-        ("time limit in s", time_limit_s, LEAST_TIME_S, MOST_TIME_S),
-        ("memory limit in MB", memory_limit_MB, LEAST_MEMORY_MB, MOST_MEMORY_MB),
-    ):
-        if not low <= value <= high:
-            raise FdbenchError(f"{name} {value}: at least {low} and at most {high}.")
+    _check_numbers(seeds, jobs, first_seed, time_limit_s, memory_limit_MB)
     if sealed and nonce:
         raise FdbenchError("sealed draws a nonce, and one is given: leave out one of the two.")
     if scheduler and jobs > 1:
@@ -151,28 +143,13 @@ def run(
     kept_to = {"time_limit_s": f"{time_limit_s:g}", "memory_limit_MB": f"{memory_limit_MB:g}"}
     store, origin = Store(out), {**provenance(), **kept_to, "confinement": confinement()}
     names = select(registry.names() if estimators is None else estimators)
-    selected = [(_lasting(choice), load_scenario(choice)) for choice in scenarios]
-    for name, count in Counter(scenario.id for _, scenario in selected).items():
-        if count > 1:
-            raise FdbenchError(f"scenario '{name}' is given {count} times.")
-    for _, scenario in selected:
-        _check_hyperparameters(scenario)
+    selected = _selected(scenarios)
     sources, plugins = sources_of(names), _plugins()
     construct_variants(names, sources, limits, plugins)
     kinds_of = made_for(sources, limits, plugins, store) if estimators is None else {}
     origin["nonce"] = check_nonce(nonce) if nonce else ""
     if sealed:
-        fixed = Seal(
-            estimators={
-                name: estimator_digest(sources[registered(name)], arguments(name))
-                for name in names
-                if name != oracle.NAME
-            },
-            scenarios={scenario.id: scenario.content_digest for _, scenario in selected},
-            code_digest=origin["code_digest"],
-            commit=origin["commit"],
-        )
-        origin["nonce"] = seal(store.folder, fixed).nonce
+        origin["nonce"] = _sealed(store, names, sources, selected, origin)
     plan = []
     for source, scenario in selected:
         is_of = {scenario.estimation.model, scenario.plant.name}
@@ -212,6 +189,48 @@ def run(
         others=len(others),
         stale=tuple(sorted(stale)),
     )
+
+
+def _check_numbers(seeds: int, jobs: int, first_seed: int, time_limit_s: float, memory_limit_MB: float) -> None:
+    for name, value, low, high in (
+        ("seeds", seeds, 1, MOST_SEEDS),
+        ("jobs", jobs, 1, MOST_JOBS),
+        ("first seed", first_seed, 0, LAST_SEED),
+        ("time limit in s", time_limit_s, LEAST_TIME_S, MOST_TIME_S),
+        ("memory limit in MB", memory_limit_MB, LEAST_MEMORY_MB, MOST_MEMORY_MB),
+    ):
+        if not low <= value <= high:
+            raise FdbenchError(f"{name} {value}: at least {low} and at most {high}.")
+
+
+def _selected(scenarios: Sequence[str | Path]) -> list[tuple[str, Scenario]]:
+    """Return each scenario beside what loads it again elsewhere."""
+    selected = [(_lasting(choice), load_scenario(choice)) for choice in scenarios]
+    for name, count in Counter(scenario.id for _, scenario in selected).items():
+        if count > 1:
+            raise FdbenchError(f"scenario '{name}' is given {count} times.")
+    for _, scenario in selected:
+        _check_hyperparameters(scenario)
+    return selected
+
+
+def _sealed(
+    store: Store,
+    names: Sequence[str],
+    sources: Mapping[str, list[Path]],
+    selected: Sequence[tuple[str, Scenario]],
+    origin: Mapping[str, str],
+) -> str:
+    """Write down the digests of all that is run, and return the nonce that is drawn after it."""
+    fixed = Seal(
+        estimators={
+            name: estimator_digest(sources[registered(name)], arguments(name)) for name in names if name != oracle.NAME
+        },
+        scenarios={scenario.id: scenario.content_digest for _, scenario in selected},
+        code_digest=origin["code_digest"],
+        commit=origin["commit"],
+    )
+    return seal(store.folder, fixed).nonce
 
 
 def _check_hyperparameters(scenario: Scenario) -> None:
