@@ -6,20 +6,18 @@ from typing import Any
 import numpy as np
 import pytest
 from fdbench_baselines._example import example_drive
-from fdbench_baselines.hybrid_regions import (
+from fdbench_baselines._regional_correction import (
     KEPT,
-    NARROWER,
     REGIONS,
-    HybridRegions,
     fill,
     follow,
     interval,
     learn,
     means,
     quadrant,
-    share,
     staked,
 )
+from fdbench_baselines.hybrid_regions import NARROWER, HybridRegions, share
 from fdbench_baselines.hybrid_rls import HybridRLS
 from fdbench_baselines.null import Null
 from fdbench_baselines.physics_model import PhysicsModel
