@@ -11,7 +11,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -24,8 +24,7 @@ from fdbench.diagnosis import diagnose as stages
 from fdbench.diagnosis.evidence import prepare as evidence
 from fdbench.diagnosis.judge import verdict as judges
 from fdbench.diagnosis.model.nominal import Nominal
-from fdbench.diagnosis.model.replay import Replay, Variant
-from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.diagnosis.model.replay import Replay, Replayed
 from fdbench.diagnosis.settings import STAGES, Setting, changed, settings
 from fdbench.effects import effects
 from fdbench.errors import FdbenchError
@@ -87,22 +86,31 @@ class CaseBench:
         def judged(*given: Any) -> judges.Verdict:
             raise Judged(judge(*given))
 
-        def simulate(replay: Replay, run: RecordedRun, variants: Sequence[Variant]) -> dict[str, FloatArray]:
-            own = (hashlib.sha256(run.reference.tobytes()).digest(), run.start, run.period_s, replay.substeps)
-            keys = [(*own, variant.plant, variant.extra) for variant in variants]
-            new = [place for place, key in enumerate(keys) if key not in self.known]
-            fresh = simulated(replay, run, [variants[place] for place in new]) if new else {}
-            rows = {keys[place]: {name: fresh[name][row] for name in fresh} for row, place in enumerate(new)}
+        def fill(replay: Replay, replayed: Sequence[Replayed]) -> None:
+            new = []
+            for item in replayed:
+                run, places = item.run, []
+                own = (hashlib.sha256(run.reference.tobytes()).digest(), run.start, run.period_s, replay.substeps)
+                for variant, place in zip(item.variants, item.places, strict=True):
+                    row = self.known.get((*own, variant.plant, variant.extra))
+                    if row is None:
+                        places.append((variant, place))
+                    else:
+                        for name, values in row.items():
+                            item.channels[name][place] = values
+                new.append((own, replace(item, variants=[v for v, _ in places], places=[p for _, p in places])))
+            filled(replay, [item for _, item in new])
             if into is not None:
-                self.known |= rows
-            rows |= {key: self.known[key] for key in keys if key in self.known}
-            return {name: np.stack([rows[key][name] for key in keys]) for name in run.channels}
+                for own, item in new:
+                    for variant, place in zip(item.variants, item.places, strict=True):
+                        row = {name: values[place].copy() for name, values in item.channels.items()}
+                        self.known[(*own, variant.plant, variant.extra)] = row
 
-        prepare, judge, simulated = evidence.aligned, judges.verdict, Replay.simulate
+        prepare, judge, filled = evidence.aligned, judges.verdict, Replay.fill
         with (
             patch.object(stages, "aligned", aligned),
             patch.object(stages, "verdict", judged),
-            patch.object(Replay, "simulate", simulate),
+            patch.object(Replay, "fill", fill),
         ):
             try:
                 stages.diagnose(*self.given)
