@@ -148,7 +148,7 @@ def write_models(found: Sequence[Claim], output: Path, source: str, further: Pro
 
 
 @dataclass(frozen=True, kw_only=True)
-class Learned:
+class Lessons:
     """The claims that were learned from, and what was said of each case that cannot be diagnosed."""
 
     claims: Sequence[Claim]
@@ -161,7 +161,7 @@ def learn(
     progress: Callable[[str], None] | None = None,
     further: ProbabilityModels | None = None,
     jobs: int = 1,
-) -> Learned:
+) -> Lessons:
     """Diagnose every case of trials to learn from, fit the probability models on their opened keys, and write them.
 
     A case that cannot be diagnosed claims nothing and is left out.
@@ -220,4 +220,4 @@ def learn(
         sources = [further.source, *(f"further {source}" for source in sources)]
     write_models(every, output, "; ".join(sources), further)
     kept.unlink()
-    return Learned(claims=every, left_out=left_out)
+    return Lessons(claims=every, left_out=left_out)
