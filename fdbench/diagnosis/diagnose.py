@@ -1,7 +1,8 @@
 """Diagnose: prepare records, re-calibrate, search, judge, propose an experiment; the answer of all that."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -69,8 +70,14 @@ class Diagnosis:
     features: Mapping[str, Mapping[str, Features]]
 
 
-# What diverges overflows, and is left out where evidence is gathered; on small matrices threads of BLAS only wait.
-@np.errstate(over="ignore", invalid="ignore")
+@contextmanager
+def _diagnosing(axis: str) -> Iterator[None]:
+    """Speak of an axis; what diverges may overflow, and threads of BLAS, which only wait on small matrices, are one."""
+    quietly = np.errstate(over="ignore", invalid="ignore")
+    with quietly, threadpool_limits(1, user_api="blas"), spoken_of(axis):
+        yield
+
+
 def diagnose(
     nominal: Nominal,
     records: Sequence[Record],
@@ -97,7 +104,7 @@ def diagnose(
     RecordError
         If there are no records, or one lacks what is needed; the message says what to do.
     """
-    with threadpool_limits(1, user_api="blas"), spoken_of(nominal.axis):
+    with _diagnosing(nominal.axis):
         return _diagnosed(nominal, records, holdouts, progress, models, baseline)
 
 
@@ -221,14 +228,12 @@ def _searched(
     return _Searched(ready=ready, given=given, calibrated=calibrated, findings=findings)
 
 
-# As in `diagnose`.
-@np.errstate(over="ignore", invalid="ignore")
 def judged(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record] = ()) -> Verdict:
     """Return the verdict alone, by the probability models of the package: nothing drawn, proposed or described.
 
     See `diagnose` for parameters and errors.
     """
-    with threadpool_limits(1, user_api="blas"), spoken_of(nominal.axis):
+    with _diagnosing(nominal.axis):
         return verdict(_searched(nominal, records, holdouts, None, None).findings, probability_models.models())
 
 

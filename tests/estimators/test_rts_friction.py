@@ -7,9 +7,10 @@ from fdbench_baselines._friction_motion import FEED, carried, filled, model_para
 from fdbench_baselines._motion_smoother import MOTION, Drift, ForcedMotion, passed, smoothed
 from fdbench_baselines.rts_friction import RtsFriction
 from fdbench_baselines.state_space_gp import StateSpaceGp
+from fdbench_baselines.ukf_lugre import UkfLugre
 
 from fdbench.errors import SpecError
-from fdbench.estimator import Estimate, FloatArray
+from fdbench.estimator import Estimate, Estimator, FloatArray
 from fdbench.record import Record
 from fdbench.scenario import load_scenario
 
@@ -136,13 +137,14 @@ def test_a_deviation_that_is_none_is_refused(deviation: float) -> None:
         RtsFriction(shape_deviation=deviation)
 
 
-def test_a_record_without_the_commanded_velocity_is_taken() -> None:
+@pytest.mark.parametrize("kind", [RtsFriction, UkfLugre])
+def test_a_record_without_the_commanded_velocity_is_taken(kind: type[Estimator]) -> None:
     """A shaker's wave does not follow the feed, which a measured record may lack."""
     scenario = load_scenario("LinearMotorAxis-v1")
     context, record = scenario.context(), scenario.record(11)
     assert context.disturbance_period_s is not None
     assert FEED in record
     bare = Record({name: record[name] for name in record.columns if name != FEED})
-    found = RtsFriction().fit(context, bare)
+    found = kind().fit(context, bare)
     assert found.disturbance_N is not None
     assert np.isfinite(found.disturbance_N).all()

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from disturbance_found import error_of
-from fdbench_baselines._friction_motion import FEED
 from fdbench_baselines._motion_smoother import Drift, ForcedMotion, passed
 from fdbench_baselines._unscented_drive import (
     BRISTLE,
@@ -22,8 +21,6 @@ from fdbench_baselines.ukf_lugre import UkfLugre
 
 from fdbench.effects.lugre_friction import LugreFriction
 from fdbench.errors import SpecError
-from fdbench.record import Record
-from fdbench.scenario import load_scenario
 
 
 def numbers(**changes: float) -> Numbers:
@@ -102,15 +99,3 @@ def test_harmonics_that_are_none_are_refused(harmonics: float) -> None:
 def test_a_deviation_that_is_none_is_refused(deviation: float) -> None:
     with pytest.raises(SpecError, match="ukf_lugre: stiffness_deviation"):
         UkfLugre(stiffness_deviation=deviation)
-
-
-def test_a_record_without_the_commanded_velocity_is_taken() -> None:
-    """A shaker's wave does not follow the feed, which a measured record may lack."""
-    scenario = load_scenario("LinearMotorAxis-v1")
-    context, record = scenario.context(), scenario.record(11)
-    assert context.disturbance_period_s is not None
-    assert FEED in record
-    bare = Record({name: record[name] for name in record.columns if name != FEED})
-    found = UkfLugre().fit(context, bare)
-    assert found.disturbance_N is not None
-    assert np.isfinite(found.disturbance_N).all()

@@ -13,13 +13,11 @@ import numpy as np
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
-from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.replay import PIECE, Replay
 from fdbench.diagnosis.records.noise_model import SMALLEST, NoiseModel, noise_models, spectrum_of
 from fdbench.diagnosis.records.runs import RecordedRun, deviations, repeated, same_command
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.record import FloatArray
-
-PIECE = 1024  # samples of a product that stays in the processor's cache
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

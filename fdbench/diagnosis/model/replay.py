@@ -23,7 +23,7 @@ from fdbench.simulate.compose import compose, core_effects
 Lanes = WeakKeyDictionary["Variant", dict[float, tuple[FloatArray, NDArray[np.bool_]]]]
 
 WIDTH = 8  # few effects in a block beat many lanes in it
-PIECE = 1024  # samples simulated at once, which stay in the processor's cache
+PIECE = 1024  # samples worked on at once, which stay in the processor's cache
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -186,11 +186,21 @@ def test_published_sheets_make_a_board() -> None:
 # ---- learning from a trial ----
 
 
-def test_learning_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder, key, output = tmp_path / "L", tmp_path / "key.json", tmp_path / "models.toml"
-    monkeypatch.setattr(tiers, "LIMITED_DATA", 1.0)
-    make(folder, key, Tier.L, 2, "feed" * 16)
-    asked = []
+@pytest.fixture(scope="module")
+def two_cases(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Return the folder of a trial to learn from, and its key."""
+    place = tmp_path_factory.mktemp("trial")
+    folder, key = place / "L", place / "key.json"
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(tiers, "LIMITED_DATA", 1.0)
+        make(folder, key, Tier.L, 2, "feed" * 16)
+    return folder, key
+
+
+def test_learning_goes_on_where_it_stopped(
+    two_cases: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output, asked = tmp_path / "models.toml", []
 
     def diagnosed(nominal: Nominal, records: object, holdouts: object) -> SimpleNamespace:
         asked.append(nominal)
@@ -201,18 +211,17 @@ def test_learning_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr(learn, "diagnose", diagnosed)
     with pytest.raises(KeyboardInterrupt):
-        learn.learn([(folder, key)], output)
+        learn.learn([two_cases], output)
     assert not output.exists()
     with pytest.raises(SpecError, match="claims of kind 'effect' that are right and wrong"):
-        learn.learn([(folder, key)], output)
+        learn.learn([two_cases], output)
     assert len(asked) == 3  # the first case is not diagnosed again
 
 
-def test_a_case_that_cannot_be_diagnosed_is_left_out_and_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder, key, output = tmp_path / "L", tmp_path / "key.json", tmp_path / "models.toml"
-    monkeypatch.setattr(tiers, "LIMITED_DATA", 1.0)
-    make(folder, key, Tier.L, 2, "feed" * 16)
-    asked = []
+def test_a_case_that_cannot_be_diagnosed_is_left_out_and_named(
+    two_cases: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output, asked = tmp_path / "models.toml", []
 
     def diagnosed(nominal: Nominal, records: object, holdouts: object) -> SimpleNamespace:
         asked.append(nominal)
@@ -228,10 +237,10 @@ def test_a_case_that_cannot_be_diagnosed_is_left_out_and_named(tmp_path: Path, m
 
     monkeypatch.setattr(learn, "diagnose", diagnosed)
     monkeypatch.setattr(learn, "claims", claimed)
-    found = learn.learn([(folder, key)], output)
+    found = learn.learn([two_cases], output)
     assert len(found.claims) == 2 * len(learn.KINDS)
     (words,) = found.left_out
-    assert words.startswith(str(folder))
+    assert words.startswith(str(two_cases[0]))
     assert "leaves its limits" in words
     assert output.exists()
 
