@@ -1,21 +1,18 @@
 """Evidence: responses of variants beside the gap, summed over segments; every fit is made on these sums."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.diagnosis.evidence.segment_products import segment_counts, segment_length, segment_products
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
-from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.record import FloatArray
-
-HUGE = 1e30  # reading of a simulation that diverges, while its square is still a number
-DIVERGED = 1e6  # gap, in units of the floor, of a simulation that diverges
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,15 +83,6 @@ class Evidence:
         return np.asarray((sums / np.bincount(place, self.counts)[:, None]).max(axis=0))
 
 
-def silenced(signals: Mapping[str, FloatArray]) -> NDArray[np.bool_]:
-    """Set to zero, in place and in all channels, what diverges of gaps and changes; return which rows these are."""
-    squares = [np.einsum("ij,ij->i", values, values) for values in signals.values()]
-    lost = np.asarray(~np.logical_and.reduce([own < HUGE**2 for own in squares]))
-    for values in signals.values():
-        values[lost] = 0.0
-    return lost
-
-
 def gather(
     readings: Readings,
     split: Split,
@@ -125,43 +113,32 @@ def gather(
     origins = list({id(item): item for item in about if item is not base}.values())
     place_of = {id(base): 0} | {id(item): place for place, item in enumerate(origins, 1 + len(variants))}
     counted_from = [place_of[id(item)] for item in about or [base] * len(variants)]
-    n_lanes = 1 + len(variants)
     lanes = [base, *variants, *origins]
-    products, gaps, counts, outs, groups, owners, channels, known = [], [], [], [], [], [], [], []
+    products, counts, outs, groups, owners, channels, known = [], [], [], [], [], [], []
     offset = 0
     numbers = range(len(split.runs)) if places is None else places
     for number, simulated in zip(numbers, readings.each(numbers, lanes, [base, *keep], lent=True), strict=True):
         run, out = split.runs[number], split.held_out[number]
-        length = segment_length(run)
-        n_segments = -(-run.n_samples // length)
-        count = np.full(n_segments, float(length))
-        count[-1] -= n_segments * length - run.n_samples
-        for name, measured in run.channels.items():
-            own = simulated[name]
-            for place, origin in enumerate(counted_from, 1):
-                own[place] -= own[origin]
-            own[0] = measured - own[0]
-            simulated[name] = own[:n_lanes]
-        lost = silenced(simulated)
-        split.scale(number, simulated)
-        if lost[0]:
-            for values in simulated.values():
-                values[0] = DIVERGED
-        for place, (name, found) in enumerate(simulated.items()):
-            products.append(_by_segment(found, length))
-            gaps.append(products[-1][:, 0, 0].copy())
+        count = segment_counts(run)
+        starts = np.arange(len(count)) * segment_length(run)
+        for place, (name, own) in enumerate(
+            zip(run.channels, segment_products(split, number, simulated, counted_from), strict=True)
+        ):
+            products.append(own)
             counts.append(count)
-            outs.append(out[np.arange(n_segments) * length])
-            groups.append(offset + np.arange(n_segments))
-            owners.append(np.full(n_segments, number))
-            channels.append(np.full(n_segments, place))
+            outs.append(out[starts])
+            groups.append(offset + np.arange(len(count)))
+            owners.append(np.full(len(count), number))
+            channels.append(np.full(len(count), place))
             known.append(split.explained[number][name] if split.explained else count)
-        offset += n_segments
-    gap, count = np.concatenate(gaps), np.concatenate(counts)
+        offset += len(count)
+    summed = np.concatenate(products)
+    gap, count = summed[:, 0, 0].copy(), np.concatenate(counts)
     excess, explained = (np.maximum(item / count - 1.0, 0.0) for item in (gap, np.concatenate(known)))
     weight = 1.0 / (1.0 + EVIDENCE.model_error * excess + EVIDENCE.explained_error * explained)
+    summed *= weight[:, None, None]
     return Evidence(
-        products=np.concatenate(products) * weight[:, None, None],
+        products=summed,
         gaps=gap,
         counts=count,
         weights=weight,
@@ -170,20 +147,6 @@ def gather(
         run=np.concatenate(owners),
         channel=np.concatenate(channels),
     )
-
-
-def _by_segment(signals: FloatArray, length: int) -> FloatArray:
-    """Return the products of signals (n_signals, n_samples), summed over segments; the last one may be shorter."""
-    whole = signals.shape[1] // length
-    pieces = signals[:, : whole * length].reshape(len(signals), whole, length).transpose(1, 0, 2)
-    rest = signals[:, whole * length :]
-    sums = pieces @ pieces.transpose(0, 2, 1)
-    return np.concatenate((sums, (rest @ rest.T)[None])) if rest.shape[1] else sums
-
-
-def segment_length(run: RecordedRun) -> int:
-    """Return the samples of a segment."""
-    return max(8, round(EVIDENCE.segment_s / run.period_s))
 
 
 def fitted_part(readings: Readings, split: Split) -> tuple[Readings, Split]:

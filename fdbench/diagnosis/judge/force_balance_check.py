@@ -4,13 +4,15 @@ Simulated signatures pass through the nominal controller. The force balances on 
 hold for whatever controller: they tell a cause from what a wrong loop makes of it.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
-from fdbench.diagnosis.evidence.evidence import silenced
 from fdbench.diagnosis.evidence.least_squares import distance, solved
+from fdbench.diagnosis.evidence.segment_products import HUGE
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.judge.localise import PHASES, phase_of
 from fdbench.diagnosis.model.readings import Readings
@@ -21,6 +23,15 @@ from fdbench.effects import Effect
 from fdbench.record import FloatArray
 
 MOVING = PHASES.index("acceleration")  # first of the phases in which the friction that holds an axis plays no part
+
+
+def silenced(signals: Mapping[str, FloatArray]) -> NDArray[np.bool_]:
+    """Set to zero, in place and in all channels, what diverges of gaps and changes; return which rows these are."""
+    squares = [np.einsum("ij,ij->i", values, values) for values in signals.values()]
+    lost = np.asarray(~np.logical_and.reduce([own < HUGE**2 for own in squares]))
+    for values in signals.values():
+        values[lost] = 0.0
+    return lost
 
 
 def force_balances_removed(readings: Readings, split: Split, contest: Stage) -> dict[type[Effect], float]:

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from axis_lab import case, drive
 
-from fdbench.diagnosis.evidence.evidence import silenced
 from fdbench.diagnosis.evidence.prepare import aligned
-from fdbench.diagnosis.judge.force_balance_check import force_balances_removed, smoothed
+from fdbench.diagnosis.judge.force_balance_check import force_balances_removed, silenced, smoothed
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.search.refinement import Refinement
 from fdbench.diagnosis.search.search import Search
