@@ -158,6 +158,14 @@ class EvidenceSettings:
     grid_exact: float = number(1e-6, "of a step by which a reading on the grid may move when it is rounded again")
     on_grid: float = number(0.4, "distance from the grid, relative to that of numbers that know nothing of it")
     grid_slope: float = number(20.0, "of the logistic that makes a probability of that distance")
+    wave_fewest: float = number(200.0, "waves over the travel that an error of interpolation has")
+    wave_most: float = number(131072.0, "waves over the travel that are looked for")
+    wave_of_turn: float = number(50.0, "such waves in a turn of the motor; longer ones may be true motion")
+    wave_spread: float = number(0.2, "between halves of the runs, relative to the wave, within which it is there")
+    usual_wave: float = number(
+        0.3, "mean square of such a wave, in units of the noise, that is as often a cause as none"
+    )
+    wave_slope: float = number(3.0, "power of the mean square that the odds of a cause grow with")
     rounds: int = number(3, "in which changes from run to run and noise are separated")
     assumed_change: float = number(0.02, "of friction from run to run, relative, where no repeats tell it")
     smallest_change: float = number(0.1, "standard deviation over a whole run, in units of its noise, of a direction")

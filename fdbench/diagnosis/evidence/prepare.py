@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fdbench.diagnosis.evidence.baseline import Baseline
+from fdbench.diagnosis.evidence.interpolation_artefact import interpolation_artefact, with_probability
 from fdbench.diagnosis.evidence.run_to_run import Repeatability
 from fdbench.diagnosis.evidence.sensor_artefacts import (
     Artefact,
@@ -27,6 +28,7 @@ from fdbench.diagnosis.records.plausibility import check_alignment, check_record
 from fdbench.diagnosis.records.runs import RecordedRun, merged, prepare, same_command
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.errors import RecordError
+from fdbench.plants.feed_drive import Following
 from fdbench.record import Record
 from fdbench.statistics import rms
 
@@ -93,7 +95,13 @@ def aligned(
     longest = max(run.n_samples * run.period_s for run in raw_runs)
     force = max(rms(run.channels["motor_force_N"]) for run in raw_runs)
     period = raw_runs[0].period_s
-    nominal = nominal.beside(Covered(fastest_m_per_s=fastest, longest_s=longest, force_N=force, period_s=period))
+    covered = Covered(fastest_m_per_s=fastest, longest_s=longest, force_N=force, period_s=period)
+    nominal = nominal.beside(covered)
+    # A model that follows the measured motion follows its errors, too.
+    follows = isinstance(drive.controller, Following)
+    wave = None if follows else interpolation_artefact([run.as_read() for run in raw_runs], nominal)
+    if wave is not None:
+        nominal = nominal.beside(dataclasses.replace(covered, seen=(wave.kind.name,)))
     drive = nominal.drive
     replay, given = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
     warnings += limits_of_forces([run.as_read() for run in raw_runs], drive)
@@ -136,6 +144,10 @@ def aligned(
     if grid is not None and mean_energy(grid, split.noise_models) > EVIDENCE.smallest_artefact:
         split = dataclasses.replace(split, noise_models=raised(split.noise_models, grid.energy))
         artefacts.append(grid)
+    if wave is not None:
+        wave = with_probability(wave, mean_energy(wave, split.noise_models))
+        split = dataclasses.replace(split, noise_models=raised(split.noise_models, wave.energy))
+        artefacts.append(wave)
     return Aligned(
         nominal=nominal,
         runs=runs,

@@ -105,7 +105,7 @@ def grid_artefact(runs: Sequence[RecordedRun], replay: Replay, length: float) ->
     best: tuple[float, Effect] | None = None
     for kind in replay.library:
         if kind.port in (Port.MOTOR_ENCODER, Port.TABLE_SCALE) and not kind.states:
-            readings = list(_readings(runs, replay.drive, kind.port))
+            readings = list(readings_of(runs, replay.drive, kind.port))
             if not readings:
                 continue
             differences = np.concatenate([np.abs(np.diff(values)) for values in readings])
@@ -122,11 +122,12 @@ def grid_artefact(runs: Sequence[RecordedRun], replay: Replay, length: float) ->
         value=value,
         low=value / EVIDENCE.grid_ratio,
         high=value * EVIDENCE.grid_ratio,
-        energy=_energy(runs, replay, effect),
+        energy=energy_of(runs, replay, effect),
     )
 
 
-def _readings(runs: Sequence[RecordedRun], drive: FeedDrive, port: Port) -> Iterator[FloatArray]:
+def readings_of(runs: Sequence[RecordedRun], drive: FeedDrive, port: Port) -> Iterator[FloatArray]:
+    """Yield what an encoder read in each run, (n_samples,), where it was recorded."""
     own = drive.controller.uses_table == (port is Port.TABLE_SCALE)
     for run in runs:
         if own:
@@ -187,7 +188,8 @@ def _median(values: FloatArray) -> float:
     return float(np.median(np.abs(values)))
 
 
-def _energy(runs: Sequence[RecordedRun], replay: Replay, effect: Effect) -> dict[str, float]:
+def energy_of(runs: Sequence[RecordedRun], replay: Replay, effect: Effect) -> dict[str, float]:
+    """Return the mean square that an effect brings into each channel of runs, in the channel's unit squared."""
     sums = dict.fromkeys(runs[0].channels, 0.0)
     for run in runs:
         pair = [Variant(plant=replay.drive), Variant(plant=replay.drive, extra=(effect,))]

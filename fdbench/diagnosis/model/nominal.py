@@ -64,12 +64,16 @@ class Uncertainty:
 
 @dataclass(frozen=True, kw_only=True)
 class Covered:
-    """What records cover: fastest speed, longest time, greatest mean force, sampling time; 0 where not known yet."""
+    """What records cover: fastest speed, longest time, greatest mean force, sampling time; 0 where not known yet.
+
+    ``seen`` names effects that readings show by themselves, which are not searched for.
+    """
 
     fastest_m_per_s: float = nonnegative(default=0.0)
     longest_s: float = nonnegative(default=0.0)
     force_N: float = nonnegative(default=0.0)
     period_s: float = nonnegative(default=0.0)
+    seen: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,11 +124,11 @@ class Nominal:
 
     @cached_property
     def library(self) -> tuple[type[Effect], ...]:
-        """Every registered effect that can be simulated: nothing random, no process force of unknown course.
+        """Every registered effect to search for: it can be simulated, is not random, and no force of unknown course.
 
         Of effects that give the same signal there is one.
         """
-        names = [name for name in effects.names() if name not in self.exclude]
+        names = [name for name in effects.names() if name not in (*self.exclude, *self.covered.seen)]
         known = [effects.get(name) for name in names if effects.get(name).same_signal_as not in names]
         searched = [kind for kind in known if not kind.random and (not kind.disturbance or _is_located(kind))]
         return tuple(at_scale(kind, self.scale) for kind in searched)

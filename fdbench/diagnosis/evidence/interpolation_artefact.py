@@ -1,0 +1,165 @@
+"""Interpolation errors of an encoder, which readings show by themselves: a wave over the reading, far below a turn.
+
+A model would have to know the true position to a part of the encoder's signal period, a few micrometres, to follow such
+an error sample by sample. The readings know it: between neighbouring samples no axis moves as its encoder errs.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len
+
+from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, energy_of, readings_of
+from fdbench.diagnosis.model.candidates import phase_of
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.diagnosis.settings import EVIDENCE, JUDGE
+from fdbench.effects import Effect, Parameter, Port
+from fdbench.record import FloatArray
+
+BENDS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0  # of a cubic nothing is left, of what is random about all
+SUDDEN = 6.0  # times the median bend
+ROUNDS = 3  # the wave is one over the true position, which readings less the wave are
+PARTS = 40  # of a run, that belong in turn to either of two halves
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Wave:
+    """Error a cos(2 pi y / p) + b sin(2 pi y / p) over the reading y, as a - ib, and how far two halves differ."""
+
+    period_m: float
+    error: complex
+    spread: float
+
+
+def interpolation_artefact(runs: Sequence[RecordedRun], nominal: Nominal) -> Artefact | None:
+    r"""Return the effect of an encoder that errs by a wave over its reading, or None.
+
+    With the readings :math:`y_k` and their bend :math:`d_k`, a fourth difference, the period is where
+
+    .. math:: P(\kappa) = \sum_{\text{runs}} \left|\sum_k d_k e^{-i \kappa y_k}\right|^2 / \sum_k d_k^2
+
+    is largest; samples may be further apart than the wave is long. The wave is fitted to two halves of each run, parts
+    of it in turn, and is there where both agree.
+
+    Parameters
+    ----------
+    runs : sequence of RecordedRun
+        As read.
+    nominal : Nominal
+        Waves longer than a part of a turn of its motor may be true motion.
+    """
+    best: tuple[float, Effect, _Wave] | None = None
+    for kind in nominal.library:
+        found = _wave_of(kind)
+        if found is None:
+            continue
+        readings = [
+            values for values in readings_of(runs, nominal.drive, kind.port) if len(values) > len(BENDS) * PARTS
+        ]
+        wave = _strongest(readings, nominal.turn_m, found)
+        if wave is None or wave.spread > EVIDENCE.wave_spread or (best is not None and best[0] <= wave.spread):
+            continue
+        size, angle = abs(wave.error), math.atan2(wave.error.real, -wave.error.imag)
+        shape = {found.name: wave.period_m, str(phase_of(kind)): angle}
+        bounds = next(item for item in kind.parameters() if item.name == kind.amplitude)
+        effect = kind.typical(**shape).changed(**{kind.amplitude: min(max(size, bounds.low), bounds.high)})
+        best = wave.spread, effect, wave
+    if best is None:
+        return None
+    spread, effect, wave = best
+    size = abs(wave.error)
+    replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
+    beyond = (size / float(getattr(effect, effect.amplitude))) ** 2  # a scaled bound is no bound of the readings
+    return Artefact(
+        kind=type(effect),
+        probability=JUDGE.named,
+        value=size,
+        low=size * (1.0 - spread),
+        high=size * (1.0 + spread),
+        energy={name: beyond * own for name, own in energy_of(runs, replay, effect).items()},
+    )
+
+
+def with_probability(artefact: Artefact, mean_energy: float) -> Artefact:
+    """Return an artefact as probably the cause as it is larger than what every encoder has."""
+    odds = (mean_energy / EVIDENCE.usual_wave) ** EVIDENCE.wave_slope
+    return dataclasses.replace(artefact, probability=odds / (1.0 + odds))
+
+
+def _wave_of(kind: type[Effect]) -> Parameter | None:
+    """Return the parameter of an encoder's effect that is the length of a wave over its reading, if it has one."""
+    if kind.port not in (Port.MOTOR_ENCODER, Port.TABLE_SCALE) or kind.states or phase_of(kind) is None:
+        return None
+    lengths = [item for item in kind.parameters() if item.unit == "m" and item.name != kind.amplitude]
+    return lengths[0] if len(lengths) == 1 else None
+
+
+def _strongest(readings: Sequence[FloatArray], turn_m: float | None, bounds: Parameter) -> _Wave | None:
+    """Return the wave with most power over some readings; None where none is possible."""
+    if not readings:
+        return None
+    lowest = min(float(values.min()) for values in readings)
+    travel = max(float(values.max()) for values in readings) - lowest
+    if travel <= 0.0:
+        return None
+    longest = min(
+        travel / EVIDENCE.wave_fewest, bounds.high, math.inf if turn_m is None else turn_m / EVIDENCE.wave_of_turn
+    )
+    shortest = max(travel / EVIDENCE.wave_most, bounds.low)
+    if longest <= shortest:
+        return None
+    n_bins = math.ceil(4.0 * travel / shortest)
+    n_padded = next_fast_len(2 * n_bins, real=True)
+    bends = [np.convolve(values, BENDS, "valid") for values in readings]
+    power = np.zeros(n_padded // 2 + 1)
+    for values, bend in zip(readings, bends, strict=True):
+        steady = np.where(_is_sudden(bend), 0.0, bend)
+        place = np.minimum(((values[2:-2] - lowest) * (n_bins / travel)).astype(np.intp), n_bins - 1)
+        sums = np.bincount(place, steady, minlength=n_bins)
+        power += np.abs(np.fft.rfft(sums, n_padded)) ** 2 / max(float(steady @ steady), 1e-300)
+    wavenumber = np.arange(len(power)) * (n_bins / travel / n_padded)
+    power[(wavenumber < 1.0 / longest) | (wavenumber > 1.0 / shortest)] = 0.0
+    peak = int(np.argmax(power))
+    if power[peak] <= 0.0:
+        return None
+    around = wavenumber[peak] + np.linspace(-1.0, 1.0, 9) * wavenumber[1]
+    return max((_fitted(readings, bends, 1.0 / float(k)) for k in around), key=lambda wave: abs(wave.error))
+
+
+def _is_sudden(bend: FloatArray) -> NDArray[np.bool_]:
+    """Return where the motion itself bends, as at the steps of a command."""
+    size = np.abs(bend)
+    return np.asarray(size > SUDDEN * np.median(size))
+
+
+def _error(wave: complex, position: FloatArray, period_m: float) -> FloatArray:
+    """Return the error at positions."""
+    angle = 2.0 * math.pi / period_m * position
+    return np.asarray(wave.real * np.cos(angle) - wave.imag * np.sin(angle))
+
+
+def _fitted(readings: Sequence[FloatArray], bends: Sequence[FloatArray], period_m: float) -> _Wave:
+    """Return the wave of a period, fitted to the bends of readings; its phase may differ from run to run."""
+    errors, between = [], []
+    for values, bend in zip(readings, bends, strict=True):
+        first, steady = np.arange(len(bend)) * PARTS // len(bend) % 2 == 0, ~_is_sudden(bend)
+        halves = [0j, 0j]
+        for _ in range(ROUNDS):
+            true = values - _error(0.5 * (halves[0] + halves[1]), values, period_m)
+            angle = 2.0 * math.pi / period_m * true
+            columns = np.stack([np.convolve(own, BENDS, "valid") for own in (np.cos(angle), np.sin(angle))])
+            for place, half in enumerate((first & steady, ~first & steady)):
+                part = columns[:, half]
+                found = np.linalg.lstsq(part @ part.T, part @ bend[half], rcond=None)[0]
+                halves[place] = complex(found[0], -found[1])
+        errors.append(0.5 * (halves[0] + halves[1]))
+        between.append(abs(0.5 * (halves[0] - halves[1])))
+    size = math.sqrt(float(np.mean(np.abs(errors) ** 2)))
+    spread = math.sqrt(float(np.mean(np.square(between)))) / max(size, 1e-300)
+    return _Wave(period_m=period_m, error=size * errors[0] / max(abs(errors[0]), 1e-300), spread=spread)
