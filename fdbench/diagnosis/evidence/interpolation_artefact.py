@@ -128,8 +128,12 @@ def _strongest(readings: Sequence[FloatArray], turn_m: float | None, bounds: Par
     peak = int(np.argmax(power))
     if power[peak] <= 0.0:
         return None
-    around = wavenumber[peak] + np.linspace(-1.0, 1.0, 9) * wavenumber[1]
-    return max((_fitted(readings, bends, 1.0 / float(k)) for k in around), key=lambda wave: abs(wave.error))
+    middle, wave = float(wavenumber[peak]), None
+    for step in (0.5, 0.125):
+        tried = [_fitted(readings, bends, 1.0 / (middle + n * step * float(wavenumber[1]))) for n in range(-2, 3)]
+        wave = max(tried, key=lambda own: abs(own.error))
+        middle = 1.0 / wave.period_m
+    return wave
 
 
 def _is_sudden(bend: FloatArray) -> NDArray[np.bool_]:
@@ -149,9 +153,9 @@ def _fitted(readings: Sequence[FloatArray], bends: Sequence[FloatArray], period_
     errors, between = [], []
     for values, bend in zip(readings, bends, strict=True):
         first, steady = np.arange(len(bend)) * PARTS // len(bend) % 2 == 0, ~_is_sudden(bend)
-        halves = [0j, 0j]
+        halves, true = [0j, 0j], values
         for _ in range(ROUNDS):
-            true = values - _error(0.5 * (halves[0] + halves[1]), values, period_m)
+            true = values - _error(0.5 * (halves[0] + halves[1]), true, period_m)
             angle = 2.0 * math.pi / period_m * true
             columns = np.stack([np.convolve(own, BENDS, "valid") for own in (np.cos(angle), np.sin(angle))])
             for place, half in enumerate((first & steady, ~first & steady)):
