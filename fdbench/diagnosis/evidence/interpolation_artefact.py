@@ -4,9 +4,8 @@ A model would have to know the true position to a part of the encoder's signal p
 an error sample by sample. The readings know it: between neighbouring samples no axis moves as its encoder errs.
 """
 
-import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,13 +16,14 @@ from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, energy_of, rea
 from fdbench.diagnosis.model.candidates import phase_of
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import RecordedRun
-from fdbench.diagnosis.settings import EVIDENCE, JUDGE
+from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.effects import Effect, Parameter, Port
 from fdbench.record import FloatArray
 
 BENDS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0  # of a cubic nothing is left, of what is random about all
-SUDDEN = 6.0  # times the median bend
+SUDDEN = 3.0  # times what 95 % of the bends are below
 ROUNDS = 3  # the wave is one over the true position, which readings less the wave are
 PARTS = 40  # of a run, that belong in turn to either of two halves
 
@@ -37,8 +37,18 @@ class _Wave:
     spread: float
 
 
-def interpolation_artefact(runs: Sequence[RecordedRun], nominal: Nominal) -> Artefact | None:
-    r"""Return the effect of an encoder that errs by a wave over its reading, or None.
+@dataclass(frozen=True, kw_only=True)
+class InterpolationError:
+    """Error that an encoder makes, as an effect; its size (m), which may be beyond the effect's bounds, and bounds."""
+
+    effect: Effect
+    size_m: float
+    low_m: float
+    high_m: float
+
+
+def interpolation_error(runs: Sequence[RecordedRun], nominal: Nominal) -> InterpolationError | None:
+    r"""Return the error that an encoder makes by a wave over its reading, or None.
 
     With the readings :math:`y_k` and their bend :math:`d_k`, a fourth difference, the period is where
 
@@ -54,42 +64,53 @@ def interpolation_artefact(runs: Sequence[RecordedRun], nominal: Nominal) -> Art
     nominal : Nominal
         Waves longer than a part of a turn of its motor may be true motion.
     """
-    best: tuple[float, Effect, _Wave] | None = None
+    found: list[tuple[float, InterpolationError]] = []
     for kind in nominal.library:
-        found = _wave_of(kind)
-        if found is None:
+        length = _wave_of(kind)
+        if length is None:
             continue
         readings = [
             values for values in readings_of(runs, nominal.drive, kind.port) if len(values) > len(BENDS) * PARTS
         ]
-        wave = _strongest(readings, nominal.turn_m, found)
-        if wave is None or wave.spread > EVIDENCE.wave_spread or (best is not None and best[0] <= wave.spread):
+        wave = _strongest(readings, nominal.turn_m, length)
+        if wave is None or wave.spread > EVIDENCE.wave_spread:
             continue
-        size, angle = abs(wave.error), math.atan2(wave.error.real, -wave.error.imag)
-        shape = {found.name: wave.period_m, str(phase_of(kind)): angle}
+        size = abs(wave.error)
+        shape = {length.name: wave.period_m, str(phase_of(kind)): math.atan2(wave.error.real, -wave.error.imag)}
         bounds = next(item for item in kind.parameters() if item.name == kind.amplitude)
         effect = kind.typical(**shape).changed(**{kind.amplitude: min(max(size, bounds.low), bounds.high)})
-        best = wave.spread, effect, wave
-    if best is None:
-        return None
-    spread, effect, wave = best
-    size = abs(wave.error)
-    replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
-    beyond = (size / float(getattr(effect, effect.amplitude))) ** 2  # a scaled bound is no bound of the readings
+        low, high = size * (1.0 - wave.spread), size * (1.0 + wave.spread)
+        found.append((wave.spread, InterpolationError(effect=effect, size_m=size, low_m=low, high_m=high)))
+    return min(found, key=lambda item: item[0])[1] if found else None
+
+
+def interpolation_artefact(
+    error: InterpolationError, runs: Sequence[RecordedRun], replay: Replay, noise_models: Mapping[str, NoiseModel]
+) -> Artefact:
+    """Return the artefact, as probably a cause as it is larger than what every encoder has, in the run where it is so.
+
+    Parameters
+    ----------
+    error : InterpolationError
+    runs : sequence of RecordedRun
+    replay : Replay
+    noise_models : mapping of str to NoiseModel
+        Of each channel.
+    """
+    # A scaled bound of the effect is no bound of the readings.
+    beyond = (error.size_m / float(getattr(error.effect, error.effect.amplitude))) ** 2
+    of_runs = [{name: beyond * own for name, own in energy_of([run], replay, error.effect).items()} for run in runs]
+    samples = [run.n_samples for run in runs]
+    largest = max(np.mean([own[name] / floor.rms**2 for name, floor in noise_models.items()]) for own in of_runs)
+    odds = (float(largest) / EVIDENCE.usual_wave) ** EVIDENCE.wave_slope
     return Artefact(
-        kind=type(effect),
-        probability=JUDGE.named,
-        value=size,
-        low=size * (1.0 - spread),
-        high=size * (1.0 + spread),
-        energy={name: beyond * own for name, own in energy_of(runs, replay, effect).items()},
+        kind=type(error.effect),
+        probability=odds / (1.0 + odds),
+        value=error.size_m,
+        low=error.low_m,
+        high=error.high_m,
+        energy={name: float(np.average([own[name] for own in of_runs], weights=samples)) for name in noise_models},
     )
-
-
-def with_probability(artefact: Artefact, mean_energy: float) -> Artefact:
-    """Return an artefact as probably the cause as it is larger than what every encoder has."""
-    odds = (mean_energy / EVIDENCE.usual_wave) ** EVIDENCE.wave_slope
-    return dataclasses.replace(artefact, probability=odds / (1.0 + odds))
 
 
 def _wave_of(kind: type[Effect]) -> Parameter | None:
@@ -139,7 +160,7 @@ def _strongest(readings: Sequence[FloatArray], turn_m: float | None, bounds: Par
 def _is_sudden(bend: FloatArray) -> NDArray[np.bool_]:
     """Return where the motion itself bends, as at the steps of a command."""
     size = np.abs(bend)
-    return np.asarray(size > SUDDEN * np.median(size))
+    return np.asarray(size > SUDDEN * np.quantile(size, 0.95))
 
 
 def _error(wave: complex, position: FloatArray, period_m: float) -> FloatArray:

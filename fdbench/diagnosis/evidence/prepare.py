@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fdbench.diagnosis.evidence.baseline import Baseline
-from fdbench.diagnosis.evidence.interpolation_artefact import interpolation_artefact, with_probability
+from fdbench.diagnosis.evidence.interpolation_artefact import interpolation_artefact, interpolation_error
 from fdbench.diagnosis.evidence.run_to_run import Repeatability
 from fdbench.diagnosis.evidence.sensor_artefacts import (
     Artefact,
@@ -99,9 +99,9 @@ def aligned(
     nominal = nominal.beside(covered)
     # A model that follows the measured motion follows its errors, too.
     follows = isinstance(drive.controller, Following)
-    wave = None if follows else interpolation_artefact([run.as_read() for run in raw_runs], nominal)
-    if wave is not None:
-        nominal = nominal.beside(dataclasses.replace(covered, seen=(wave.kind.name,)))
+    error = None if follows else interpolation_error([run.as_read() for run in raw_runs], nominal)
+    if error is not None:
+        nominal = nominal.beside(dataclasses.replace(covered, seen=(error.effect.name,)))
     drive = nominal.drive
     replay, given = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
     warnings += limits_of_forces([run.as_read() for run in raw_runs], drive)
@@ -144,8 +144,8 @@ def aligned(
     if grid is not None and mean_energy(grid, split.noise_models) > EVIDENCE.smallest_artefact:
         split = dataclasses.replace(split, noise_models=raised(split.noise_models, grid.energy))
         artefacts.append(grid)
-    if wave is not None:
-        wave = with_probability(wave, mean_energy(wave, split.noise_models))
+    if error is not None:
+        wave = interpolation_artefact(error, [run.as_read() for run in runs], replay, split.noise_models)
         split = dataclasses.replace(split, noise_models=raised(split.noise_models, wave.energy))
         artefacts.append(wave)
     return Aligned(

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from axis_lab import drive
 
-from fdbench.diagnosis.evidence.interpolation_artefact import interpolation_artefact, with_probability
+from fdbench.diagnosis.evidence.interpolation_artefact import interpolation_artefact, interpolation_error
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import RecordedRun
-from fdbench.effects import effects
 
 PERIOD_S, N, NOISE_M = 1e-3, 6000, 5e-8
 TIME_S = np.arange(N) * PERIOD_S
@@ -26,34 +27,44 @@ def run_of(error_m: float, wave_m: float = WAVE_M, seed: int = 0) -> RecordedRun
 
 
 @pytest.mark.parametrize("error_m", [2e-8, 1e-7, 1e-6])
-def test_a_wave_is_found_with_its_size_period_and_energy(error_m: float) -> None:
-    found = interpolation_artefact([run_of(error_m, seed=seed) for seed in range(3)], NOMINAL)
+def test_a_wave_is_found_with_its_size_and_period(error_m: float) -> None:
+    found = interpolation_error([run_of(error_m, seed=seed) for seed in range(3)], NOMINAL)
     assert found is not None
-    assert found.kind.declared is effects.get("encoder_interpolation_error")
-    assert found.value == pytest.approx(error_m, rel=0.1)
-    assert found.low < error_m < found.high
-    assert found.energy["position_m"] == pytest.approx(0.5 * error_m**2, rel=0.3)
+    assert found.effect.name == "encoder_interpolation_error"
+    assert found.size_m == pytest.approx(error_m, rel=0.05)
+    assert found.low_m < error_m < found.high_m
+    assert found.effect.values()[1] == pytest.approx(WAVE_M, rel=1e-4)
 
 
 def test_noise_is_no_wave() -> None:
-    assert interpolation_artefact([run_of(0.0, seed=seed) for seed in range(3)], NOMINAL) is None
+    assert interpolation_error([run_of(0.0, seed=seed) for seed in range(3)], NOMINAL) is None
 
 
 def test_a_wave_as_long_as_a_ripple_of_the_motor_is_none_of_the_encoder() -> None:
     assert NOMINAL.turn_m is not None
-    assert interpolation_artefact([run_of(1e-7, NOMINAL.turn_m / 24.0)], NOMINAL) is None
+    assert interpolation_error([run_of(1e-7, NOMINAL.turn_m / 24.0)], NOMINAL) is None
 
 
 def test_steps_of_the_motion_are_no_wave() -> None:
     run = run_of(0.0)
     run.channels["position_m"][500::500] += 1e-4
-    assert interpolation_artefact([run], NOMINAL) is None
+    assert interpolation_error([run], NOMINAL) is None
 
 
 def test_the_larger_the_wave_beside_the_noise_the_more_probable_the_cause() -> None:
-    found = interpolation_artefact([run_of(1e-7)], NOMINAL)
-    assert found is not None
-    chances = [with_probability(found, size).probability for size in (0.01, 0.3, 3.0)]
-    assert chances[0] < 0.01
-    assert chances[1] == pytest.approx(0.5)
-    assert chances[2] > 0.99
+    run = run_of(1e-7)
+    error = interpolation_error([run], NOMINAL)
+    assert error is not None
+    replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
+    quiet, loud = (
+        interpolation_artefact(
+            error,
+            [run],
+            replay,
+            {name: white(rms, measured=True) for name, rms in (("position_m", own), ("motor_force_N", 1e3))},
+        )
+        for own in (2e-8, 1e-6)
+    )
+    assert quiet.energy["position_m"] == pytest.approx(0.5 * error.size_m**2, rel=0.1)
+    assert quiet.probability > 0.99
+    assert loud.probability < 0.01
