@@ -24,6 +24,7 @@ from fdbench.record import FloatArray
 
 BENDS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0  # of a cubic nothing is left, of what is random about all
 SUDDEN = 3.0  # times what 95 % of the bends are below
+SAME = 1e-9  # of the travel, by which equal readings differ by rounding
 ROUNDS = 3  # the wave is one over the true position, which readings less the wave are
 PARTS = 40  # of a run, that belong in turn to either of two halves
 
@@ -132,7 +133,7 @@ def _strongest(readings: Sequence[FloatArray], turn_m: float | None, bounds: Par
     longest = min(
         travel / EVIDENCE.wave_fewest, bounds.high, math.inf if turn_m is None else turn_m / EVIDENCE.wave_of_turn
     )
-    shortest = max(travel / EVIDENCE.wave_most, bounds.low)
+    shortest = max(travel / EVIDENCE.wave_most, bounds.low, 2.0 * _grid(readings, travel))
     if longest <= shortest:
         return None
     n_bins = math.ceil(4.0 * travel / shortest)
@@ -155,6 +156,15 @@ def _strongest(readings: Sequence[FloatArray], turn_m: float | None, bounds: Par
         wave = max(tried, key=lambda own: abs(own.error))
         middle = 1.0 / wave.period_m
     return wave
+
+
+def _grid(readings: Sequence[FloatArray], travel: float) -> float:
+    """Return the step of readings that lie on a grid; of others, what lies between the two that are nearest.
+
+    On a grid a wave below two steps looks like a longer one, which may be true motion.
+    """
+    steps = np.diff(np.unique(np.concatenate(readings)))
+    return float(np.min(steps[steps > SAME * travel], initial=travel))
 
 
 def _is_sudden(bend: FloatArray) -> NDArray[np.bool_]:

@@ -45,6 +45,13 @@ def test_a_wave_as_long_as_a_ripple_of_the_motor_is_none_of_the_encoder() -> Non
     assert interpolation_error([run_of(1e-7, NOMINAL.turn_m / 24.0)], NOMINAL) is None
 
 
+@pytest.mark.parametrize("step_m", [2e-6, 2e-5])
+def test_true_motion_that_is_read_on_a_grid_is_no_wave_below_its_step(step_m: float) -> None:
+    run = run_of(2e-5, NOMINAL.turn_m / 24.0 if NOMINAL.turn_m else 0.0)
+    run.channels["position_m"][:] = step_m * np.round(run.channels["position_m"] / step_m)
+    assert interpolation_error([run], NOMINAL) is None
+
+
 def test_steps_of_the_motion_are_no_wave() -> None:
     run = run_of(0.0)
     run.channels["position_m"][500::500] += 1e-4
