@@ -205,6 +205,26 @@ class Cause:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FalseAlarms:
+    """How often an axis without a cause is given one as sure as the surest of this answer.
+
+    Attributes
+    ----------
+    at_most : float
+        Probability of that on an axis that is exchangeable with those below (conformal p-value).
+    as_sure, axes : int
+        On how many of how many simulated axes without a cause it was so.
+    exchangeable : bool
+        False where more is left unexplained than on any of these.
+    """
+
+    at_most: float
+    as_sure: int
+    axes: int
+    exchangeable: bool
+
+
+@dataclass(frozen=True, kw_only=True)
 class CauseType:
     """A type of cause, on which side of the screw, and how probable it is that one of that type is there.
 
@@ -497,6 +517,8 @@ class Answer:
     recorded : Recorded or None
     virtual_machines : VirtualMachines or None
         With a machine-specific calibration.
+    false_alarms : FalseAlarms or None
+        None in answers of before it was said.
     axis : str
         ``linear`` or ``rotary``: then every m is a rad, every N a N m, and every kg a kg m^2.
     """
@@ -519,6 +541,7 @@ class Answer:
     process_forces: tuple[ProcessForce, ...] = ()
     recorded: Recorded | None = None
     virtual_machines: VirtualMachines | None = None
+    false_alarms: FalseAlarms | None = None
     axis: str = LINEAR
 
     def as_json(self) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from fdbench.diagnosis.experiment.expected_information import Forecast, VerdictR
 from fdbench.diagnosis.experiment.proposal import design
 from fdbench.diagnosis.judge import probability_models
 from fdbench.diagnosis.judge.cause_types import cause_types
+from fdbench.diagnosis.judge.false_alarms import false_alarms
 from fdbench.diagnosis.judge.gap import gap_of, noise_floor
 from fdbench.diagnosis.judge.localise import Gaps, where
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
@@ -160,6 +161,7 @@ def _diagnosed(
             sampling_time_s=split.runs[0].period_s,
             baseline=len(baseline),
         ),
+        false_alarms=None if baseline else false_alarms(said.surest(), said.unknown_probability),
         axis=nominal.axis,
     )
     return Diagnosis(

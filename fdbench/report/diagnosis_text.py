@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from fdbench.diagnosis.answer import EFFECT, Answer, Cause, Cell, Quantity
+from fdbench.diagnosis.answer import EFFECT, Answer, Cause, Cell, FalseAlarms, Quantity
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.report._virtual_machines import unlike, virtual_machines
 from fdbench.rotary import spoken_name, spoken_of, spoken_words
@@ -278,6 +278,8 @@ def _doubts(answer: Answer) -> Iterator[str]:
     yield from unlike(answer)
     if source := answer.probabilities_from:
         yield f"Probabilities were learned on simulated axes: {re.sub(', nonce [0-9a-f]+', '', source)}."
+    if answer.false_alarms and any(cause.probability >= LIKELY for cause in answer.causes):
+        yield _as_sure(answer.false_alarms)
     nearly = [
         cause.effect
         for cause in answer.causes
@@ -285,6 +287,18 @@ def _doubts(answer: Answer) -> Iterator[str]:
     ]
     if nearly:
         yield f"No intervals of the parameters of {' and '.join(nearly)}; take their digits as a guide."
+
+
+def _as_sure(found: FalseAlarms) -> str:
+    if not found.exchangeable:
+        return (
+            f"More is left unexplained than on any of {found.axes} simulated axes without a cause, so how seldom these "
+            "are given one says nothing of this axis."
+        )
+    return (
+        f"Of {found.axes} simulated axes without a cause {found.as_sure} were given one as sure as the surest here. On "
+        f"one that is like them this happens with a probability of at most {found.at_most:.2g}."
+    )
 
 
 def unique(cause: Cause) -> float:

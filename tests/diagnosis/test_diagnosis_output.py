@@ -280,6 +280,17 @@ def test_doubts_are_said(found: Diagnosis) -> None:
     assert "a first guess" not in summary(replace(answer, shrinkage=held_out))
 
 
+def test_it_is_said_how_seldom_axes_without_a_cause_are_given_one(found: Diagnosis) -> None:
+    alarms = found.answer.false_alarms
+    assert alarms is not None
+    assert alarms.at_most == pytest.approx((1 + alarms.as_sure) / (1 + alarms.axes))
+    text = " ".join(summary(replace(found.answer, false_alarms=replace(alarms, exchangeable=True))).split())
+    assert f"Of {alarms.axes} simulated axes without a cause {alarms.as_sure} were given one as sure" in text
+    unlike = " ".join(summary(replace(found.answer, false_alarms=replace(alarms, exchangeable=False))).split())
+    assert "says nothing of this axis" in unlike
+    assert "as sure as the surest" not in unlike
+
+
 # ---- repaired model ----
 
 

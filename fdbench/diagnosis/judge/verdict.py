@@ -79,6 +79,13 @@ class Verdict:
     no_gap_probability: float
     features: Mapping[str, Mapping[str, Features]] = field(default_factory=dict)
 
+    def surest(self) -> float:
+        """Return the probability of the surest cause or suspect, 0 without any."""
+        every = [cause.probability for cause in self.causes] + [suspect.probability for suspect in self.suspects]
+        for cause in self.causes:
+            every += cause.alternatives.values()
+        return max(every, default=0.0)
+
 
 class Shares:
     """Shares of a gap; a channel counts by the root mean square of its gap beyond the noise.
