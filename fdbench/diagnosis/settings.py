@@ -165,7 +165,7 @@ class EvidenceSettings:
     usual_wave: float = number(
         0.3, "mean square of such a wave, in units of the noise, that is as often a cause as none"
     )
-    wave_slope: float = number(3.0, "power of the mean square that the odds of a cause grow with")
+    wave_slope: float = number(4.0, "power of the mean square that the odds of a cause grow with")
     rounds: int = number(3, "in which changes from run to run and noise are separated")
     assumed_change: float = number(0.02, "of friction from run to run, relative, where no repeats tell it")
     smallest_change: float = number(0.1, "standard deviation over a whole run, in units of its noise, of a direction")
