@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
-from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, energy_of, readings_of
+from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, readings_of
 from fdbench.diagnosis.model.candidates import phase_of
 from fdbench.diagnosis.model.nominal import Nominal
-from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import EVIDENCE
@@ -26,6 +26,8 @@ BENDS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0  # of a cubic nothing is lef
 SUDDEN = 3.0  # times what 95 % of the bends are below
 SAME = 1e-9  # of the travel, by which equal readings differ by rounding
 ROUNDS = 3  # the wave is one over the true position, which readings less the wave are
+TURNS, FEWEST = 32, 40  # bins of the wave's turn from sample to sample, and samples that make one
+FORCE = "motor_force_N"
 PARTS = 40  # of a run, that belong in turn to either of two halves
 
 
@@ -40,9 +42,13 @@ class _Wave:
 
 @dataclass(frozen=True, kw_only=True)
 class InterpolationError:
-    """Error that an encoder makes, as an effect; its size (m), which may be beyond the effect's bounds, and bounds."""
+    """Error that an encoder makes, as an effect, whose parameter ``length`` is that of the wave.
+
+    Its size (m) may be beyond the effect's bounds.
+    """
 
     effect: Effect
+    length: str
     size_m: float
     low_m: float
     high_m: float
@@ -81,7 +87,9 @@ def interpolation_error(runs: Sequence[RecordedRun], nominal: Nominal) -> Interp
         bounds = next(item for item in kind.parameters() if item.name == kind.amplitude)
         effect = kind.typical(**shape).changed(**{kind.amplitude: min(max(size, bounds.low), bounds.high)})
         low, high = size * (1.0 - wave.spread), size * (1.0 + wave.spread)
-        found.append((wave.spread, InterpolationError(effect=effect, size_m=size, low_m=low, high_m=high)))
+        found.append(
+            (wave.spread, InterpolationError(effect=effect, length=length.name, size_m=size, low_m=low, high_m=high))
+        )
     return min(found, key=lambda item: item[0])[1] if found else None
 
 
@@ -98,9 +106,7 @@ def interpolation_artefact(
     noise_models : mapping of str to NoiseModel
         Of each channel.
     """
-    # A scaled bound of the effect is no bound of the readings.
-    beyond = (error.size_m / float(getattr(error.effect, error.effect.amplitude))) ** 2
-    of_runs = [{name: beyond * own for name, own in energy_of([run], replay, error.effect).items()} for run in runs]
+    of_runs = [_energy(run, replay, error) for run in runs]
     samples = [run.n_samples for run in runs]
     largest = max(np.mean([own[name] / floor.rms**2 for name, floor in noise_models.items()]) for own in of_runs)
     odds = (float(largest) / EVIDENCE.usual_wave) ** EVIDENCE.wave_slope
@@ -112,6 +118,45 @@ def interpolation_artefact(
         high=error.high_m,
         energy={name: float(np.average([own[name] for own in of_runs], weights=samples)) for name in noise_models},
     )
+
+
+def _energy(run: RecordedRun, replay: Replay, error: InterpolationError) -> dict[str, float]:
+    """Return the mean square that the error brings into each channel of a run, in the channel's unit squared.
+
+    The force has no more of it than was measured: a loop may filter what its model does not.
+    """
+    pair = [Variant(plant=replay.drive), Variant(plant=replay.drive, extra=(error.effect,))]
+    # A scaled bound of the effect is no bound of the readings.
+    beyond = error.size_m / float(getattr(error.effect, error.effect.amplitude))
+    changes = {name: beyond * (own[1] - own[0]) for name, own in replay.simulate(run, pair).items()}
+    energy = {name: float(np.mean(own**2)) for name, own in changes.items()}
+    readings = next(readings_of([run], replay.drive, error.effect.port))
+    expected = float(np.mean(np.convolve(changes[FORCE], BENDS, "valid") ** 2))
+    measured = _coherent(np.convolve(run.channels[FORCE], BENDS, "valid"), readings[2:-2], error)
+    energy[FORCE] *= min(measured / expected, 1.0) if expected > 0.0 else 1.0
+    return energy
+
+
+def _coherent(values: FloatArray, readings: FloatArray, error: InterpolationError) -> float:
+    """Return the mean square of what goes with the wave, whatever gain and phase a loop has at each frequency.
+
+    In a sampled loop these depend on the turn of the wave from one sample to the next alone.
+    """
+    angle = 2.0 * math.pi / float(getattr(error.effect, error.length)) * readings
+    turn = np.remainder(np.gradient(angle), 2.0 * math.pi)
+    place = np.minimum((turn * (TURNS / (2.0 * math.pi))).astype(np.intp), TURNS - 1)
+    steady = ~_is_sudden(values)
+    explained = 0.0
+    for own in range(TURNS):
+        inside = steady & (place == own)
+        if inside.sum() < FEWEST:
+            continue
+        columns = np.stack((np.cos(angle[inside]), np.sin(angle[inside])))
+        right = columns @ values[inside]
+        power = float(right @ np.linalg.lstsq(columns @ columns.T, right, rcond=None)[0])
+        left = max(float(values[inside] @ values[inside]) - power, 0.0)
+        explained += power - 2.0 * left / (float(inside.sum()) - 2.0)  # two columns explain as much of mere noise
+    return max(explained, 0.0) / max(int(steady.sum()), 1)
 
 
 def _wave_of(kind: type[Effect]) -> Parameter | None:

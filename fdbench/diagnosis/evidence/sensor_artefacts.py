@@ -122,7 +122,7 @@ def grid_artefact(runs: Sequence[RecordedRun], replay: Replay, length: float) ->
         value=value,
         low=value / EVIDENCE.grid_ratio,
         high=value * EVIDENCE.grid_ratio,
-        energy=energy_of(runs, replay, effect),
+        energy=_energy(runs, replay, effect),
     )
 
 
@@ -188,7 +188,7 @@ def _median(values: FloatArray) -> float:
     return float(np.median(np.abs(values)))
 
 
-def energy_of(runs: Sequence[RecordedRun], replay: Replay, effect: Effect) -> dict[str, float]:
+def _energy(runs: Sequence[RecordedRun], replay: Replay, effect: Effect) -> dict[str, float]:
     """Return the mean square that an effect brings into each channel of runs, in the channel's unit squared."""
     sums = dict.fromkeys(runs[0].channels, 0.0)
     for run in runs:

@@ -1,14 +1,17 @@
 """Interpolation errors of an encoder are read off the readings, whatever the model says and however fast it moves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from axis_lab import drive
 
 from fdbench.diagnosis.evidence.interpolation_artefact import interpolation_artefact, interpolation_error
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
-from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.effects import effects
 
 PERIOD_S, N, NOISE_M = 1e-3, 6000, 5e-8
 TIME_S = np.arange(N) * PERIOD_S
@@ -56,6 +59,24 @@ def test_steps_of_the_motion_are_no_wave() -> None:
     run = run_of(0.0)
     run.channels["position_m"][500::500] += 1e-4
     assert interpolation_error([run], NOMINAL) is None
+
+
+def test_the_force_has_of_a_wave_what_was_measured() -> None:
+    run, replay = run_of(0.0), Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
+    kind = effects.get("encoder_interpolation_error")
+    effect = kind.typical(error_amplitude_m=2e-7, signal_period_m=WAVE_M, phase_rad=PHASE_RAD)
+    without, with_error = (replay.alone(run, Variant(plant=NOMINAL.drive, extra=extra)) for extra in ((), (effect,)))
+    rng = np.random.default_rng(2)
+    noise = {"motor_force_N": 0.3 * rng.standard_normal(N), "position_m": 2e-8 * rng.standard_normal(N)}
+    floors = {name: white(float(np.std(own)), measured=True) for name, own in noise.items()}
+    expected = float(np.mean((with_error["motor_force_N"] - without["motor_force_N"]) ** 2))
+    for force, share in ((with_error, 1.0), (without, 0.0)):
+        read = {"motor_force_N": force["motor_force_N"], "position_m": with_error["position_m"]}
+        logged = replace(run, channels={name: own + noise[name] for name, own in read.items()})
+        error = interpolation_error([logged], NOMINAL)
+        assert error is not None
+        energy = interpolation_artefact(error, [logged], replay, floors).energy
+        assert energy["motor_force_N"] == pytest.approx(share * expected, rel=0.2, abs=0.05 * expected)
 
 
 def test_the_larger_the_wave_beside_the_noise_the_more_probable_the_cause() -> None:
