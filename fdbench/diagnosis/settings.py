@@ -165,9 +165,9 @@ class EvidenceSettings:
     usual_wave: float = number(
         0.45,
         "mean square of such a wave, in units of the noise, that is as often a cause as none",
-        "between traces and causes of 820 axes",
+        "between traces and causes of 690 axes",
     )
-    wave_slope: float = number(4.0, "power of the mean square that the odds of a cause grow with")
+    wave_slope: float = number(6.0, "power of the mean square that the odds of a cause grow with")
     rounds: int = number(3, "in which changes from run to run and noise are separated")
     assumed_change: float = number(0.02, "of friction from run to run, relative, where no repeats tell it")
     smallest_change: float = number(0.1, "standard deviation over a whole run, in units of its noise, of a direction")
