@@ -163,7 +163,7 @@ class EvidenceSettings:
     wave_of_turn: float = number(50.0, "such waves in a turn of the motor; longer ones may be true motion")
     wave_spread: float = number(0.2, "between halves of the runs, relative to the wave, within which it is there")
     usual_wave: float = number(
-        0.45,
+        0.37,
         "mean square of such a wave, in units of the noise, that is as often a cause as none",
         "between traces and causes of 690 axes",
     )
