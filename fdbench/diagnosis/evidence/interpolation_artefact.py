@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
-from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, readings_of
+from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, changed_by, readings_of
 from fdbench.diagnosis.model.candidates import phase_of
 from fdbench.diagnosis.model.nominal import Nominal
-from fdbench.diagnosis.model.replay import Replay, Variant
+from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import EVIDENCE
@@ -125,10 +125,9 @@ def _energy(run: RecordedRun, replay: Replay, error: InterpolationError) -> dict
 
     The force has no more of it than was measured: a loop may filter what its model does not.
     """
-    pair = [Variant(plant=replay.drive), Variant(plant=replay.drive, extra=(error.effect,))]
     # A scaled bound of the effect is no bound of the readings.
     beyond = error.size_m / float(getattr(error.effect, error.effect.amplitude))
-    changes = {name: beyond * (own[1] - own[0]) for name, own in replay.simulate(run, pair).items()}
+    changes = {name: beyond * own for name, own in changed_by(error.effect, run, replay).items()}
     energy = {name: float(np.mean(own**2)) for name, own in changes.items()}
     readings = next(readings_of([run], replay.drive, error.effect.port))
     expected = float(np.mean(np.convolve(changes[FORCE], BENDS, "valid") ** 2))

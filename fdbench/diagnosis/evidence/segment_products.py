@@ -56,9 +56,12 @@ def segment_products(
     run, change = split.runs[number], split.changes[number] if split.changes else None
     found = []
     for place, (name, measured) in enumerate(run.channels.items()):
-        per_unit = np.sqrt(run.repeats) / split.noise_models[name].rms
         directions = change.directions[:, place] if change else np.empty((0, run.n_samples))
-        found.append(_products(readings[name], measured, counted_from, per_unit, directions, segment_length(run)))
+        found.append(
+            _products(
+                readings[name], measured, counted_from, split.per_unit(number, name), directions, segment_length(run)
+            )
+        )
     n_columns = 1 + len(counted_from)
     squares = [np.diagonal(own, axis1=1, axis2=2)[:, :n_columns].sum(axis=0) for own in found]
     lost = ~np.logical_and.reduce([own < HUGE**2 for own in squares])

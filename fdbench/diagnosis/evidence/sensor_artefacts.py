@@ -188,13 +188,18 @@ def _median(values: FloatArray) -> float:
     return float(np.median(np.abs(values)))
 
 
+def changed_by(effect: Effect, run: RecordedRun, replay: Replay) -> dict[str, FloatArray]:
+    """Return by how much an effect changes each channel of a run, (n_samples,)."""
+    pair = [Variant(plant=replay.drive), Variant(plant=replay.drive, extra=(effect,))]
+    return {name: values[1] - values[0] for name, values in replay.simulate(run, pair).items()}
+
+
 def _energy(runs: Sequence[RecordedRun], replay: Replay, effect: Effect) -> dict[str, float]:
     """Return the mean square that an effect brings into each channel of runs, in the channel's unit squared."""
     sums = dict.fromkeys(runs[0].channels, 0.0)
     for run in runs:
-        pair = [Variant(plant=replay.drive), Variant(plant=replay.drive, extra=(effect,))]
-        for name, values in replay.simulate(run, pair).items():
-            sums[name] += float(np.sum((values[1] - values[0]) ** 2))
+        for name, change in changed_by(effect, run, replay).items():
+            sums[name] += float(np.sum(change**2))
     return {name: total / sum(run.n_samples for run in runs) for name, total in sums.items()}
 
 

@@ -41,14 +41,17 @@ class Split:
         """Places of the runs of which something is judged on."""
         return [place for place, out in enumerate(self.held_out) if out.any()]
 
+    def per_unit(self, place: int, name: str) -> float:
+        """Return what one unit of a channel of a run is, in units of its mean's noise."""
+        return float(np.sqrt(self.runs[place].repeats) / self.noise_models[name].rms)
+
     def scale(self, place: int, signals: Mapping[str, FloatArray]) -> None:
         """Bring signals (n_signals, n_samples) of each channel of a run into units of its mean's noise, in place.
 
         What changes from run to run is shrunk to the size of the noise.
         """
-        run = self.runs[place]
         for name, values in signals.items():
-            values *= np.sqrt(run.repeats) / self.noise_models[name].rms
+            values *= self.per_unit(place, name)
         if self.changes and (change := self.changes[place]) is not None:
             change.whiten(list(signals.values()))
 
