@@ -93,7 +93,8 @@ class Search:
             serious = first and gains[kind] >= SEARCH.serious * most > 0.0
             if serious:
                 self.progress(f"refining {kind.name}")
-                hypothesis = self.refined_anew(hypothesis, base)
+                smaller = [base.with_effect(item.members[0], item.replaces) for item in candidate.sizes(SEARCH.starts)]
+                hypothesis = self.refined_anew(self.refinement.better(base, [hypothesis, *smaller]), base)
             hypotheses.append((kind, hypothesis, serious))
         return self.compared(base, hypotheses)
 
