@@ -1,7 +1,7 @@
 """The verdict: causes with probabilities, shares and intervals, and the chances of an unknown cause and of no gap."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -182,7 +182,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     causes += [dataclasses.replace(value, probability=discount * value.probability) for value in deviating.causes]
     causes += [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
-    suspects, suspect_features_of = suspected(found, models, discount)
+    suspects, suspect_features_of = suspected(found, models, discount, {cause.effect for cause in causes})
     rivals = [rival.size for stage in (*found.contests, *found.stages[-1:]) for rival in stage.rivals[:1]]
     none = confidence.no_gap_features(before.misfit, deviating.furthest, max(rivals, default=0.0))
     surest = max((cause.probability for cause in causes), default=0.0)
@@ -237,11 +237,12 @@ def artefact_cause(artefact: Artefact, share: float) -> Cause:
     )
 
 
-def suspected(found: Findings, models: ProbabilityModels, discount: float) -> tuple[list[Suspect], dict[str, Features]]:
-    """Return the effect that the search came closest to adding when it ended, if any, and its features."""
+def suspected(
+    found: Findings, models: ProbabilityModels, discount: float, named: Collection[str]
+) -> tuple[list[Suspect], dict[str, Features]]:
+    """Return the effect that the search came closest to adding when it ended, unless it is named, and its features."""
     last = found.stages[-1] if found.stages else None
-    named = {type(effect) for effect in found.final.effects}
-    if last is None or not last.rivals or last.rivals[0].kind in named:
+    if last is None or not last.rivals or last.rivals[0].kind.name in named:
         return [], {}
     best = last.rivals[0]
     features = confidence.effect_features(last, best.kind)

@@ -82,6 +82,20 @@ class Hypothesis:
         freedom = MODEL.freedom
         return float(sum((freedom + 1.0) * math.log1p(shift**2 / freedom) for shift in self.shifts))
 
+    def named_penalty(self) -> float:
+        r"""Return `prior_penalty`, where what a value is off by may also be a cause of its own, for which it is named.
+
+        .. math:: \sum_g \min(p_g, 2 \ln n)
+
+        over the groups of values that one cause changes, with one of n effects of the library as likely as none.
+        """
+        freedom, most = MODEL.freedom, 2.0 * math.log(max(len(self.nominal.library), 1))
+        groups: dict[str, float] = {}
+        for item, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True):
+            key = item.group if item.cause(self.nominal) else item.name + "."
+            groups[key] = groups.get(key, 0.0) + (freedom + 1.0) * math.log1p(shift**2 / freedom)
+        return sum(own if key.endswith(".") else min(own, most) for key, own in groups.items())
+
     def priors(self, weight: float) -> list[tuple[float, float]]:
         r"""Return for each nominal parameter where it stands and the weight w of its square in a linear fit.
 
@@ -103,6 +117,26 @@ class Hypothesis:
             shift for item, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True) if item.stated
         )
         return sum((freedom + 1.0) * max(0.0, math.log((1.0 + shift**2 / freedom) / limit)) for shift in stated)
+
+    def on_one_side(self) -> "list[Hypothesis]":
+        """Return it with a far-fetched change on both sides of a screw put on either side alone, if there is one.
+
+        A load on the table is many deviations of its mass, so that a fit may stop at one of the motor's.
+        """
+        scale, drive = nominal_parameters(self.nominal), self.nominal.drive
+        sides: dict[str, list[int]] = {}
+        for place, item in enumerate(scale):
+            if item.cause(self.nominal):
+                sides.setdefault(item.group, []).append(place)
+        found = []
+        for places in sides.values():
+            if len(places) > 1 and max(abs(self.shifts[place]) for place in places) > MODEL.far_fetched:
+                change = sum(self.shifts[place] * scale[place].size(drive) for place in places)
+                for place in places:
+                    shifts = [0.0 if other in places else shift for other, shift in enumerate(self.shifts)]
+                    shifts[place] = change / scale[place].size(drive)
+                    found.append(dataclasses.replace(self, shifts=tuple(shifts)))
+        return found
 
     def moved(self, change: Sequence[float] | FloatArray) -> "Hypothesis":
         """Return the hypothesis with its nominal parameters moved by the first numbers of ``change``, in deviations."""

@@ -143,24 +143,31 @@ def _lines_in_position(
     n_bins = max(64, round(travel / (length * SEARCH.bin_m)))
     n_padded = next_fast_len(SEARCH.oversampling * n_bins, real=True)
     wavenumber = np.asarray(np.fft.rfftfreq(n_padded, travel / n_bins), dtype=np.float64)
-    power = np.zeros(len(wavenumber))
+    octaves = [(SEARCH.fewest_waves / travel, SEARCH.long_waves / travel)]
+    while octaves[-1][1] * shortest_wave_m < 1.0:
+        octaves.append((octaves[-1][1], 2.0 * octaves[-1][1]))
+    power = np.zeros((len(octaves), len(wavenumber)))
     for run, gap in zip(runs, gaps, strict=True):
         inside = slice(1, 1 + gap.shape[1])
         position, speed = run.channels["position_m"][inside], run.reference[inside, 1]
         place = np.minimum(((position - lowest) * (n_bins / travel)).astype(np.intp), n_bins - 1)
         for moving in (speed > 0.0, speed < 0.0):
-            visits = np.bincount(place[moving], minlength=n_bins)
+            visits = np.bincount(place[moving], minlength=n_bins).astype(np.float64)
             for own in gap:
                 sums = np.bincount(place[moving], weights=own[moving], minlength=n_bins)
-                profile = sums / np.sqrt(np.maximum(visits, 1))
-                profile -= visits**0.5 * (sums.sum() / max(visits.sum(), 1))
-                power += np.abs(np.fft.rfft(profile, n_padded)) ** 2
+                for octave, (low, _) in enumerate(octaves):
+                    alike = sums - visits * _local_mean(sums, visits, round(n_bins / (low * travel)))
+                    spectrum = np.fft.rfft(alike / np.sqrt(np.maximum(visits, 1.0)), n_padded)
+                    power[octave] += np.abs(spectrum) ** 2
     resolved = max(3, round(2.0 / travel / float(wavenumber[1])))
     # Slow changes along the way have more power than any pitch, which stands out of what is around it.
-    height = power / _around(power, resolved)
+    height = np.zeros(len(wavenumber))
+    for own, (low, high) in zip(power[1:], octaves[1:], strict=True):
+        within = (wavenumber >= low) & (wavenumber < high)
+        height[within] = (own / _around(own, resolved))[within]
     found: list[float] = []
     for low, high, strength, most in (
-        (SEARCH.fewest_waves / travel, SEARCH.long_waves / travel, power, SEARCH.lines),
+        (SEARCH.fewest_waves / travel, SEARCH.long_waves / travel, power[0], SEARCH.lines),
         (SEARCH.long_waves / travel, 1.0 / shortest_wave_m, height, SEARCH.pitches),
     ):
         band = np.where((wavenumber >= low) & (wavenumber <= high), strength, 0.0)
@@ -168,7 +175,7 @@ def _lines_in_position(
             peak = int(np.argmax(band))
             if band[peak] <= 0.0:
                 break
-            found.append(1.0 / _parabola(wavenumber, power, peak))
+            found.append(1.0 / _parabola(wavenumber, strength, peak))
             band[max(0, peak - resolved) : peak + resolved + 1] = 0.0
     for pitch_m in () if turn_m is None else [turn_m / order for order in SEARCH.orders]:
         near = np.abs(wavenumber - 1.0 / pitch_m) < 0.5 * wavenumber[resolved]
@@ -179,6 +186,14 @@ def _lines_in_position(
         ):
             found.append(pitch_m)
     return found
+
+
+def _local_mean(sums: FloatArray, visits: FloatArray, width: int) -> FloatArray:
+    """Return the mean of what was summed over a width around each bin, weighted by its visits."""
+    from scipy.ndimage import uniform_filter1d
+
+    around, many = (uniform_filter1d(values, width, mode="constant") for values in (sums, visits))
+    return np.asarray(around / np.maximum(many, 0.5 / width))
 
 
 def _around(power: FloatArray, resolved: int) -> FloatArray:

@@ -83,10 +83,13 @@ class Refinement:
     def calibrate(self, given: Hypothesis) -> Hypothesis:
         """Fit the nominal parameters: first those that a data sheet has, then the form of friction beside them.
 
-        A form that moves from the start can stand in for a friction that is not yet of the right size.
+        A form that moves from the start can stand in for a friction that is not yet of the right size. What moved far
+        on one side of a screw is tried on the other.
         """
         form = [item.name for item in nominal_parameters(given.nominal) if isinstance(item, FrictionForm)]
-        return self.refine(self.refine(given, fixed=form)) if form else self.refine(given)
+        found = self.refine(self.refine(given, fixed=form)) if form else self.refine(given)
+        others = [self.refine(item) for item in found.on_one_side()]
+        return self.better(found, [found, *others]) if others else found
 
     def refine(self, given: Hypothesis, fixed: Collection[str] = (), *, tempered: bool = True) -> Hypothesis:
         """Fit all numbers of a hypothesis but fixed ones on the training segments in closed loop.

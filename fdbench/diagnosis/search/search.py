@@ -112,7 +112,7 @@ class Search:
                 kind=kind,
                 hypothesis=hypothesis,
                 misfit=misfit,
-                penalty=hypothesis.prior_penalty(),
+                penalty=hypothesis.named_penalty(),
                 refined=refined,
                 size=size,
                 own_size=own_size,
@@ -122,7 +122,7 @@ class Search:
         stage = Stage(
             base=base,
             misfit=alone,
-            penalty=base.prior_penalty(),
+            penalty=base.named_penalty(),
             test_count=float(np.sum(evidence.counts[outside])),
             rivals=tuple(rivals),
             effective=min(SEARCH.effective_samples, float(len(np.unique(evidence.group[outside])))),
