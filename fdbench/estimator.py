@@ -51,6 +51,8 @@ class Context:
         Which linear model of the plant is to be identified, such as ``"velocity_loop"``.
     disturbance_period_s : float or None
         Nominal period of the spindle or shaker, where one runs; a spindle slips.
+    disturbance_pitch_m : float or None
+        Nominal pitch of the motor's magnets, where the disturbance repeats with the position.
     covariance : (n_parameters, n_parameters) array or None
         How far the parameters may be from their nominal values, in the order of ``nominal``; None where the data sheet
         does not say.
@@ -60,6 +62,7 @@ class Context:
     plant: Plant
     model: str
     disturbance_period_s: float | None = None
+    disturbance_pitch_m: float | None = None
     covariance: FloatArray | None = None
 
     @property

@@ -73,6 +73,8 @@ class Estimation:
         Which leaderboards the scenario counts for: parameters, disturbance, output.
     disturbance_period_s : float, optional
         Period of spindle or shaker.
+    disturbance_pitch_m : float, optional
+        Pitch of the magnets, where the disturbance repeats with the position.
     window_s : pair of float, optional
         Part of the record in which disturbance errors are scored.
     hyperparameters : mapping
@@ -82,6 +84,7 @@ class Estimation:
     model: str
     tracks: tuple[str, ...]
     disturbance_period_s: float | None = positive(default=None)
+    disturbance_pitch_m: float | None = positive(default=None)
     window_s: tuple[float, float] | None = None
     hyperparameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
@@ -229,6 +232,7 @@ class Scenario:
             plant=self.plant,
             model=self.estimation.model,
             disturbance_period_s=self.estimation.disturbance_period_s,
+            disturbance_pitch_m=self.estimation.disturbance_pitch_m,
             covariance=self._covariance,
         )
 

@@ -185,6 +185,8 @@ class Effect(ABC):
         Whether the kernel takes a standard uniform number, drawn once for each sample.
     disturbance : bool
         Whether the effect is a process force to be estimated, and not a property of the drive.
+    counts_as_disturbance : bool
+        Whether the effect, though a property of the drive, is part of the disturbance that estimators are asked for.
     follows_command : bool
         Whether v is the commanded velocity instead of the actual one.
     rank : int
@@ -218,6 +220,7 @@ class Effect(ABC):
     amplitude: ClassVar[str]
     random: ClassVar[bool] = False
     disturbance: ClassVar[bool] = False
+    counts_as_disturbance: ClassVar[bool] = False
     follows_command: ClassVar[bool] = False
     further_amplitudes: ClassVar[tuple[str, ...]] = ()
     rank: ClassVar[int] = 0
@@ -242,6 +245,11 @@ class Effect(ABC):
     def type_of(cls) -> str:
         """Return what type of cause the effect is, one of `CAUSE_TYPES`."""
         return cls.cause_type or ("process_force" if cls.disturbance else _TYPE_OF_PORT[cls.port])
+
+    @classmethod
+    def adds_to_disturbance(cls) -> bool:
+        """Return whether its force is part of the disturbance that estimators are asked for."""
+        return cls.disturbance or cls.counts_as_disturbance
 
     def __post_init__(self) -> None:
         check_bounds(self)

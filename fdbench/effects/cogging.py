@@ -34,6 +34,7 @@ class Cogging(Effect):
     amplitude = "cogging_force_N"
     cause_type = "force_over_position"
     confusable_with = ("torque_ripple", "lead_error")
+    counts_as_disturbance = True
 
     cogging_force_N: float = parameter("A", low=0.0, high=500.0, typical=10.0)
     pitch_m: float = parameter("lambda_p", low=2e-4, high=1.0, typical=0.01 / 6.0, locate="pitch")

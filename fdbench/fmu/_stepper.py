@@ -91,7 +91,7 @@ def _call(slot: Slot, translator: Translator) -> list[str]:
     lines = [f"double result[{width}];", f"{name}({given});"]
     if port.is_force:
         lines += ["w[force] += result[0];", "w[slope] += result[1];"]
-        lines += ["w[PROCESS] += result[0];"] if effect.disturbance else []
+        lines += ["w[PROCESS] += result[0];"] if effect.adds_to_disturbance() else []
     else:
         lines += ["w[total] += result[0];" if port is Port.TRANSMISSION else "w[u] = result[0];"]
     lines += [f"{row} = result[{first + place}];" for place, row in enumerate(kept)]

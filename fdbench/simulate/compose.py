@@ -159,7 +159,7 @@ def _call(number: int, slot: Slot, lanes: int, shared: Shared) -> str:
     if effect.port.is_force:
         put("w[force + i]", "value", "+")
         put("w[slope + i]", "steep", "+")
-        if effect.disturbance:
+        if effect.adds_to_disturbance():
             put("w[PROCESS + i]", "value", "+")
     elif effect.port is Port.TRANSMISSION:
         put("w[total + i]", "value", "+")

@@ -179,7 +179,7 @@ def _call(number: int, effect: type[Effect], parameter: int, state: int, lanes: 
         f"        {', '.join(['value', 'steep', *kept])} = kernel_{number}({', '.join(given)})",
         "        w[FORCE + i] += value",
         "        w[SLOPE + i] += steep",
-        *(["        w[PROCESS + i] += value"] if effect.disturbance else []),
+        *(["        w[PROCESS + i] += value"] if effect.adds_to_disturbance() else []),
         *(f"        {place} = {name}" for place, name in zip(internal, kept, strict=True)),
     ]
 
