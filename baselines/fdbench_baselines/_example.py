@@ -1,5 +1,6 @@
 """Small machines and noise-free records whose answer is known, for the worked examples of estimators."""
 
+from dataclasses import replace
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -65,6 +66,37 @@ def example_drive(
         velocity[k + 1] = velocity[k] + beta_1 * (reference[k] - velocity[k] - disturbance[k] / gain)
     columns = {"reference_velocity_m_per_s": reference, "velocity_m_per_s": velocity}
     return Example(context, Record({"time_s": time_s, **columns}))
+
+
+def example_cogging(cogging_N: float, pitch_m: float = 0.02, told_m: float | None = None) -> Example:
+    r"""Return the drive of `example_drive` on its data sheet, at other speeds over magnets.
+
+    .. math:: d_k = A \sin(2 \pi x_k / \lambda), \qquad x_{k+1} = x_k + \tfrac12 T_s (v_k + v_{k+1})
+
+    A noise of 1 um/s keeps its record from being exact.
+
+    Parameters
+    ----------
+    cogging_N, pitch_m : float
+        A and :math:`\lambda`.
+    told_m : float, optional
+        Pitch that the context knows.
+
+    >>> example_cogging(cogging_N=0.0).record.n_samples
+    1600
+    """
+    context, _ = example_drive()
+    n, step_s, beta, gain = 1600, context.sampling_time_s, 0.5, 500.0
+    time_s = step_s * np.arange(n, dtype=np.float64)
+    reference = np.array([0.1, 0.04, -0.06, -0.08])[np.arange(n) // 200 % 4]
+    noise = 1e-6 * np.random.default_rng(0).standard_normal(n)
+    velocity, place = np.zeros(n), 0.0
+    for k in range(n - 1):
+        force = cogging_N * np.sin(2.0 * np.pi * (place + 0.5 * step_s * velocity[k]) / pitch_m)
+        velocity[k + 1] = velocity[k] + beta * (reference[k] - velocity[k] - force / gain) + noise[k]
+        place += 0.5 * step_s * (velocity[k] + velocity[k + 1])
+    columns = {"reference_velocity_m_per_s": reference, "velocity_m_per_s": velocity}
+    return Example(replace(context, disturbance_pitch_m=told_m), Record({"time_s": time_s, **columns}))
 
 
 class GivenSpectra(LinearModel):
