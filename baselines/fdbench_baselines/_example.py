@@ -88,7 +88,7 @@ def example_cogging(cogging_N: float, pitch_m: float = 0.02, told_m: float | Non
     context, _ = example_drive()
     n, step_s, beta, gain = 1600, context.sampling_time_s, 0.5, 500.0
     time_s = step_s * np.arange(n, dtype=np.float64)
-    reference = np.array([0.1, 0.04, -0.06, -0.08])[np.arange(n) // 200 % 4]
+    reference = np.array([0.05, 0.02, -0.03, -0.04])[np.arange(n) // 200 % 4]
     noise = 1e-6 * np.random.default_rng(0).standard_normal(n)
     velocity, place = np.zeros(n), 0.0
     for k in range(n - 1):

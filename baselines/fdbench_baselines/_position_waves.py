@@ -142,7 +142,9 @@ def refined_pitch(rows: Rows, way: Way, pitch_m: float, harmonics: int, width_pe
     grid = 1.0 / pitch_m + np.linspace(-width_per_m, width_per_m, points)
     best = float(grid[int(np.argmin([loss(float(wavenumber)) for wavenumber in grid]))])
     apart = float(grid[1] - grid[0])
-    found = minimize_scalar(loss, bounds=(best - apart, best + apart), method="bounded", options={"xatol": 1e-3 * apart})
+    found = minimize_scalar(
+        loss, bounds=(best - apart, best + apart), method="bounded", options={"xatol": 1e-3 * apart}
+    )
     return float(1.0 / found.x)
 
 
@@ -185,7 +187,7 @@ def is_shared(rows: Rows, way: Way, pitch_m: float, harmonics: int) -> bool:
 
 
 def _projected(rows: Rows) -> tuple[FloatArray, FloatArray, int]:
-    """Return an orthonormal basis of the weighted regressors, what they leave of the target, and how many rows count."""
+    """Return a basis of the weighted regressors, what they leave of the target, and how many rows count."""
     basis = _basis(rows.Z * rows.weight[:, None])
     y = rows.y * rows.weight
     return basis, y - basis @ (basis.T @ y), int(np.count_nonzero(rows.weight))
