@@ -87,6 +87,7 @@ def effect(name: str) -> str:
     facts += [f"internal states {', '.join(f'`{state}`' for state in cls.states)}"] if cls.states else []
     facts += ["random"] if cls.random else []
     facts += ["a process force, to be estimated"] if cls.disturbance else []
+    facts += ["the drive's own, and part of the disturbance to be estimated"] if cls.counts_as_disturbance else []
     facts += ["property of an elastic screw"] if cls.needs_screw else []
     if cls.confusable_with:
         facts += [f"easily taken for {', '.join(f'[`{item}`](#{item})' for item in cls.confusable_with)}"]
