@@ -10,6 +10,7 @@ from fdbench_baselines._slip import LARGEST_SLIP, POINTS_PER_LINE
 
 FEWEST_PITCHES = 3.0  # that a way must hold
 FEWEST_ROWS = 4.0  # in the pitch that is crossed fastest, where none is told
+MOST_WAVENUMBERS = 10000
 MULTIPLES = (1, 2, 3)  # of what stands out most, which may be a harmonic
 DECISIVE = 10.0  # of a log likelihood
 SHARE = 0.5  # of its own wave, that a half of the way must see in the wave of the other
@@ -82,7 +83,7 @@ def found_pitch(rows: Rows, way: Way, harmonics: int, false_alarm: float) -> flo
     first, last = FEWEST_PITCHES * POINTS_PER_LINE * step, 1.0 / (FEWEST_ROWS * fastest) if fastest > 0.0 else 0.0
     if not first < last:
         return None
-    wavenumbers = np.arange(first, last, step)
+    wavenumbers = np.arange(first, last, step)[:MOST_WAVENUMBERS]
     gains = single_gains(rows, way, wavenumbers)
     best = int(np.argmax(gains))
     if gains[best] < np.log(len(wavenumbers) / false_alarm):

@@ -69,7 +69,7 @@ class CoggingObserver(BatchEstimator):
 
     Told: pitch (within 1.5 %) or nothing of the force; the sheet with its covariance. A pass over n rows costs
     O(n H (H + p)), 2 ms for n = 4000 and H = 4, and the likelihood takes some 13 of them; the search of a pitch that is
-    not told costs 50 us for each of a thousand wavenumbers. The memory is 70 n H bytes, 2 MB at most at once.
+    not told costs 50 us for each of at most 10^4 wavenumbers. The memory is 70 n H bytes, 2 MB at most at once.
 
     Parameters
     ----------
