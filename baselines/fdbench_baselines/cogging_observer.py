@@ -87,9 +87,13 @@ class CoggingObserver(BatchEstimator):
     Validity
     --------
     A force that depends on time or direction as well is none of it: a shaker's, or the friction of a reversal. Where
-    one speed is held all over, place and time are the same, and what is found may be either. Amplitudes that differ by
-    more than 70 % between the halves of the way are taken for no wave; what differs from magnet to magnet is followed
-    only as far as amplitudes wander with time. On a compliant axis the motor is not where the velocity is read.
+    one speed is held all over, place and time are the same, and what is found may be either; of 40 records of shakers
+    whose period was withheld one was claimed, at the way of a period at the speed that both halves share. Friction that
+    the sheet lacks, at the same places each time, may pass for a wave. Amplitudes that differ by more than 70 % between
+    the halves are taken for no wave; what differs from magnet to magnet is followed only as far as amplitudes wander
+    with time. Most of the force's variance is often that of the mass, one number for a whole record, so that either
+    nearly all of a record is within its intervals or little. On a compliant axis the motor is not where the velocity is
+    read.
 
     References
     ----------
