@@ -16,7 +16,7 @@ DECISIVE = 10.0  # of a log likelihood
 SHARE = 0.5  # of its own wave, that a half of the way must see in the wave of the other
 
 
-class Way(NamedTuple):
+class DrivenWay(NamedTuple):
     """Where the drive is in the middle of each row, and how far it moves in it; both (n,), in m."""
 
     middle_m: FloatArray
@@ -28,7 +28,7 @@ class Way(NamedTuple):
         return float(np.ptp(self.middle_m))
 
 
-class Rows(NamedTuple):
+class WaveRows(NamedTuple):
     """What a wave is sought in: regressors (n, p), target (n,), roots of the rows' weights (n,), 0 where missing."""
 
     Z: FloatArray
@@ -36,16 +36,16 @@ class Rows(NamedTuple):
     weight: FloatArray
 
 
-def way_of(regression: Regression) -> Way:
+def way_of(regression: Regression) -> DrivenWay:
     r"""Return the way of a velocity loop from its first row, by the trapezoidal rule.
 
     .. math:: x_k = \sum_{l<k} T \bar v_l + \tfrac12 T \bar v_k, \qquad \bar v_k = \tfrac12 (v_k + v_{k+1})
     """
     moved = 0.5 * regression.sampling_time_s * (regression.regressors[:, 1] + regression.target)
-    return Way(np.cumsum(moved) - 0.5 * moved, moved)
+    return DrivenWay(np.cumsum(moved) - 0.5 * moved, moved)
 
 
-def wave_columns(way: Way, pitch_m: float, harmonics: int) -> FloatArray:
+def wave_columns(way: DrivenWay, pitch_m: float, harmonics: int) -> FloatArray:
     r"""Return cosine and sine of each harmonic, (n, 2 H), as means over the row.
 
     .. math:: \operatorname{sinc}(h \Delta_k / p) \cos(2 \pi h x_k / p), \quad
@@ -53,7 +53,7 @@ def wave_columns(way: Way, pitch_m: float, harmonics: int) -> FloatArray:
 
     with :math:`\operatorname{sinc} u = \sin(\pi u) / (\pi u)` and the way :math:`\Delta_k` of the row.
 
-    >>> wave_columns(Way(np.array([0.0, 0.008]), np.array([0.0, 0.032])), 0.032, 1).round(9) + 0.0
+    >>> wave_columns(DrivenWay(np.array([0.0, 0.008]), np.array([0.0, 0.032])), 0.032, 1).round(9) + 0.0
     array([[1., 0.],
            [0., 0.]])
     """
@@ -63,12 +63,12 @@ def wave_columns(way: Way, pitch_m: float, harmonics: int) -> FloatArray:
     return pairs.reshape(len(turns), 2 * harmonics)
 
 
-def harmonics_within(way: Way, pitch_m: float, harmonics: int) -> int:
+def harmonics_within(way: DrivenWay, pitch_m: float, harmonics: int) -> int:
     """Return how many of the harmonics have two rows in each wave where the drive is fastest."""
     return min(harmonics, int(0.5 * pitch_m / max(float(np.abs(way.moved_m).max()), 1e-300)))
 
 
-def found_pitch(rows: Rows, way: Way, harmonics: int, false_alarm: float) -> float | None:
+def found_pitch(rows: WaveRows, way: DrivenWay, harmonics: int, false_alarm: float) -> float | None:
     r"""Return the pitch of the wave that stands out of a record, or None where none does.
 
     .. math:: G(k) = -\tfrac{n}{2} \log (1 - \rho_k), \quad \max_k G > \log (K / \alpha)
@@ -100,7 +100,7 @@ def found_pitch(rows: Rows, way: Way, harmonics: int, false_alarm: float) -> flo
     return found if found is not None and is_shared(rows, way, found, harmonics) else None
 
 
-def confirmed_pitch(rows: Rows, way: Way, told_m: float, harmonics: int, false_alarm: float) -> float | None:
+def confirmed_pitch(rows: WaveRows, way: DrivenWay, told_m: float, harmonics: int, false_alarm: float) -> float | None:
     """Return the pitch within 1.5 % of the told one, or None where no wave of it stands out."""
     from scipy.stats import chi2
 
@@ -112,7 +112,7 @@ def confirmed_pitch(rows: Rows, way: Way, told_m: float, harmonics: int, false_a
     return None if is_chance or not is_shared(rows, way, pitch_m, harmonics) else pitch_m
 
 
-def single_gains(rows: Rows, way: Way, wavenumbers: FloatArray) -> FloatArray:
+def single_gains(rows: WaveRows, way: DrivenWay, wavenumbers: FloatArray) -> FloatArray:
     """Return G of a wave of one harmonic at each of some equally spaced wavenumbers; see `found_pitch`."""
     basis, left, n = _projected(rows)
     both = np.column_stack((basis, left)).T
@@ -132,7 +132,7 @@ def single_gains(rows: Rows, way: Way, wavenumbers: FloatArray) -> FloatArray:
     return gains
 
 
-def refined_pitch(rows: Rows, way: Way, pitch_m: float, harmonics: int, width_per_m: float) -> float:
+def refined_pitch(rows: WaveRows, way: DrivenWay, pitch_m: float, harmonics: int, width_per_m: float) -> float:
     """Return the pitch of largest joint gain whose wavenumber is within some width of that of another one."""
     from scipy.optimize import minimize_scalar
 
@@ -149,7 +149,7 @@ def refined_pitch(rows: Rows, way: Way, pitch_m: float, harmonics: int, width_pe
     return float(1.0 / found.x)
 
 
-def joint_gain(rows: Rows, way: Way, pitch_m: float, harmonics: int) -> float:
+def joint_gain(rows: WaveRows, way: DrivenWay, pitch_m: float, harmonics: int) -> float:
     """Return the gain in log likelihood that all harmonics of a pitch bring together."""
     basis, left, n = _projected(rows)
     count = harmonics_within(way, pitch_m, harmonics)
@@ -162,7 +162,7 @@ def joint_gain(rows: Rows, way: Way, pitch_m: float, harmonics: int) -> float:
     return _gain(explained / total, n)
 
 
-def is_shared(rows: Rows, way: Way, pitch_m: float, harmonics: int) -> bool:
+def is_shared(rows: WaveRows, way: DrivenWay, pitch_m: float, harmonics: int) -> bool:
     r"""Return whether the wave of either half of the way explains the other half at least half as well as its own.
 
     .. math:: 2 b_i^T \theta_j - \theta_j^T A_i \theta_j \ge \tfrac12 \, b_i^T \theta_i, \quad \theta_i = A_i^{-1} b_i
@@ -176,7 +176,7 @@ def is_shared(rows: Rows, way: Way, pitch_m: float, harmonics: int) -> bool:
     waves = wave_columns(way, pitch_m, count)
     parts = []
     for half in (driven <= 0.5 * driven[-1], driven > 0.5 * driven[-1]):
-        basis, left, _ = _projected(Rows(rows.Z[half], rows.y[half], rows.weight[half]))
+        basis, left, _ = _projected(WaveRows(rows.Z[half], rows.y[half], rows.weight[half]))
         seen = waves[half] * rows.weight[half, None]
         seen = seen - basis @ (basis.T @ seen)
         parts.append((seen, left, np.linalg.lstsq(seen, left, rcond=None)[0]))
@@ -187,7 +187,7 @@ def is_shared(rows: Rows, way: Way, pitch_m: float, harmonics: int) -> bool:
     return True
 
 
-def _projected(rows: Rows) -> tuple[FloatArray, FloatArray, int]:
+def _projected(rows: WaveRows) -> tuple[FloatArray, FloatArray, int]:
     """Return a basis of the weighted regressors, what they leave of the target, and how many rows count."""
     basis = _basis(rows.Z * rows.weight[:, None])
     y = rows.y * rows.weight

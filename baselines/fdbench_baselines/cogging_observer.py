@@ -16,8 +16,8 @@ from fdbench_baselines._locally_periodic_states import posterior
 from fdbench_baselines._mixed_estimation import mixed
 from fdbench_baselines._position_waves import (
     FEWEST_PITCHES,
-    Rows,
-    Way,
+    DrivenWay,
+    WaveRows,
     confirmed_pitch,
     found_pitch,
     harmonics_within,
@@ -151,7 +151,7 @@ class CoggingObserver(BatchEstimator):
         trusted = straight(context, Z)
         factorise(Z[trusted], regression.names)
         way = way_of(regression)
-        pitch_m = self._pitch(context, Rows(Z, y, trusted.astype(np.float64)), way)
+        pitch_m = self._pitch(context, WaveRows(Z, y, trusted.astype(np.float64)), way)
         count = 0 if pitch_m is None else harmonics_within(way, pitch_m, self.harmonics)
         columns = np.empty((len(y), 0)) if pitch_m is None else wave_columns(way, pitch_m, count)
         loud = np.full(len(y), np.inf)
@@ -185,7 +185,7 @@ class CoggingObserver(BatchEstimator):
             raise PluginError("cogging_observer: the estimate of fit(context, record) is expected, with parameters.")
         return free_run(estimate.parameters, self._wave, command)
 
-    def _pitch(self, context: Context, rows: Rows, way: Way) -> float | None:
+    def _pitch(self, context: Context, rows: WaveRows, way: DrivenWay) -> float | None:
         told_m = context.disturbance_pitch_m
         if told_m is None:
             return found_pitch(rows, way, self.harmonics, self.false_alarm)
