@@ -278,8 +278,18 @@ def test_gymnasium_imports_the_package_by_its_name() -> None:
 
 @pytest.fixture(scope="module")
 def policies() -> ModuleType:
-    file = REPOSITORY / "examples" / "learning" / "reference_policies.py"
-    specification = importlib.util.spec_from_file_location("reference_policies", file)
+    return example("reference_policies")
+
+
+@pytest.fixture
+def agent(policies: ModuleType, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.setitem(sys.modules, "reference_policies", policies)
+    return example("learned_pre_compensation")
+
+
+def example(name: str) -> ModuleType:
+    file = REPOSITORY / "examples" / "learning" / f"{name}.py"
+    specification = importlib.util.spec_from_file_location(name, file)
     assert specification is not None
     assert specification.loader is not None
     module = importlib.util.module_from_spec(specification)
@@ -298,3 +308,21 @@ def test_a_policy_that_does_nothing_beats_nothing(policies: ModuleType, monkeypa
     monkeypatch.setattr(policies, "damped", lambda response, error: np.zeros_like(error))
     zero, inverse, learnt = policies.compare("fdbench/ServoSpiral-v0", seeds=[200], trials=1).values()
     assert zero == inverse == learnt
+
+
+def test_a_learned_agent_beats_zero_action(agent: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(agent, "FIRST_DEVIATION", 0.03)
+    policy = agent.Policy("fdbench/ServoSpiral-v0")
+    weights = agent.learn(policy, generations=3)
+    learned, inverse = (agent.judge(policy, used, range(200, 201)) for used in (weights, np.zeros_like(weights)))
+    policy.forward = np.zeros_like(policy.forward)
+    zero = agent.judge(policy, np.zeros_like(weights), range(200, 201))
+    assert learned < 0.9 * inverse
+    assert inverse < 0.5 * zero
+
+
+def test_an_agent_without_weights_is_the_inverse_model_on_drawn_machines_too(agent: ModuleType) -> None:
+    policy = agent.Policy("fdbench-drawn/ServoSpiral-v1")
+    found = agent.judge(policy, np.zeros(policy.shape), range(200, 202))
+    wanted = agent.compare("fdbench-drawn/ServoSpiral-v1", range(200, 202))["inverse model"]
+    assert np.sqrt(found.mean()) == pytest.approx(wanted, rel=1e-6)
