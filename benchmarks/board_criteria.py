@@ -1,25 +1,51 @@
-"""How well a board tells estimators apart: `python benchmarks/board_criteria.py RESULTS`.
+"""How well a board tells estimators apart, and how far it is from what can be known.
+
+    python benchmarks/board_criteria.py RESULTS
 
 Of a folder of results: whether any row is above the oracle, whether each scenario is in a ranking, in how many rankings
 of one scenario the three best are alike, how far three families are apart on the shaker trials, and how many runs are
-skipped.
+skipped. Then, for each family of scenarios and track, the best row with its share of the ceiling and, where the noise
+sets a bound to the parameters, its efficiency beside it. The records of velocity loops are simulated again for that.
 """
 
 import argparse
+import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.selection import NULL
 from fdbench.benchmark.statistics import rankings, run_scores, run_statuses, standings
-from fdbench.benchmark.store import SKIPPED, Store
-from fdbench.scenario import TRACKS
+from fdbench.benchmark.store import OK, SKIPPED, Store
+from fdbench.nonce import derived_seed
+from fdbench.scenario import TRACKS, load_scenario
+from fdbench.statistics import drawn_rows, percentile_interval
 
 ALIKE = 0.01
 FAMILIES = ("pl_lssvm", "krls_t", "least_squares")
 SHAKER = "Shaker"
+RESAMPLES = 2000
+# Families of scenarios by how their ids begin; an id belongs to the longest.
+SCENARIOS = (
+    SHAKER,
+    "ShakerControl",
+    "Milling",
+    "MillingAir",
+    "LinearMotorAxis",
+    "BallScrewAxis",
+    "DriveCurrent",
+    "EMPS",
+    "SlotMilling",
+    "SensorNetwork",
+    "Spindle",
+    "SpindleTestbed",
+    "ServoStaircase",
+    "ServoSpiral",
+)
 
 
 def by_scenario(scores: pd.DataFrame) -> Iterator[tuple[str, str, dict[str, float]]]:
@@ -62,6 +88,62 @@ def report(folder: Path) -> Iterator[str]:
     yield f"{len(statuses)} runs, of which {skipped} skipped ({skipped / len(statuses):.0%})"
 
 
+def best_rows(folder: Path) -> Iterator[str]:
+    """Yield a table: the best row of each family and track, its share of the ceiling and of the bound."""
+    scores, parameters = Store(folder).scores(), Store(folder).parameters()
+    family = scores.scenario.map(lambda name: max((one for one in SCENARIOS if name.startswith(one)), key=len))
+    yield "| scenarios | track | best row | share of the ceiling | efficiency beside the bound |"
+    yield "| --- | --- | --- | --- | --- |"
+    for name in SCENARIOS:
+        own = scores[family == name]
+        for track in TRACKS:
+            best = next((one for one in standings(own, track) if one.rank), None) if len(own) else None
+            if best is not None:
+                words = [name, track, f"`{best.estimator}`", share(best.score.value, best.score.low, best.score.high)]
+                bound = efficiency(own, parameters, best.estimator) if track == "parameters" else ""
+                yield f"| {' | '.join([*words, bound])} |"
+
+
+def efficiency(scores: pd.DataFrame, parameters: pd.DataFrame, estimator: str) -> str:
+    """Return the sum of bounds over that of squared errors of the parameters, with its interval, or nothing."""
+    own = scores[(scores.estimator == estimator) & (scores.metric == "parameter_error") & (scores.status == OK)]
+    stated = parameters[parameters.estimator == estimator].set_index(["scenario", "seed", "parameter"]).standard_error
+    bounds = np.array([squared_bound(run, stated) for run in own.itertuples()])
+    if not np.isfinite(bounds).all():
+        return ""
+    errors = own.value.to_numpy() ** 2
+    drawn = drawn_rows(own.scenario.to_numpy(), RESAMPLES)
+    return share(
+        bounds.sum() / errors.sum(), *percentile_interval(bounds[drawn].sum(axis=1) / errors[drawn].sum(axis=1))
+    )
+
+
+def squared_bound(run: Any, stated: pd.Series) -> float:
+    """Return the bound of a run's squared `parameter_error`; NaN where none is known.
+
+    In a velocity loop it is that of Cramér and Rao for who knows force and friction exactly, and no data sheet; in slot
+    milling the variance that the row states, which is the bound of its own model.
+    """
+    scenario, seed = load_scenario(run.scenario), derived_seed(run.nonce, run.scenario, run.seed)
+    sigma = scenario.drawn(seed).reality.noise.equation_velocity_m_per_s
+    if not (sigma > 0.0 or run.plant == "slot_milling"):
+        return math.nan
+    record, truth = scenario.observe(seed)
+    regression = scenario.context().regression(record)
+    names, regressors = regression.names, regression.regressors
+    if sigma > 0.0:
+        variance = sigma**2 * np.diag(np.linalg.inv(regressors.T @ regressors))
+    else:
+        variance = np.array([stated[run.scenario, run.seed, name] ** 2 for name in names])
+    square = np.mean(regressors**2, axis=0)
+    true = np.array([truth.parameters[name] for name in names])
+    return float(1e4 * (square @ variance) / (square @ true**2))
+
+
+def share(value: float, low: float, high: float) -> str:
+    return f"{value:.2f}" if math.isnan(low) else f"{value:.2f} ({low:.2f} to {high:.2f})"
+
+
 def listed(names: list[str]) -> str:
     return f": {', '.join(names)}" if names else ""
 
@@ -69,5 +151,6 @@ def listed(names: list[str]) -> str:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("results", type=Path)
-    for line in report(parser.parse_args().results):
+    folder = parser.parse_args().results
+    for line in (*report(folder), *best_rows(folder)):
         print(line)
