@@ -36,6 +36,7 @@ SCENARIOS = (
     "Milling",
     "MillingAir",
     "LinearMotorAxis",
+    "LinearMotorCogging",
     "BallScrewAxis",
     "DriveCurrent",
     "EMPS",
