@@ -8,20 +8,9 @@ from numpy.typing import NDArray
 
 from fdbench.errors import PluginError, SpecError
 from fdbench.estimator import BatchEstimator, Context, Estimate, FloatArray
-from fdbench.plants import RespondingPlant
-from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import Record
 from fdbench_baselines._forward_regression import Terms, free_run, select
-
-LOOP = "velocity_loop"
-DRIVES = (LOOP, "inverse_dynamics", "directional_inverse_dynamics")
-
-
-class Run(NamedTuple):
-    """The nominal machine's own run under a command: target (n,), and inputs of a model of its error (n, n_inputs)."""
-
-    target: FloatArray
-    inputs: FloatArray
+from fdbench_baselines._nominal_runs import DRIVES, nominal_runs, root_mean_square, unpredictable
 
 
 class Learnt(NamedTuple):
@@ -111,22 +100,14 @@ class NarxFrols(BatchEstimator):
 
     def skip(self, context: Context) -> str | None:
         """Skip where no command makes the nominal model's target."""
-        if isinstance(context.plant, RespondingPlant):
-            return None
-        if context.model in DRIVES and isinstance(context.plant, FeedDrive):
-            return None
-        return "the nominal model predicts nothing from a command alone"
+        return unpredictable(context)
 
     def fit(self, context: Context, record: Record) -> Estimate:
         """Learn the error of each axis."""
-        reason = self.skip(context)
-        if reason is not None:
-            raise SpecError(f"narx_frols: {reason}.")
-        runs, learnt = nominal_runs(context, record), []
+        runs, learnt = nominal_runs(context, record, "narx_frols"), []
         for run, target in zip(runs, np.split(context.regression(record).target, len(runs)), strict=True):
             error = target - run.target
-            size, scale = root_mean_square(error), np.sqrt(np.mean(run.inputs**2, axis=0))
-            scale[scale == 0.0] = 1.0
+            size, scale = float(root_mean_square(error)), root_mean_square(run.inputs)
             known, degrees = self._known(run.inputs / scale)
             before = [np.append(np.zeros(lag), error[:-lag]) / size for lag in range(1, self.outputs + 1)]
             outputs = np.column_stack(before) if before else np.empty((len(error), 0))
@@ -142,7 +123,7 @@ class NarxFrols(BatchEstimator):
         if self._learnt is None:
             raise PluginError("narx_frols: fit(context, record) must come before predict.")
         axes = []
-        for run, (terms, size, scale) in zip(nominal_runs(context, command), self._learnt, strict=True):
+        for run, (terms, size, scale) in zip(nominal_runs(context, command, "narx_frols"), self._learnt, strict=True):
             error = free_run(self._known(run.inputs / scale)[0], terms.columns, terms.weights)
             axes.append(run.target if error is None else run.target + size * error)
         return np.concatenate(axes)
@@ -158,27 +139,3 @@ class NarxFrols(BatchEstimator):
         ]
         products = np.column_stack([np.prod(delayed[:, list(name)], axis=1) for name in names])
         return products, np.array([len(name) for name in names])
-
-
-def root_mean_square(error: FloatArray) -> float:
-    """Return the size of an error, 1 where there is none."""
-    return float(np.sqrt(np.mean(error**2))) or 1.0
-
-
-def nominal_runs(context: Context, command: Record) -> list[Run]:
-    """Return the nominal machine's run under a command, one for each axis."""
-    plant, model = context.plant, context.linear_model
-    if isinstance(plant, RespondingPlant):
-        return [Run(axis, axis[:, None]) for axis in np.split(plant.nominal_response(command), len(context.nominal))]
-    if not isinstance(plant, FeedDrive):
-        raise SpecError("narx_frols: the nominal model predicts nothing from a command alone.")
-    if context.model == LOOP:
-        velocity = model.free_run(command, context.nominal)
-        if velocity is None:
-            raise SpecError("narx_frols: the nominal model predicts nothing from a command alone.")
-        moved = {"velocity_m_per_s": np.append(0.0, velocity)}
-        reference = {name: command[name] for name in ("time_s", "reference_velocity_m_per_s")}
-        regression = model.regression(Record(reference | moved))
-        return [Run(velocity, regression.regressors)]
-    regression = model.regression(plant.respond(command))
-    return [Run(regression.regressors @ np.array(list(context.nominal.values())), regression.regressors)]
