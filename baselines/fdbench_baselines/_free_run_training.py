@@ -56,7 +56,7 @@ def train(model: Trainable, start: FloatArray, inputs: FloatArray, target: Float
         with_model += error
         without += mean_square(target, 1.0 - weight)
     ratio = float(np.sqrt(with_model / without)) if without > 0.0 else 1.0
-    return Trained(thetas if ratio < 1.0 - GAIN else [], ratio)
+    return Trained(thetas, ratio) if ratio < 1.0 - GAIN else Trained([], 1.0)
 
 
 def mean_square(error: FloatArray, weight: FloatArray) -> float:

@@ -112,7 +112,7 @@ class NeuralStateSpace(NetworkEstimator):
     Suykens, De Moor and Vandewalle, Nonlinear system identification using neural state space models, International
     Journal of Control 62 (1995), 129-152; Schoukens and Toth, On the initialization of nonlinear LFR model
     identification with the best linear approximation, IFAC-PapersOnLine 53 (2020), 310-315; Bemporad, An L-BFGS-B
-    approach for linear and nonlinear system identification, IEEE Trans. Automatic Control 70 (2025), 4857-4864, for the
+    approach for linear and nonlinear system identification, IEEE Trans. Automatic Control, 2025, for the
     training. That the linear part is the sheet's, the form of its poles, and folds are ours.
 
     Examples

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from fdbench_baselines._example import example_drive, example_milling
 from fdbench_baselines._forward_regression import forward_regression, free_run, select
-from fdbench_baselines.narx_frols import NarxFrols, nominal_runs
+from fdbench_baselines._nominal_runs import nominal_runs
+from fdbench_baselines.narx_frols import NarxFrols
 
 from fdbench.errors import PluginError, SpecError
 from fdbench.scenario import load_scenario
@@ -75,7 +76,7 @@ def test_it_predicts_a_motion_that_it_has_not_seen_better_than_the_sheet(name: s
         record, truth = scenario.observe(seed)
         estimator = NarxFrols()
         found = estimator.predict(context, estimator.fit(context, record), command)
-        nominal = np.concatenate([run.target for run in nominal_runs(context, command)])
+        nominal = np.concatenate([run.target for run in nominal_runs(context, command, "narx_frols")])
         assert found is not None
         assert truth.response is not None
         errors.append((np.std(found - truth.response), np.std(nominal - truth.response)))
