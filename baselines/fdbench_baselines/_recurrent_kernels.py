@@ -115,7 +115,7 @@ def gated_parts(theta, units, m):  # type: ignore[no-untyped-def]
 @kept
 @njit(error_model="numpy")
 def pole_parts(poles, decays, tangents):  # type: ignore[no-untyped-def]
-    """Return real and imaginary parts of poles: size 1 / (1 + 1e-4 + rho^2 decay), angle 2 atan(tangent + tau decay)."""
+    """Return real and imaginary parts of poles; see `NeuralStateSpace`."""
     tangent = tangents + decays * poles[1]
     size = 1.0 / (1.0 + LEAST_DECAY + decays * poles[0] * poles[0]) / (1.0 + tangent * tangent)
     return size * (1.0 - tangent * tangent), size * 2.0 * tangent

@@ -6,7 +6,6 @@ from typing import NamedTuple, final
 import numpy as np
 
 from fdbench.estimator import Context, FloatArray
-from fdbench_baselines._free_run_training import Trainable
 from fdbench_baselines._network_estimator import NetworkEstimator
 from fdbench_baselines._recurrent_kernels import gated_backward, gated_forward
 
@@ -105,10 +104,10 @@ class GatedRecurrentUnit(NetworkEstimator):
     True
     """
 
-    def __init__(self, units: int = 8, iterations: int = 100, seed: int = 0) -> None:
+    def __init__(self, units: int = 8, iterations: int = 60, seed: int = 0) -> None:
         super().__init__("gated_recurrent_unit", iterations, seed, units=units)
         self.units = units
 
-    def network(self, context: Context, axis: int, row_time_s: float) -> Trainable:
+    def network(self, context: Context, axis: int, row_time_s: float) -> GatedNetwork:
         """Return the units."""
         return GatedNetwork(self.units)

@@ -7,7 +7,6 @@ import numpy as np
 
 from fdbench.estimator import Context, FloatArray
 from fdbench.plants._servo_stage import StagePlant
-from fdbench_baselines._free_run_training import Trainable
 from fdbench_baselines._network_estimator import NetworkEstimator
 from fdbench_baselines._nominal_runs import LOOP
 from fdbench_baselines._recurrent_kernels import feedback_backward, feedback_forward
@@ -131,7 +130,7 @@ class NeuralStateSpace(NetworkEstimator):
         super().__init__("neural_state_space", iterations, seed, neurons=neurons)
         self.neurons = neurons
 
-    def network(self, context: Context, axis: int, row_time_s: float) -> Trainable:
+    def network(self, context: Context, axis: int, row_time_s: float) -> FeedbackNetwork:
         """Return the neurons about the sheet's poles."""
         if isinstance(context.plant, StagePlant):
             s = np.linalg.eigvals(list(context.plant.axes().values())[axis].A)

@@ -65,7 +65,7 @@ class RffKrls(BatchEstimator):
     chosen, and its free run, if the fit to the whole record has made it one, is the sheet's.
 
     Told: the data sheet. Claims nothing but the free run. Training costs O(n p^2) for n rows and p features, at most
-    132: 0.4 s for a record of 4000 rows on one core. A free run costs O(p) a row; the memory is 16 n p bytes, 9 MB: all
+    132: 0.2 s for a record of 4000 rows on one core. A free run costs O(p) a row; the memory is 16 n p bytes, 9 MB: all
     rows of features are made beforehand, though the recursion needs but p^2 numbers.
 
     Parameters
