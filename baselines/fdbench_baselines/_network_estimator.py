@@ -12,7 +12,7 @@ from fdbench_baselines._free_run_training import Trainable, Trained, train
 from fdbench_baselines._nominal_runs import DRIVES, known, nominal_runs, root_mean_square, unpredictable
 
 
-class LearntAxis(NamedTuple):
+class LearntNetwork(NamedTuple):
     """What an axis has learnt: the network, its parameters, and the sizes of error and inputs."""
 
     network: Trainable
@@ -43,7 +43,7 @@ class NetworkEstimator(BatchEstimator):
             if not isinstance(value, int) or not least <= value <= most:
                 raise SpecError(f"{own_name}: {name} = {value!r} must be an integer from {least} to {most}.")
         self.own_name, self.iterations, self.seed = own_name, iterations, seed
-        self._axes: list[LearntAxis] | None = None
+        self._axes: list[LearntNetwork] | None = None
 
     @abstractmethod
     def network(self, context: Context, axis: int, row_time_s: float) -> Trainable:
@@ -69,7 +69,7 @@ class NetworkEstimator(BatchEstimator):
             network = self.network(context, axis, row_time_s)
             start = network.start(inputs.shape[1], np.random.default_rng(self.seed))
             trained = train(network, start, inputs / scale, error / size, self.iterations)
-            axes.append(LearntAxis(network, trained, size, scale))
+            axes.append(LearntNetwork(network, trained, size, scale))
         self._axes = axes
         return Estimate()
 
@@ -83,7 +83,7 @@ class NetworkEstimator(BatchEstimator):
             responses.append(response)
         return np.concatenate(responses)
 
-    def _learnt(self) -> list[LearntAxis]:
+    def _learnt(self) -> list[LearntNetwork]:
         if self._axes is None:
             raise PluginError(f"{self.own_name}: fit(context, record) must come before predict.")
         return self._axes

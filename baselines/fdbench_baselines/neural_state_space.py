@@ -61,7 +61,7 @@ class NeuralStateSpace(NetworkEstimator):
     are what they are off by, at rest 0, and by superposition move with the sheet's poles: on a servo stage those of its
     servo, in a velocity loop :math:`\beta_2`. Inverse dynamics have no state: there two pairs forget in 4 and in 16
     rows. Each pair of states has a block of A with a pole of size :math:`1 / (1 + 10^{-4} + \delta \rho^2)` and angle
-    :math:`2 \arctan(t + \delta \tau)`; :math:`\rho = 1`, :math:`\tau = 0`, the sheet's, are learnt too. C reads the
+    :math:`2 \arctan(t + \delta \tau)`; :math:`\rho = 1`, :math:`\tau = 0` at the start, learnt too. C reads the
     first state of a pair, and G is 1 less the size of the sheet's pole. s is the size of the error; inputs u, each in
     units of its size, are what the machine's equation multiplies on its own run: on a drive commanded and own velocity
     or acceleration, velocity and direction; on a servo stage the response, with its first and second change from row to
