@@ -133,8 +133,10 @@ def _lines_in_position(
 ) -> list[float]:
     """Return the wavelengths that stand out in the profiles over position, and orders of the lead that may be there.
 
-    Each run and direction has a profile of its own: the loop shifts a wave by its lag, friction turns its sign. Motors
-    and screws repeat at known orders, where less is needed to be tried.
+    Each run and direction has a profile of its own: the loop shifts a wave by its lag, friction turns its sign. Short
+    waves are sought octave by octave in what the mean over the longest of each leaves: at a steady speed samples lie a
+    way apart that a slow change would be taken for a wave of. Motors and screws repeat at known orders, where less is
+    needed to be tried.
     """
     shortest_wave_m = length * SEARCH.shortest_wave_m
     lowest, travel = _travel(runs)
@@ -146,6 +148,7 @@ def _lines_in_position(
     octaves = [(SEARCH.fewest_waves / travel, SEARCH.long_waves / travel)]
     while octaves[-1][1] * shortest_wave_m < 1.0:
         octaves.append((octaves[-1][1], 2.0 * octaves[-1][1]))
+    widths = [round(n_bins / (low * travel)) for low, _ in octaves]
     power = np.zeros((len(octaves), len(wavenumber)))
     for run, gap in zip(runs, gaps, strict=True):
         inside = slice(1, 1 + gap.shape[1])
@@ -154,13 +157,11 @@ def _lines_in_position(
         for moving in (speed > 0.0, speed < 0.0):
             visits = np.bincount(place[moving], minlength=n_bins).astype(np.float64)
             for own in gap:
-                sums = np.bincount(place[moving], weights=own[moving], minlength=n_bins)
-                for octave, (low, _) in enumerate(octaves):
-                    alike = sums - visits * _local_mean(sums, visits, round(n_bins / (low * travel)))
-                    spectrum = np.fft.rfft(alike / np.sqrt(np.maximum(visits, 1.0)), n_padded)
-                    power[octave] += np.abs(spectrum) ** 2
+                sums = np.bincount(place[moving], weights=own[moving], minlength=n_bins).astype(np.float64)
+                profiles = np.stack([sums - visits * _local_mean(sums, visits, width) for width in widths])
+                power += np.abs(np.fft.rfft(profiles / np.sqrt(np.maximum(visits, 1.0)), n_padded)) ** 2
     resolved = max(3, round(2.0 / travel / float(wavenumber[1])))
-    # Slow changes along the way have more power than any pitch, which stands out of what is around it.
+    # What is slower has more power than any pitch, also at the ways of a sample at its speeds; it goes before.
     height = np.zeros(len(wavenumber))
     for own, (low, high) in zip(power[1:], octaves[1:], strict=True):
         within = (wavenumber >= low) & (wavenumber < high)
@@ -189,9 +190,11 @@ def _lines_in_position(
 
 
 def _local_mean(sums: FloatArray, visits: FloatArray, width: int) -> FloatArray:
-    """Return the mean of what was summed over a width around each bin, weighted by its visits."""
+    """Return the mean of what was summed within a width around each bin, or of everything where that is less."""
     from scipy.ndimage import uniform_filter1d
 
+    if width >= len(sums):
+        return np.full(len(sums), sums.sum() / max(float(visits.sum()), 1.0))
     around, many = (uniform_filter1d(values, width, mode="constant") for values in (sums, visits))
     return np.asarray(around / np.maximum(many, 0.5 / width))
 

@@ -93,8 +93,8 @@ class Search:
             serious = first and gains[kind] >= SEARCH.serious * most > 0.0
             if serious:
                 self.progress(f"refining {kind.name}")
-                smaller = [base.with_effect(item.members[0], item.replaces) for item in candidate.sizes(SEARCH.starts)]
-                hypothesis = self.refined_anew(self.refinement.better(base, [hypothesis, *smaller]), base)
+                starts = [one for start in candidate.sizes(SEARCH.starts) for one in start.hypotheses(base)]
+                hypothesis = self.refined_anew(self.refinement.better(base, [hypothesis, *starts]), base)
             hypotheses.append((kind, hypothesis, serious))
         return self.compared(base, hypotheses)
 
