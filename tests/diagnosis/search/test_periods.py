@@ -10,6 +10,7 @@ from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.search.periods import _lines_in_position, _lines_in_time, inverse_dynamics_residuals
+from fdbench.diagnosis.settings import SEARCH
 
 PERIOD_S = 1e-3
 STROKES = moves((0.0, 0.2, 0.0), (0.1,), 4.0, PERIOD_S)
@@ -38,6 +39,18 @@ def test_a_wavelength_is_found_whatever_the_sign_in_either_direction(pitch_m: fl
     noise = 0.3 * np.random.default_rng(1).standard_normal(len(wave))
     found = _lines_in_position([(wave + noise)[None, 1:-2]], [run], None, 1.0)
     assert min(abs(found_m / pitch_m - 1.0) for found_m in found) < 0.02
+
+
+def test_a_slow_change_is_no_wave_as_long_as_the_way_of_a_sample() -> None:
+    """At 0.5 m/s samples lie 0.5 mm apart, the same places in every run; a pitch of 3.07 mm is weaker than what is slow."""
+    reference = moves((0.0, 0.2, 0.0), (0.5,), 8.0, PERIOD_S)
+    slow = 20.0 * np.sin(2.0 * np.pi * reference[:, 0] / 0.11) + 10.0 * np.sign(reference[:, 1])
+    wave = np.sin(2.0 * np.pi * reference[:, 0] / 3.07e-3)
+    noise = 0.3 * np.random.default_rng(3).standard_normal(len(wave))
+    runs = [run_along(reference)] * 3
+    found = _lines_in_position([(slow + wave + noise)[None, 1:-2]] * 3, runs, None, 1.0)
+    first_short = next(own for own in found if own < 0.2 / SEARCH.long_waves)
+    assert first_short == pytest.approx(3.07e-3, rel=0.02)
 
 
 def test_orders_of_the_lead_are_tried_where_something_is_there() -> None:

@@ -102,6 +102,56 @@ def test_beside_a_far_fetched_base_an_effect_is_also_fitted_from_the_nominal_val
     assert found.effects[0].values()[0] == pytest.approx(true.values()[0], rel=0.2)
 
 
+def test_a_load_on_the_table_is_not_left_on_the_motor() -> None:
+    """80 kg are 44 deviations of the table's mass and 23 of the motor's, where a fit stops; put over it goes on."""
+    true = effects.get("inertia_mismatch").typical(extra_mass_kg=80.0)
+    own = search(true)
+    places = {item.name: place for place, item in enumerate(nominal_parameters(NOMINAL))}
+    found = own.refinement.calibrate(start(NOMINAL))
+    sizes = [item.size(NOMINAL.drive) for item in nominal_parameters(NOMINAL)]
+    motor, table = places["motor_mass"], places["table_mass"]
+    assert found.shifts[table] * sizes[table] == pytest.approx(80.0, rel=0.02)
+    assert abs(found.shifts[motor]) < 1.0 < abs(own.refinement.refine(start(NOMINAL)).shifts[motor])
+
+
+def test_what_is_far_off_on_one_side_is_tried_on_either_alone() -> None:
+    places = {item.name: place for place, item in enumerate(nominal_parameters(NOMINAL))}
+    sizes = [item.size(NOMINAL.drive) for item in nominal_parameters(NOMINAL)]
+    motor, table = places["motor_mass"], places["table_mass"]
+    shifts = [0.0] * len(places)
+    assert start(NOMINAL).moved(shifts).on_one_side() == []
+    shifts[motor], shifts[table], shifts[places["motor_viscous"]] = MODEL.far_fetched + 1.0, -1.0, 0.5
+    given = start(NOMINAL).moved(shifts)
+    change = shifts[motor] * sizes[motor] + shifts[table] * sizes[table]
+    on_motor, on_table = given.on_one_side()
+    assert (on_motor.shifts[table], on_table.shifts[motor]) == (0.0, 0.0)
+    assert on_motor.shifts[motor] * sizes[motor] == pytest.approx(change)
+    assert on_table.shifts[table] * sizes[table] == pytest.approx(change)
+    assert on_motor.shifts[places["motor_viscous"]] == on_table.shifts[places["motor_viscous"]] == 0.5
+
+
+def test_a_value_that_is_a_cause_costs_no_more_than_naming_one() -> None:
+    places = {item.name: place for place, item in enumerate(nominal_parameters(NOMINAL))}
+    shifts = [0.0] * len(places)
+    shifts[places["motor_mass"]] = 1.0
+    near = start(NOMINAL).moved(shifts)
+    assert near.named_penalty() == pytest.approx(near.prior_penalty())
+    shifts[places["motor_mass"]] = shifts[places["table_mass"]] = 30.0
+    far = start(NOMINAL).moved(shifts)
+    assert far.named_penalty() == pytest.approx(2.0 * math.log(len(NOMINAL.library)))
+    assert far.prior_penalty() > 4.0 * far.named_penalty()
+
+
+def test_a_strong_saturation_is_found_though_its_response_grows_with_its_square() -> None:
+    """Its linear fit is out by its square; twice that size the loop gives a gap many times larger."""
+    true = effects.get("force_saturation").typical(saturation_per_N=2.5e-3)
+    stage = search(true).stage(start(NOMINAL))
+    assert stage is not None
+    best = stage.rivals[0]
+    assert best.kind.declared is type(true)
+    assert best.hypothesis.effects[0].values()[0] == pytest.approx(true.values()[0], rel=0.1)
+
+
 def test_what_stands_in_for_an_effect_hides_it_from_its_base_alone() -> None:
     """Beside the re-calibrated axis a drag changes little; in its own hypothesis it changes what it does."""
     true = effects.get("quadratic_drag").typical()
