@@ -42,7 +42,7 @@ def test_a_wavelength_is_found_whatever_the_sign_in_either_direction(pitch_m: fl
 
 
 def test_a_slow_change_is_no_wave_as_long_as_the_way_of_a_sample() -> None:
-    """At 0.5 m/s samples lie 0.5 mm apart, the same places in every run; a pitch of 3.07 mm is weaker than what is slow."""
+    """At 0.5 m/s samples lie 0.5 mm apart, at the same places in every run; the pitch is weaker than what is slow."""
     reference = moves((0.0, 0.2, 0.0), (0.5,), 8.0, PERIOD_S)
     slow = 20.0 * np.sin(2.0 * np.pi * reference[:, 0] / 0.11) + 10.0 * np.sign(reference[:, 1])
     wave = np.sin(2.0 * np.pi * reference[:, 0] / 3.07e-3)
