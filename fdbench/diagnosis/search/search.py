@@ -189,7 +189,7 @@ class Search:
         deviations = np.sqrt(squares / float(evidence.counts[inside].sum()))
         return _Screened(
             alone=scores.fit(nuisances),
-            fits=[scores.fit([*nuisances, *own]) for own in columns],
+            fits=[_within_bounds(item, scores, nuisances, own) for item, own in zip(every, columns, strict=True)],
             gap=max(float(deviations[0]), 1e-150),
             sizes=[float(deviations[list(own)].max()) for own in columns],
         )
@@ -235,6 +235,16 @@ def _not_oversized(every: Sequence[Candidate], sizes: Sequence[float], gap: floa
         item if ratio <= SEARCH.oversized or item.replaces is not None else item.sizes([1.0 / ratio])[0]
         for item, ratio in zip(every, ratios, strict=True)
     ]
+
+
+def _within_bounds(candidate: Candidate, scores: Scores, nuisances: Sequence[int], own: Sequence[int]) -> Fit:
+    """Return the linear fit of a candidate, or that without its further amplitudes where they break a bound."""
+    fit = scores.fit([*nuisances, *own])
+    further = len(candidate.kind.further_amplitudes)
+    if further == 0 or candidate.scaled(fit.coefficients[len(nuisances) :].tolist()) is not None:
+        return fit
+    alone = scores.fit([*nuisances, *own[:-further]])
+    return dataclasses.replace(alone, coefficients=np.append(alone.coefficients, np.zeros(further)))
 
 
 def _cost(base: Hypothesis, misfit: float, fit: Fit) -> float:
