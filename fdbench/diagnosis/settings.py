@@ -181,7 +181,7 @@ class SearchSettings:
     oversized: float = number(5.0, "times the gap that the response to a tried effect may be before it is made smaller")
     rescaled: int = number(10, "classes that are simulated again at their fitted size")
     sizes: tuple[float, ...] = number((1.0, 0.5), "of that size: large effects are not proportional to it")
-    starts: tuple[float, ...] = number((0.5, 0.25), "of that size, where a refinement may begin if that is better")
+    starts: tuple[float, ...] = number((0.5, 0.25), "of that size: further starts, where it is worse than no effect")
     refined: int = number(3, "classes that are refined in closed loop before one is chosen, at most")
     serious: float = number(0.5, "share of the best gain that makes a class worth refining")
     smallest_gain: float = number(0.04, "share of the excess misfit that an effect must remove")

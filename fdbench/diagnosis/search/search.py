@@ -93,8 +93,8 @@ class Search:
             serious = first and gains[kind] >= SEARCH.serious * most > 0.0
             if serious:
                 self.progress(f"refining {kind.name}")
-                starts = [one for start in candidate.sizes(SEARCH.starts) for one in start.hypotheses(base)]
-                hypothesis = self.refined_anew(self.refinement.better(base, [hypothesis, *starts]), base)
+                begun = [self.refined_anew(start, base) for start in self._starts(base, hypothesis, candidate)]
+                hypothesis = self.refinement.better(base, begun) if len(begun) > 1 else begun[0]
             hypotheses.append((kind, hypothesis, serious))
         return self.compared(base, hypotheses)
 
@@ -205,6 +205,13 @@ class Search:
             if scaled is not None and cost < costs.get(candidate.kind, math.inf):
                 best[candidate.kind], costs[candidate.kind] = (scaled, fit), cost
         return best
+
+    def _starts(self, base: Hypothesis, hypothesis: Hypothesis, candidate: Candidate) -> list[Hypothesis]:
+        """Return where a refinement begins: also at a smaller size, where the fitted one is worse than no effect."""
+        if self.refinement.better(base, [base, hypothesis]) is hypothesis:
+            return [hypothesis]
+        smaller = [one for item in candidate.sizes(SEARCH.starts) for one in item.hypotheses(base)]
+        return [hypothesis, self.refinement.better(base, smaller)]
 
     def refined_anew(self, hypothesis: Hypothesis, base: Hypothesis) -> Hypothesis:
         """Return the better of two refinements: from here, and where the base is far-fetched, from nominal parameters.
