@@ -39,7 +39,8 @@ def show(
         ),
     ] = None,
     sampling_time_s: Annotated[
-        float | None, typer.Option("--sampling-time", min=1e-9, help="In s; for a model file, which has none.")
+        float | None,
+        typer.Option("--sampling-time", min=1e-9, help="Of the controller, in s; for a model file, which has none."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", callback=file_to_write, help="HTML file for the diagrams.")

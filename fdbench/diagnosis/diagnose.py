@@ -32,6 +32,7 @@ from fdbench.diagnosis.model.nominal import Nominal, Uncertainty
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
 from fdbench.diagnosis.records.runs import merged
+from fdbench.diagnosis.search.loop_rate import Calibrated, at_likely_rate
 from fdbench.diagnosis.search.refinement import Refinement
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Stage
@@ -195,11 +196,12 @@ def _searched(
     healthy: Baseline | None,
 ) -> _Searched:
     ready = aligned(nominal, records, holdouts, healthy)
-    split, given = ready.split, start(ready.nominal)
-    refinement = Refinement(ready.readings.coarsened(given, split.noise_models), split)
-    search = Search(refinement, progress)
-    search.progress("re-calibrating the nominal parameters")
-    calibrated = refinement.calibrate(given)
+    if progress is not None:
+        progress("re-calibrating the nominal parameters")
+    # What the model's form gets wrong cancels beside a baseline, its rate with it.
+    found = at_likely_rate(ready) if healthy is None else Calibrated.of(ready)
+    ready, refinement, calibrated = found.ready, found.refinement, found.hypothesis
+    search, given = Search(refinement, progress), start(ready.nominal)
     split = with_run_to_run_covariance(refinement.readings.replay, ready, calibrated, healthy)
     refinement.look_at(ready.readings.coarsened(given, split.noise_models), split)
     base = refinement.refine(calibrated)

@@ -199,6 +199,7 @@ class SearchSettings:
     dampings: tuple[float, ...] = number((0.0, 0.03, 0.3, 3.0), "of the diagonal of the normal matrix, tried together")
     further_dampings: tuple[float, ...] = number((30.0, 300.0, 3000.0), "tried where none of those falls as promised")
     reviews: int = number(3, "rounds in which effects may be replaced by rivals or go")
+    loops: tuple[int, ...] = number((2, 4), "cycles of the controller in a sampling time that are tried")
     lines: int = number(3, "lines over time, and long waves over the way, that are tried")
     pitches: int = number(3, "short waves over the way that are tried")
     lowest_line_Hz: float = number(2.0, "slowest line")

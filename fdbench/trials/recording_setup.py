@@ -17,6 +17,7 @@ from fdbench.diagnosis.evidence.run_to_run import Repeatability
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.known_effects import silent
 from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.replay import at_each_loop
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
 from fdbench.diagnosis.records.runs import COMMAND, DEFLECTION, SIDES, RecordedRun
 from fdbench.diagnosis.repaired import table_of, toml_lines
@@ -96,6 +97,11 @@ class RecordingSetup:
         return hashlib.sha256(seal.canonical(content)).hexdigest()
 
     @property
+    def loops(self) -> int:
+        """Cycles of the controller in a sampling time."""
+        return self.ready.nominal.simulation.loops or 1
+
+    @property
     def holds(self) -> bool:
         """Whether the logger held samples."""
         return any(artefact.interpolated for artefact in self.ready.artefacts)
@@ -142,9 +148,9 @@ class RecordingSetup:
         return LibraryAxis(
             drive=drive,
             unmodelled=tuple(own.get(kind.declared, silent(kind)) for kind in self.visibility.kinds),
-            period_s=self.ready.runs[0].period_s,
+            period_s=self.ready.runs[0].period_s / self.loops,
             noises=noises,
-            substeps=nominal.simulation.substeps,
+            substeps=-(-nominal.simulation.substeps // self.loops),
         )
 
     def recorded(self, axis: LibraryAxis, rng: np.random.Generator) -> tuple[list[Record], list[Record]]:
@@ -152,8 +158,8 @@ class RecordingSetup:
         found: list[Record] = []
         for run in self.ready.runs:
             command = self.command(run)
-            made = axis.readings(self.with_run_up(run), rng)
-            readings = {name: values[-run.n_samples :] for name, values in made.items()}
+            made = axis.readings(at_each_loop(self.with_run_up(run), run.period_s, self.loops), rng)
+            readings = {name: values[:: self.loops][-run.n_samples :] for name, values in made.items()}
             columns = {name: readings.get(name, readings["position_m"]) for name in (*self.names, "motor_force_N")}
             if self.holds and run.held is not None:
                 last = np.maximum.accumulate(np.where(run.held, 0, np.arange(run.n_samples)))

@@ -103,7 +103,10 @@ def aligned(
     if error is not None:
         nominal = nominal.beside(dataclasses.replace(covered, seen=(error.effect.name,)))
     drive = nominal.drive
-    replay, given = Replay(drive, nominal.library, nominal.simulation.substeps), start(nominal)
+    replay, given = (
+        Replay(drive, nominal.library, nominal.simulation.substeps, nominal.simulation.loops or 1),
+        start(nominal),
+    )
     warnings += limits_of_forces([run.as_read() for run in raw_runs], drive)
     runs: list[RecordedRun] = []
     counts, unsteady = [], []
@@ -258,5 +261,9 @@ def merged_runs(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[
     groups = (nominal.on_the_arc(group) for group in (records, holdouts))
     runs, others = ([prepare(item, nominal.drive) for item in group] for group in groups)
     split, _ = split_runs(runs, others, noise_models([*runs, *others], nominal.way))
-    replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
+    replay = _replay(nominal)
     return Readings(replay, split.runs).coarsened(start(nominal), split.noise_models), split
+
+
+def _replay(nominal: Nominal) -> Replay:
+    return Replay(nominal.drive, nominal.library, nominal.simulation.substeps, nominal.simulation.loops or 1)

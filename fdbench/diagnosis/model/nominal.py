@@ -25,9 +25,13 @@ SUBSTEPS = 10  # where a scenario does not say
 
 @dataclass(frozen=True, kw_only=True)
 class Simulation:
-    """How the model is integrated between two samples of a record."""
+    """How the model is integrated between two samples of a record, and how often its controller acts in that time.
+
+    Without ``loops`` it acts once, or as often as records with a known controller tell.
+    """
 
     substeps: int = bounded(1, 10000)
+    loops: int | None = bounded(1, 16, default=None)
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -194,7 +198,7 @@ def _is_located(kind: type[Effect]) -> bool:
 def nominal_of(scenario: Scenario) -> Nominal:
     """Return the nominal model of a scenario; what the machine really is is not looked at."""
     substeps = SUBSTEPS if scenario.timing is None else scenario.timing.substeps
-    return Nominal(plant=scenario.plant, simulation=Simulation(substeps=substeps))
+    return Nominal(plant=scenario.plant, simulation=Simulation(substeps=substeps, loops=1))
 
 
 def load_nominal(path: str | Path) -> Nominal:
@@ -212,7 +216,7 @@ def load_nominal(path: str | Path) -> Nominal:
             raise SpecError(f"{where}.timing: a table is expected, found {timing!r}.")
         beside: dict[str, Any] = {key: table[key] for key in ("uncertainty", "exclude") if key in table}
         substeps = timing.get("substeps", SUBSTEPS)
-        table = {"plant": table.get("plant", {}), "simulation": {"substeps": substeps}, **beside}
+        table = {"plant": table.get("plant", {}), "simulation": {"substeps": substeps, "loops": 1}, **beside}
     plant = table.get("plant")
     if isinstance(plant, Mapping) and plant.get("kind") == snake_case(FeedDrive.__name__) and "controller" not in plant:
         table["plant"] = plant = {**plant, "controller": {"kind": snake_case(Following.__name__)}}

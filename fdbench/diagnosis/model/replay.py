@@ -87,6 +87,27 @@ def _mechanics(plant: FeedDrive) -> Mechanics:
     return dataclasses.replace(plant.mechanics(), position_limit_m=np.inf, velocity_limit_m_per_s=np.inf)
 
 
+def at_each_loop(reference: FloatArray, period_s: float, loops: int) -> FloatArray:
+    """Return a command (n, 3) as a controller takes it that acts several times in a sampling time, (n * loops, 3).
+
+    Positions and velocities are cubics between samples, accelerations straight lines.
+
+    >>> at_each_loop(np.array([[0.0, 0.0, 2.0], [1.0, 2.0, 2.0]]), 1.0, 2)[1].tolist()
+    [0.25, 1.0, 2.0]
+    """
+    if loops == 1:
+        return reference
+    after = np.vstack((reference[1:], reference[-1:]))
+    rows = np.empty((len(reference), loops, 3))
+    for place in range(loops):
+        part = place / loops
+        rise, leave, arrive = part**2 * (3.0 - 2.0 * part), part * (1.0 - part) ** 2, part**2 * (part - 1.0)
+        rows[:, place] = reference + rise * (after - reference)
+        rows[:, place, :2] += period_s * (leave * reference[:, 1:] + arrive * after[:, 1:])
+        rows[:, place, 2] = reference[:, 2] + part * (after[:, 2] - reference[:, 2])
+    return rows.reshape(-1, 3)
+
+
 @lru_cache(maxsize=1)
 def _threads() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(os.cpu_count(), "replay")
@@ -102,6 +123,9 @@ class Replay:
     library : sequence of Effect classes
         Effects that variants may have in addition, at most one of a class.
     substeps : int
+        Between two samples of a record.
+    loops : int
+        Cycles of the controller in that time.
 
     Attributes
     ----------
@@ -109,9 +133,9 @@ class Replay:
         Shared with those of other substeps.
     """
 
-    def __init__(self, drive: FeedDrive, library: Sequence[type[Effect]], substeps: int) -> None:
+    def __init__(self, drive: FeedDrive, library: Sequence[type[Effect]], substeps: int, loops: int = 1) -> None:
         self.library = tuple(library)
-        self.substeps = substeps
+        self.substeps, self.loops = substeps, loops
         self.drive = drive
         known = [effect.declared for effect in drive.effects]
         unusual, usual = list(known), [kind for kind in core_effects() if kind.usually_known]
@@ -178,12 +202,22 @@ class Replay:
         found.substeps, found._lanes = substeps, WeakKeyDictionary()
         return found
 
+    @property
+    def _steps_of_a_loop(self) -> int:
+        return -(-self.substeps // self.loops)
+
+    def with_loops(self, loops: int) -> "Replay":
+        """Return the simulator with another number of cycles of the controller in a sampling time."""
+        found = copy.copy(self)
+        found.loops, found._lanes = loops, WeakKeyDictionary()
+        return found
+
     def _lane(self, variant: Variant, period_s: float) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return the rows of a variant at rest, (n_rows,), and which kinds of effects it has; made once, then kept."""
         kept = self._lanes.setdefault(variant, {})
         if period_s not in kept:
             blocks = Blocks(self.kinds, 1, 1)
-            blocks.set_mechanics(_mechanics(variant.plant), period_s / self.substeps)
+            blocks.set_mechanics(_mechanics(variant.plant), period_s / (self.loops * self._steps_of_a_loop))
             blocks.set_scalars({"LOGGED_PER_N": 1.0, **variant.plant.controller.rows()})
             active = np.zeros(len(self.kinds), dtype=np.bool_)
             known = zip(self._known, variant.plant.effects, strict=True)
@@ -195,33 +229,38 @@ class Replay:
 
     def _advance(self, lanes: Sequence["_ReplayLane"]) -> None:
         """Simulate one block, piece by piece."""
-        period = lanes[0].run.period_s
+        cycle, n_loops = lanes[0].run.period_s / self.loops, self.loops
         runs = list({id(lane.run): lane.run for lane in lanes}.values())
-        first_rows = dict(zip(map(id, runs), np.cumsum([0, *(run.n_samples for run in runs)]).tolist(), strict=False))
-        longest = max(run.n_samples for run in runs)
-        reference = np.concatenate([*(run.reference for run in runs), np.zeros((longest, 3))])
-        made = [self._lane(lane.variant, period) for lane in lanes]
+        commands = [at_each_loop(run.reference, run.period_s, n_loops) for run in runs]
+        first_rows = dict(zip(map(id, runs), np.cumsum([0, *map(len, commands)]).tolist(), strict=False))
+        longest = max(map(len, commands))
+        reference = np.concatenate([*commands, np.zeros((longest, 3))])
+        made = [self._lane(lane.variant, lane.run.period_s) for lane in lanes]
         blocks = Blocks(self.kinds, WIDTH, WIDTH)
         blocks.values[0] = np.stack([rows for rows, _ in [*made, *[made[-1]] * (WIDTH - len(made))]], axis=1)
         for place, lane in enumerate(lanes):
-            blocks.place(*lane.run.start, period, np.array([place]))
+            blocks.place(*lane.run.start, cycle, np.array([place]))
             blocks.set_scalars({"FIRST_ROW": first_rows[id(lane.run)]}, np.array([place]))
         active = np.logical_or.reduce([own for _, own in made])
         out = np.empty((1, PIECE, layout.OUT_COLUMNS * WIDTH))
-        columns = out[0].reshape(PIECE, layout.OUT_COLUMNS, WIDTH).transpose(1, 2, 0)
+        columns = out[0].reshape(PIECE, layout.OUT_COLUMNS, WIDTH)[::n_loops].transpose(1, 2, 0)
         calls = self._stepper.calls(active)
         motor, scale = layout.OUT_MOTOR, layout.OUT_TABLE
         read_from = {
             "motor_force_N": layout.OUT_FORCE,
             "position_m": scale if self.drive.controller.uses_table else motor,
         }
-        for start in range(0, longest, PIECE):
-            n = min(PIECE, longest - start)
-            self._stepper.advance(blocks.flat, 0, n, self.substeps, period, *calls, reference, *self._no_noise, out)
+        piece = PIECE // n_loops * n_loops
+        for start in range(0, longest, piece):
+            n = min(piece, longest - start)
+            self._stepper.advance(
+                blocks.flat, 0, n, self._steps_of_a_loop, cycle, *calls, reference, *self._no_noise, out
+            )
+            first = start // n_loops
             for name in lanes[0].channels:
                 found = columns[motor] - columns[scale] if name == DEFLECTION else columns[read_from[name]]
                 for lane, values in zip(lanes, np.ascontiguousarray(found), strict=False):
-                    read = lane.channels[name][start : start + n]
+                    read = lane.channels[name][first : first + -(-n // n_loops)]
                     read[:] = values[: len(read)]
 
 

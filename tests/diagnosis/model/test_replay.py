@@ -10,10 +10,12 @@ from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.readings import Readings
-from fdbench.diagnosis.model.replay import Replay, Replayed
+from fdbench.diagnosis.model.replay import Replay, Replayed, at_each_loop
 from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
 from fdbench.diagnosis.settings import changed
 from fdbench.effects import effects
+from fdbench.simulate.system import Noise, Setup, Timing
+from fdbench.virtual_axes.library_axis import Tabulated
 
 PERIOD_S = 1e-3
 NOMINAL = Nominal(plant=drive(), simulation=Simulation(substeps=4), uncertainty=Uncertainty())
@@ -45,6 +47,25 @@ def test_runs_side_by_side_read_what_they_read_alone() -> None:
             np.testing.assert_array_equal(found[name][1], alone[name][0])
             np.testing.assert_array_equal(found[name][3], found[name][0])
             assert not np.array_equal(found[name][0], found[name][1])
+
+
+@pytest.mark.parametrize("loops", [2, 3])
+def test_a_controller_that_acts_more_often_is_that_of_the_shorter_period(loops: int) -> None:
+    """Beside the simulator of the environments at the controller's own period; pieces of 1024 are crossed."""
+    run = run_of((0.0, 0.06, 0.01, 0.05))
+    fine = at_each_loop(run.reference, PERIOD_S, loops)
+    assert len(fine) == loops * run.n_samples > 2048
+    np.testing.assert_array_equal(fine[::loops], run.reference)
+    timing = Timing(sampling_time_s=PERIOD_S / loops, duration_s=len(fine) * PERIOD_S / loops, substeps=2)
+    system = NOMINAL.drive.system(Setup(timing=timing, motion=Tabulated(values=fine), noise=Noise()))
+    system.start([0])
+    rows = system.advance(len(fine))[::loops, :, 0]
+    expected = dict(zip(system.columns, rows.T, strict=False))
+    variant = start(NOMINAL).variant
+    found = Replay(NOMINAL.drive, NOMINAL.library, 2 * loops, loops).alone(run, variant)
+    np.testing.assert_allclose(found["position_m"], expected["position_m"], rtol=0.0, atol=1e-12)
+    slower = Replay(NOMINAL.drive, NOMINAL.library, 2 * loops).alone(run, variant)
+    assert np.abs(slower["position_m"] - expected["position_m"]).max() > 1e-7
 
 
 def test_what_is_kept_is_not_simulated_again(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,86 @@
+"""How often the controller acts between two samples of a log, where the model does not say."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fdbench.diagnosis.evidence.evidence import gather
+from fdbench.diagnosis.evidence.prepare import Aligned
+from fdbench.diagnosis.model.hypothesis import Hypothesis, start
+from fdbench.diagnosis.model.readings import Readings
+from fdbench.diagnosis.search.refinement import Refinement
+from fdbench.diagnosis.settings import SEARCH
+from fdbench.plants._controllers import Following, OpenLoop
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Calibrated:
+    r"""Records beside a model at one rate of its loop, and what re-calibration makes of it.
+
+    Attributes
+    ----------
+    ready : Aligned
+    refinement : Refinement
+    hypothesis : Hypothesis
+    misfit : float
+        What is left on the training segments; 1 is noise alone.
+    cost : float
+        Minus twice the tempered log evidence, :math:`n \ln M + p`.
+    """
+
+    ready: Aligned
+    refinement: Refinement
+    hypothesis: Hypothesis
+    misfit: float
+    cost: float
+
+    @classmethod
+    def of(cls, ready: Aligned) -> "Calibrated":
+        """Re-calibrate the nominal parameters of a model."""
+        given = start(ready.nominal)
+        refinement = Refinement(ready.readings.coarsened(given, ready.split.noise_models), ready.split)
+        found = refinement.calibrate(given)
+        evidence = gather(refinement.readings, ready.split, found, ())
+        inside = ~evidence.held_out
+        counts = float((evidence.weights * evidence.counts)[inside].sum())
+        misfit = float(evidence.squares()[inside, 0].sum()) / max(counts, 1e-12)
+        n = min(SEARCH.effective_samples, float(len(np.unique(evidence.group[inside]))))
+        cost = n * math.log(max(misfit, 1e-9)) + found.named_penalty()
+        return cls(ready=ready, refinement=refinement, hypothesis=found, misfit=misfit, cost=cost)
+
+
+def at_likely_rate(ready: Aligned) -> Calibrated:
+    """Return the re-calibrated model at the rate of its loop that is told, or else at the likeliest.
+
+    Controllers often act two or four times between samples of their log, and are late by less then. A rate is taken
+    where it brings more than naming a cause costs; a loop as fast as the log, which leaves noise alone, is.
+    """
+    best, controller = Calibrated.of(ready), ready.nominal.drive.controller
+    if ready.nominal.simulation.loops is not None or isinstance(controller, Following | OpenLoop):
+        return best
+    for loops in SEARCH.loops:
+        if best.misfit < SEARCH.noise_alone:
+            break
+        tried = Calibrated.of(_at_rate(ready, loops))
+        if tried.cost > best.cost - 2.0 * math.log(len(ready.nominal.library)):
+            break
+        best = tried
+    return best
+
+
+def _at_rate(ready: Aligned, loops: int) -> Aligned:
+    simulation = dataclasses.replace(ready.nominal.simulation, loops=loops)
+    replay = ready.readings.replay.with_loops(loops)
+    said = (
+        f"The controller seems to act {loops} times between two samples of the log: with one cycle a sample the model "
+        f"fits worse, whatever its values. Write `loops = {loops}` under [simulation] of the model, or `loops = 1` if "
+        "it is none."
+    )
+    return dataclasses.replace(
+        ready,
+        nominal=dataclasses.replace(ready.nominal, simulation=simulation).beside(ready.nominal.covered),
+        readings=Readings(replay, ready.split.runs),
+        warnings=[*ready.warnings, said],
+    )
