@@ -79,8 +79,7 @@ class Hypothesis:
 
     def prior_penalty(self) -> float:
         r"""Return :math:`\sum_i (\nu + 1) \ln(1 + s_i^2 / \nu)`, minus twice the log prior of Student's t."""
-        freedom = MODEL.freedom
-        return float(sum((freedom + 1.0) * math.log1p(shift**2 / freedom) for shift in self.shifts))
+        return float(sum(map(_penalty, self.shifts)))
 
     def named_penalty(self) -> float:
         r"""Return `prior_penalty`, where what a value is off by may also be a cause of its own, for which it is named.
@@ -89,12 +88,13 @@ class Hypothesis:
 
         over the groups of values that one cause changes, with one of n effects of the library as likely as none.
         """
-        freedom, most = MODEL.freedom, 2.0 * math.log(max(len(self.nominal.library), 1))
-        groups: dict[str, float] = {}
+        most, others, of_causes = 2.0 * math.log(max(len(self.nominal.library), 1)), 0.0, dict[str, float]()
         for item, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True):
-            key = item.group if item.cause(self.nominal) else item.name + "."
-            groups[key] = groups.get(key, 0.0) + (freedom + 1.0) * math.log1p(shift**2 / freedom)
-        return sum(own if key.endswith(".") else min(own, most) for key, own in groups.items())
+            if item.cause(self.nominal):
+                of_causes[item.group] = of_causes.get(item.group, 0.0) + _penalty(shift)
+            else:
+                others += _penalty(shift)
+        return others + sum(min(own, most) for own in of_causes.values())
 
     def priors(self, weight: float) -> list[tuple[float, float]]:
         r"""Return for each nominal parameter where it stands and the weight w of its square in a linear fit.
@@ -112,11 +112,10 @@ class Hypothesis:
 
         Only of those that a data sheet has: over which speed friction turns its sign, and where it acts, is in none.
         """
-        freedom, limit = MODEL.freedom, 1.0 + MODEL.far_fetched**2 / MODEL.freedom
         stated = (
             shift for item, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True) if item.stated
         )
-        return sum((freedom + 1.0) * max(0.0, math.log((1.0 + shift**2 / freedom) / limit)) for shift in stated)
+        return sum(max(0.0, _penalty(shift) - _penalty(MODEL.far_fetched)) for shift in stated)
 
     def on_one_side(self) -> "list[Hypothesis]":
         """Return it with a far-fetched change on both sides of a screw put on either side alone, if there is one.
@@ -205,3 +204,8 @@ def adjustables(effect: Effect, longest_s: float = math.inf) -> list[Adjustable]
         high = min(high, max(longest_s, low)) if item.unit == "s" else high
         found.append(Adjustable(name=item.name, step=step, low=low, high=high, prior=False))
     return found
+
+
+def _penalty(shift: float) -> float:
+    """Return minus twice the log prior of a nominal parameter that moved by so many standard deviations."""
+    return (MODEL.freedom + 1.0) * math.log1p(shift**2 / MODEL.freedom)

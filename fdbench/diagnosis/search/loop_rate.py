@@ -76,7 +76,7 @@ def _at_rate(ready: Aligned, loops: int) -> Aligned:
     said = (
         f"The controller seems to act {loops} times between two samples of the log: with one cycle a sample the model "
         f"fits worse, whatever its values. Write `loops = {loops}` under [simulation] of the model, or `loops = 1` if "
-        "it is none."
+        "that is wrong."
     )
     return dataclasses.replace(
         ready,
