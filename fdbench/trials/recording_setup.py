@@ -99,7 +99,7 @@ class RecordingSetup:
     @property
     def loops(self) -> int:
         """Cycles of the controller in a sampling time."""
-        return self.ready.nominal.simulation.loops or 1
+        return self.ready.nominal.simulation.cycles
 
     @property
     def holds(self) -> bool:

@@ -103,10 +103,7 @@ def aligned(
     if error is not None:
         nominal = nominal.beside(dataclasses.replace(covered, seen=(error.effect.name,)))
     drive = nominal.drive
-    replay, given = (
-        Replay(drive, nominal.library, nominal.simulation.substeps, nominal.simulation.loops or 1),
-        start(nominal),
-    )
+    replay, given = _replay(nominal), start(nominal)
     warnings += limits_of_forces([run.as_read() for run in raw_runs], drive)
     runs: list[RecordedRun] = []
     counts, unsteady = [], []
@@ -266,4 +263,4 @@ def merged_runs(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[
 
 
 def _replay(nominal: Nominal) -> Replay:
-    return Replay(nominal.drive, nominal.library, nominal.simulation.substeps, nominal.simulation.loops or 1)
+    return Replay(nominal.drive, nominal.library, nominal.simulation.substeps, nominal.simulation.cycles)

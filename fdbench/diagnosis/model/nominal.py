@@ -33,6 +33,11 @@ class Simulation:
     substeps: int = bounded(1, 10000)
     loops: int | None = bounded(1, 16, default=None)
 
+    @property
+    def cycles(self) -> int:
+        """Cycles of the controller between two samples: one, where none are told."""
+        return self.loops or 1
+
     def __post_init__(self) -> None:
         check_bounds(self)
 
