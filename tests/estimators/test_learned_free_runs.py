@@ -9,6 +9,7 @@ from fdbench_baselines._free_run_training import Trainable, stopped_early, train
 from fdbench_baselines._nominal_runs import nominal_runs
 from fdbench_baselines._recurrent_kernels import tanh
 from fdbench_baselines.gated_recurrent_unit import GatedNetwork, GatedRecurrentUnit
+from fdbench_baselines.narx_frols import NarxFrols
 from fdbench_baselines.neural_state_space import FeedbackNetwork, NeuralStateSpace
 from fdbench_baselines.rff_krls import RffKrls
 
@@ -134,6 +135,9 @@ def test_what_is_below_single_precision_changes_no_weight(network: Trainable) ->
 @pytest.mark.parametrize(
     ("name", "make", "share"),
     [
+        ("ServoStaircase-v1", NarxFrols, 0.9),
+        ("BallScrewAxis-v2", NarxFrols, 0.8),
+        ("MillingAir-v2", NarxFrols, 0.1),
         ("ServoSpiral-v1", GatedRecurrentUnit, 0.5),
         ("ServoSpiral-v1", NeuralStateSpace, 0.6),
         ("ServoSpiral-v1", RffKrls, 0.5),
