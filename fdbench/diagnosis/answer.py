@@ -1,7 +1,7 @@
 """What a diagnosis says: the one place of its shape, in Python, as JSON, on the terminal and on the page."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
@@ -220,6 +220,31 @@ class FalseAlarms:
 
     at_most: float
     as_sure: int
+    axes: int
+    exchangeable: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class CauseSet:
+    """Effects that the cause is among, if there is one.
+
+    Attributes
+    ----------
+    causes : tuple of str
+        Most probable first.
+    everything : bool
+        True where no effect of the library can be left out.
+    holds : float
+        Probability with which the one cause of an axis is in the set, if that axis is exchangeable with those below.
+    axes : int
+        Simulated axes with one cause.
+    exchangeable : bool
+        False where more is left unexplained than on any of these.
+    """
+
+    causes: tuple[str, ...]
+    everything: bool
+    holds: float
     axes: int
     exchangeable: bool
 
@@ -518,7 +543,8 @@ class Answer:
     virtual_machines : VirtualMachines or None
         With a machine-specific calibration.
     false_alarms : FalseAlarms or None
-        None in answers of before it was said.
+    cause_set : CauseSet or None
+        Both None in answers of before they were said, and of what has changed since a baseline.
     axis : str
         ``linear`` or ``rotary``: then every m is a rad, every N a N m, and every kg a kg m^2.
     """
@@ -542,12 +568,17 @@ class Answer:
     recorded: Recorded | None = None
     virtual_machines: VirtualMachines | None = None
     false_alarms: FalseAlarms | None = None
+    cause_set: CauseSet | None = None
     axis: str = LINEAR
 
     def as_json(self) -> dict[str, Any]:
         """Return the answer as JSON has it."""
         found: dict[str, Any] = _renamed(dataclasses.asdict(self), _IN_JSON)
         return found
+
+    def chances(self) -> dict[str, float]:
+        """Return the probability of each effect that is named, suspected or an alternative to one that is named."""
+        return chances(self.causes, self.suspects)
 
     def sizes(self) -> Pair:
         """Return the mean squared gap in units of the noise floor, of the nominal model and re-calibrated."""
@@ -561,6 +592,16 @@ class Answer:
         size = self.sizes()[1]
         left = size * (1.0 - self.shrinkage.total)
         return max(0.0, left - 1.0) / size if size > 0.0 else 0.0
+
+
+def chances(causes: Iterable[Cause], suspects: Iterable[Suspect]) -> dict[str, float]:
+    """Return the probability of each effect: its own where it is named or suspected, else as an alternative."""
+    found: dict[str, float] = {}
+    for cause in causes:
+        for name, chance in cause.alternatives.items():
+            found[name] = max(found.get(name, 0.0), chance)
+    found |= {suspect.effect: suspect.probability for suspect in suspects}
+    return found | {cause.effect: cause.probability for cause in causes}
 
 
 _IN_JSON = {"low": "from", "high": "to"}

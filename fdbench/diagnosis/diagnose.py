@@ -17,6 +17,7 @@ from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.expected_information import Forecast, VerdictReader
 from fdbench.diagnosis.experiment.proposal import design
 from fdbench.diagnosis.judge import probability_models
+from fdbench.diagnosis.judge.cause_sets import cause_set
 from fdbench.diagnosis.judge.cause_types import cause_types
 from fdbench.diagnosis.judge.false_alarms import false_alarms
 from fdbench.diagnosis.judge.gap import gap_of, noise_floor
@@ -163,6 +164,7 @@ def _diagnosed(
             baseline=len(baseline),
         ),
         false_alarms=None if baseline else false_alarms(said.surest(), said.unknown_probability),
+        cause_set=None if baseline else cause_set(said.chances(), said.unknown_probability),
         axis=nominal.axis,
     )
     return Diagnosis(

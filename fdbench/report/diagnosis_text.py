@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from fdbench.diagnosis.answer import EFFECT, Answer, Cause, Cell, FalseAlarms, Quantity
+from fdbench.diagnosis.answer import EFFECT, Answer, Cause, CauseSet, Cell, FalseAlarms, Quantity
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.report._virtual_machines import unlike, virtual_machines
 from fdbench.rotary import spoken_name, spoken_of, spoken_words
@@ -280,6 +280,8 @@ def _doubts(answer: Answer) -> Iterator[str]:
         yield f"Probabilities were learned on simulated axes: {re.sub(', nonce [0-9a-f]+', '', source)}."
     if answer.false_alarms and any(cause.probability >= LIKELY for cause in answer.causes):
         yield _as_sure(answer.false_alarms)
+    if answer.cause_set and answer.chances():
+        yield _among(answer.cause_set)
     nearly = [
         cause.effect
         for cause in answer.causes
@@ -299,6 +301,20 @@ def _as_sure(found: FalseAlarms) -> str:
         f"Of {found.axes} simulated axes without a cause {found.as_sure} were given one as sure as the surest here. On "
         f"one that is like them this happens with a probability of at most {found.at_most:.2g}."
     )
+
+
+def _among(found: CauseSet) -> str:
+    if not found.exchangeable:
+        return (
+            f"More is left unexplained than on any of {found.axes} simulated axes with one cause, so no set of causes "
+            "is promised to hold that of this axis."
+        )
+    held = f"with a probability of {percent(found.holds)} at least, if it is like {found.axes} simulated axes with one"
+    if found.everything:
+        return f"No effect can be left out {held}."
+    if not found.causes:
+        return f"An axis with one cause of the library would have left it among those named or suspected {held}."
+    return f"One cause of the library is among {', '.join(found.causes)} {held}."
 
 
 def unique(cause: Cause) -> float:

@@ -48,12 +48,13 @@ def _features(case: _Waiting) -> tuple[str, Mapping[str, Mapping[str, Features]]
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """One claim of a diagnosis: its kind and features, whether it is right, and its weight in cases."""
+    """One claim of a diagnosis: its kind and features, whether it is right, its weight in cases, what it may name."""
 
     kind: str
     features: Features
     right: bool
     weight: float = 1.0
+    names: tuple[str, ...] = ()
 
 
 def claims(features: Mapping[str, Mapping[str, Features]], truth: Mapping[str, Any]) -> Iterator[Claim]:
@@ -63,7 +64,8 @@ def claims(features: Mapping[str, Mapping[str, Features]], truth: Mapping[str, A
     weight = UNLISTED_WEIGHT if unlisted else 1.0
     for kind in ("effect", "suspect", "value"):
         for name, own in features[kind].items():
-            yield Claim(kind=kind, features=own, right=not listed.isdisjoint(name.split(OR)), weight=weight)
+            names = tuple(name.split(OR))
+            yield Claim(kind=kind, features=own, right=not listed.isdisjoint(names), weight=weight, names=names)
     yield Claim(kind="unknown", features=features["unknown"]["unknown"], right=unlisted)
     yield Claim(kind="none", features=features["none"]["none"], right=not listed and not unlisted, weight=weight)
 
@@ -72,32 +74,55 @@ def fitted(found: Sequence[Claim], prior: ProbabilityModel | None = None) -> Pro
     """Return the logistic model of claims of one kind: penalised maximum likelihood by Newton's method.
 
     The bias is not penalised, unless a model is learned further: then ``prior`` gives the features, and the mean of
-    bias and weights. See Bishop (2006), Pattern Recognition and Machine Learning, section 4.3.3.
+    bias and weights; what speaks for a name is always near that of ``prior``, or zero. See Bishop (2006), Pattern
+    Recognition and Machine Learning, section 4.3.3.
     """
-    names = list(found[0].features if prior is None else prior.features)
-    values = np.array([[claim.features[name] for name in names] for claim in found])
-    right = np.array([float(claim.right) for claim in found])
-    share = np.array([claim.weight for claim in found])
-    before: FloatArray | None = None
-    if prior is None:
-        centre, scatter = values.mean(axis=0), np.maximum(values.std(axis=0), 1e-6)
-    else:
-        own = [prior.features[name] for name in names]
-        centre, scatter = (np.array([getattr(feature, part) for feature in own]) for part in ("centre", "scatter"))
-        before = np.array([prior.bias, *(feature.weight for feature in own)])
-    design = np.column_stack((np.ones(len(found)), (values - centre) / scatter))
-    weights = newton(design, right, share, before)
-    features = {
-        name: Feature(centre=float(c), scatter=float(d), weight=float(w))
-        for name, c, d, w in zip(names, centre, scatter, weights[1:], strict=True)
-    }
-    claims_before, right_before = (0, 0) if prior is None else (prior.claims, prior.right)
-    return ProbabilityModel(
-        bias=float(weights[0]),
-        features=features,
-        claims=claims_before + len(found),
-        right=right_before + int(right.sum()),
+    features = _spread(found) if prior is None else prior.features
+    known = {} if prior is None else prior.names
+    names = sorted({*known, *(name for claim in found for name in claim.names)})
+    design = [
+        [
+            1.0,
+            *((claim.features[name] - own.centre) / own.scatter for name, own in features.items()),
+            *(claim.names.count(name) / max(len(claim.names), 1) for name in names),
+        ]
+        for claim in found
+    ]
+    before = np.array(
+        [
+            0.0 if prior is None else prior.bias,
+            *(own.weight for own in features.values()),
+            *(known.get(name, 0.0) for name in names),
+        ]
     )
+    trust = np.array([1e-6, *[RIDGE] * len(features)] if prior is None else [TRUST] * (1 + len(features)))
+    weights = newton(
+        np.array(design),
+        np.array([float(claim.right) for claim in found]),
+        np.array([claim.weight for claim in found]),
+        before,
+        np.concatenate((trust, np.full(len(names), RIDGE))),
+    ).tolist()
+    of_features, of_names = weights[1 : 1 + len(features)], weights[1 + len(features) :]
+    return ProbabilityModel(
+        bias=weights[0],
+        features={
+            name: dataclasses.replace(own, weight=weight)
+            for (name, own), weight in zip(features.items(), of_features, strict=True)
+        },
+        names=dict(zip(names, of_names, strict=True)),
+        claims=len(found) + (0 if prior is None else prior.claims),
+        right=sum(claim.right for claim in found) + (0 if prior is None else prior.right),
+    )
+
+
+def _spread(found: Sequence[Claim]) -> dict[str, Feature]:
+    """Return the features of claims with their mean and scatter, and no weight."""
+    values = {name: np.array([claim.features[name] for claim in found]) for name in found[0].features}
+    return {
+        name: Feature(centre=float(own.mean()), scatter=max(float(own.std()), 1e-6), weight=0.0)
+        for name, own in values.items()
+    }
 
 
 def balanced(found: Sequence[Claim], share: float) -> list[Claim]:
@@ -107,19 +132,18 @@ def balanced(found: Sequence[Claim], share: float) -> list[Claim]:
     return [dataclasses.replace(claim, weight=weights[claim.right]) for claim in found]
 
 
-def newton(design: FloatArray, right: FloatArray, share: FloatArray, before: FloatArray | None = None) -> FloatArray:
+def newton(
+    design: FloatArray, right: FloatArray, share: FloatArray, before: FloatArray, trust: FloatArray
+) -> FloatArray:
     """Return the weights of a logistic model; each claim counts by its share.
 
-    Penalised is the distance from the weights ``before``; without these that from zero, but not of the first weight.
+    Penalised is the squared distance of each weight from that ``before``, with its ``trust`` as a factor.
     """
-    n = design.shape[1]
-    penalty = np.diag([1e-6] + [RIDGE] * (n - 1) if before is None else [TRUST] * n)
-    mean = np.zeros(n) if before is None else before
-    weights = mean
+    weights = before
     for _ in range(ITERATIONS):
         chance = 1.0 / (1.0 + np.exp(-design @ weights))
-        gradient = design.T @ (share * (right - chance)) - penalty @ (weights - mean)
-        curvature = design.T @ (design * (share * chance * (1.0 - chance))[:, None]) + penalty
+        gradient = design.T @ (share * (right - chance)) - trust * (weights - before)
+        curvature = design.T @ (design * (share * chance * (1.0 - chance))[:, None]) + np.diag(trust)
         step = np.linalg.solve(curvature, gradient)
         weights = weights + step / max(1.0, float(np.abs(step).max()))
         if np.abs(step).max() < 1e-9:
@@ -144,6 +168,8 @@ def write_models(found: Sequence[Claim], output: Path, source: str, further: Pro
             f"{name} = {{ centre = {own.centre:.4f}, scatter = {own.scatter:.4f}, weight = {own.weight:.4f} }}"
             for name, own in model.features.items()
         ]
+        if model.names:
+            lines += ["", f"[{kind}.names]", *(f"{name} = {weight:.4f}" for name, weight in model.names.items())]
     write_text(output, "\n".join(lines) + "\n")
 
 

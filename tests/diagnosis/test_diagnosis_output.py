@@ -291,6 +291,21 @@ def test_it_is_said_how_seldom_axes_without_a_cause_are_given_one(found: Diagnos
     assert "as sure as the surest" not in unlike
 
 
+def test_it_is_said_what_the_cause_is_among_if_there_is_one(found: Diagnosis) -> None:
+    causes = found.answer.cause_set
+    assert causes is not None
+    assert "direction_dependent_friction" in causes.causes
+    like = replace(causes, causes=("backlash", "dead_time"), everything=False, exchangeable=True)
+
+    def said(**changed: Any) -> str:
+        return " ".join(summary(replace(found.answer, cause_set=replace(like, **changed))).split())
+
+    assert "One cause of the library is among backlash, dead_time with a probability of 85 % at least" in said()
+    assert "No effect can be left out" in said(everything=True)
+    assert "would have left it among those named" in said(causes=())
+    assert "no set of causes is promised" in said(exchangeable=False)
+
+
 # ---- repaired model ----
 
 

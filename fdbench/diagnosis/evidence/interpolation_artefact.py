@@ -5,7 +5,7 @@ an error sample by sample. The readings know it: between neighbouring samples no
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,6 +52,11 @@ class InterpolationError:
     size_m: float
     low_m: float
     high_m: float
+
+
+def waves(library: Iterable[type[Effect]]) -> tuple[str, ...]:
+    """Return the names of effects that are a wave over the reading; what readings do not show, no simulation does."""
+    return tuple(kind.name for kind in library if _wave_of(kind) is not None)
 
 
 def interpolation_error(runs: Sequence[RecordedRun], nominal: Nominal) -> InterpolationError | None:

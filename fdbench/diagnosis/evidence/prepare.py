@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fdbench.diagnosis.evidence.baseline import Baseline
-from fdbench.diagnosis.evidence.interpolation_artefact import interpolation_artefact, interpolation_error
+from fdbench.diagnosis.evidence.interpolation_artefact import interpolation_artefact, interpolation_error, waves
 from fdbench.diagnosis.evidence.run_to_run import Repeatability
 from fdbench.diagnosis.evidence.sensor_artefacts import (
     Artefact,
@@ -100,8 +100,7 @@ def aligned(
     # A model that follows the measured motion follows its errors, too.
     follows = isinstance(drive.controller, Following)
     error = None if follows else interpolation_error([run.as_read() for run in raw_runs], nominal)
-    if error is not None:
-        nominal = nominal.beside(dataclasses.replace(covered, seen=(error.effect.name,)))
+    nominal = nominal.beside(dataclasses.replace(covered, seen=waves(nominal.library)))
     drive = nominal.drive
     replay, given = _replay(nominal), start(nominal)
     warnings += limits_of_forces([run.as_read() for run in raw_runs], drive)

@@ -55,10 +55,11 @@ class VerdictReader:
         kind = stage.rivals[best].kind
         if own[best] > none:
             same = indistinguishable(stage, kind)
-            chance = self.models.effect.probability(confidence.effect_features(stage, kind, same))
+            chance = self.models.effect.probability(confidence.effect_features(stage, kind, same), [kind.name, *same])
         else:
             same = []
-            chance = min(self.models.suspect.probability(confidence.effect_features(stage, kind)), own[best])
+            features = confidence.effect_features(stage, kind)
+            chance = min(self.models.suspect.probability(features, [kind.name]), own[best])
         found = divided(stage, kind, same, chance)
         most = 1.0 if stage.base.effects else 1.0 - self.unknown
         return {**found, NOTHING: min(none, most, 1.0 - sum(found.values()))}

@@ -86,7 +86,7 @@ def deviating_parameters(
             Cause(
                 effect=name,
                 kind=VALUE,
-                probability=models.value.probability(all_features[name]),
+                probability=models.value.probability(features, [name]),
                 share=share,
                 unique_share=share,
                 parameters={"change": Quantity(value=change, ci95=None, unit=spoken_unit(unit))},

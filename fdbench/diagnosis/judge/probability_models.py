@@ -1,8 +1,8 @@
 """Confidence: how often what the search shows has turned out right, as logistic models learned on simulated trials."""
 
 import math
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
@@ -28,7 +28,12 @@ class Feature:
 
 @dataclass(frozen=True, kw_only=True)
 class ProbabilityModel:
-    r"""Probability that a claim is right, :math:`p = 1 / (1 + e^{-z})`, :math:`z = b + \sum_i w_i (s_i - c_i) / d_i`.
+    r"""Probability that a claim is right, :math:`p = 1 / (1 + e^{-z})`.
+
+    .. math:: z = b + \sum_i w_i (s_i - c_i) / d_i + \overline{n}
+
+    with features s and the mean of what speaks for those names one of which is claimed: some effects pass for others,
+    and some are what errors of a form look like.
 
     Attributes
     ----------
@@ -36,6 +41,8 @@ class ProbabilityModel:
         :math:`b`.
     features : mapping of str to Feature
         Centre :math:`c`, scatter :math:`d` and weight :math:`w` of each.
+    names : mapping of str to float
+        :math:`n` of each effect, 0 for others.
     claims, right : int
         How many claims were learned from, and how many of them were right.
     """
@@ -44,12 +51,14 @@ class ProbabilityModel:
     features: Mapping[str, Feature]
     claims: int
     right: int
+    names: Mapping[str, float] = field(default_factory=dict)
 
-    def probability(self, found: Features) -> float:
+    def probability(self, found: Features, names: Sequence[str] = ()) -> float:
         """Return the probability of a claim, clipped by Laplace's rule of succession to [1/(n+2), 1 - 1/(n+2)]."""
         z = self.bias + sum(
             own.weight * (found[name] - own.centre) / own.scatter for name, own in self.features.items()
         )
+        z += sum(self.names.get(name, 0.0) for name in names) / max(len(names), 1)
         surest = 1.0 / (self.claims + 2.0)
         return min(max(1.0 / (1.0 + math.exp(-max(min(z, 50.0), -50.0))), surest), 1.0 - surest)
 

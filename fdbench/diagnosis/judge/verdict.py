@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fdbench.diagnosis.answer import READING, Cause, Quantity, RivalReduction, Suspect
+from fdbench.diagnosis.answer import READING, Cause, Quantity, RivalReduction, Suspect, chances
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, energies
 from fdbench.diagnosis.judge import probability_models as confidence
@@ -81,10 +81,11 @@ class Verdict:
 
     def surest(self) -> float:
         """Return the probability of the surest cause or suspect, 0 without any."""
-        every = [cause.probability for cause in self.causes] + [suspect.probability for suspect in self.suspects]
-        for cause in self.causes:
-            every += cause.alternatives.values()
-        return max(every, default=0.0)
+        return max(self.chances().values(), default=0.0)
+
+    def chances(self) -> dict[str, float]:
+        """Return the probability of each effect that is named, suspected or an alternative to one that is named."""
+        return chances(self.causes, self.suspects)
 
 
 class Shares:
@@ -153,7 +154,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         features = confidence.effect_features(contest, type(effect), same)
         removed = force_balances_removed(search.readings, search.split, contest)
         effect_features_of[OR.join((effect.name, *same))] = features
-        odds = divided(contest, type(effect), same, models.effect.probability(features))
+        odds = divided(contest, type(effect), same, models.effect.probability(features, [effect.name, *same]))
         # What the written model is no better with, beside all others, is not named.
         most = 1.0 if left_by[everything] < left_by[alone] else JUDGE.named
         own = np.array([part[index] for part in parts])
@@ -246,7 +247,7 @@ def suspected(
         return [], {}
     best = last.rivals[0]
     features = confidence.effect_features(last, best.kind)
-    chance = discount * min(models.suspect.probability(features), JUDGE.named)
+    chance = discount * min(models.suspect.probability(features, [best.kind.name]), JUDGE.named)
     return [Suspect(effect=best.kind.name, probability=chance)], {best.kind.name: features}
 
 

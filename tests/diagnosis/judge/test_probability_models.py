@@ -21,6 +21,7 @@ from fdbench.virtual_axes import cases as tiers
 from fdbench.virtual_axes.cases import Tier
 
 WEIGHTS = np.array([-0.5, 1.5, -0.8])
+FREE = np.array([1e-6, learn.RIDGE, learn.RIDGE])  # bias and weights of a model that is learned from nothing
 
 
 def drawn(n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -39,12 +40,12 @@ def test_newton_finds_the_maximum_of_the_penalised_likelihood() -> None:
         return float(share @ (np.logaddexp(0.0, z) - right * z) + 0.5 * learn.RIDGE * np.sum(weights[1:] ** 2))
 
     expected = minimize(loss, np.zeros(3), method="BFGS", options={"gtol": 1e-8}).x
-    np.testing.assert_allclose(learn.newton(design, right, share), expected, atol=2e-5)
+    np.testing.assert_allclose(learn.newton(design, right, share, np.zeros(3), FREE), expected, atol=2e-5)
 
 
 def test_newton_survives_claims_that_signs_tell_apart_wholly() -> None:
     design = np.column_stack((np.ones(40), np.linspace(-1.0, 1.0, 40)))
-    weights = learn.newton(design, (design[:, 1] > 0.0).astype(float), np.ones(40))
+    weights = learn.newton(design, (design[:, 1] > 0.0).astype(float), np.ones(40), np.zeros(2), FREE[:2])
     assert np.isfinite(weights).all()
     assert weights[1] > 1.0
 
@@ -74,6 +75,21 @@ def test_learned_probabilities_are_calibrated_on_other_claims() -> None:
     for low in (0.0, 0.25, 0.5, 0.75):
         inside = (chances >= low) & (chances < low + 0.25)
         assert abs(chances[inside].mean() - right[inside].mean()) < 0.06
+
+
+def test_what_is_seldom_right_by_its_name_is_less_probable() -> None:
+    rng = np.random.default_rng(12)
+    known = [dataclasses.replace(claim, names=("backlash",)) for claim in claims_of("effect", 400, rng)]
+    never = [dataclasses.replace(claim, names=("cogging",), right=False) for claim in claims_of("effect", 20, rng)]
+    model = learn.fitted([*known, *never])
+    features = known[0].features
+    chances = [model.probability(features, names) for names in (["backlash"], ["backlash", "cogging"], ["cogging"])]
+    assert chances[2] < chances[1] < chances[0]
+    assert model.names["cogging"] < -1.0 < -0.5 < model.names["backlash"]
+    assert model.probability(features, ["dead_time"]) == model.probability(features)
+    further = learn.fitted(never[:3], model)
+    assert model.names["backlash"] == pytest.approx(further.names["backlash"], abs=0.1)
+    assert further.names["cogging"] < model.names["cogging"] + 0.1
 
 
 def test_models_are_read_as_they_were_written(tmp_path) -> None:
