@@ -46,21 +46,21 @@ class LugreFriction(Effect):
     coulomb_force_N: float = parameter("F_c", low=0.0, high=5000.0, typical=120.0)
     static_force_N: float = parameter("F_s", low=0.0, high=8000.0, typical=150.0)
     stribeck_velocity_m_per_s: float = parameter("v_s", low=1e-4, high=0.1, typical=3e-3)
-    bristle_stiffness_N_per_m: float = parameter("sigma_0", low=1e4, high=1e9, typical=2e7, grid=(1e6, 5e6, 2e7, 6e7))
+    bristle_stiffness_N_per_m: float = parameter("sigma_0", low=1e4, high=1e9, typical=2e7, grid=(2e5, 1e6, 5e6, 2e7, 6e7))
     bristle_damping_N_s_per_m: float = parameter("sigma_1", low=0.0, high=1e6, typical=1e4)
 
     @classmethod
     def in_place_of(cls, known: Effect, shape: Mapping[str, float] = MappingProxyType({})) -> Self | None:
-        """Return bristles with the Coulomb level of a known Coulomb friction, which bend as far before they slide."""
+        """Return bristles with the level of a known Coulomb friction, which bend as far and settle as fast as usual."""
         if not isinstance(known, CoulombFriction) or known.coulomb_force_N <= 0.0:
             return None
-        effect, level = cls.typical(**shape), known.coulomb_force_N
-        ratio = level / cls.typical().coulomb_force_N
+        usual, level = cls.typical(), known.coulomb_force_N
+        effect = cls.typical(**shape)
+        stiffness = effect.bristle_stiffness_N_per_m * level / usual.coulomb_force_N
+        damping = stiffness * usual.bristle_damping_N_s_per_m / usual.bristle_stiffness_N_per_m
+        wanted = {"bristle_stiffness_N_per_m": stiffness, "bristle_damping_N_s_per_m": damping}
         bounds = {item.name: item for item in cls.parameters()}
-        bristles = {
-            name: min(max(getattr(effect, name) * ratio, bounds[name].low), bounds[name].high)
-            for name in ("bristle_stiffness_N_per_m", "bristle_damping_N_s_per_m")
-        }
+        bristles = {name: min(max(value, bounds[name].low), bounds[name].high) for name, value in wanted.items()}
         return effect.changed(coulomb_force_N=level, static_force_N=level, **bristles)
 
     @kernel

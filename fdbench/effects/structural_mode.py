@@ -8,7 +8,7 @@ from fdbench.effects._effect import Effect, LinearPart, Port, kernel, parameter
 from fdbench.effects._functions import cos, exp, sin
 
 TURN = 2.0 * math.pi
-MODES_HZ = (20.0, 30.0, 42.0, 60.0, 85.0, 120.0, 170.0)
+MODES_HZ = (10.0, 14.0, 20.0, 30.0, 42.0, 60.0, 85.0, 120.0, 170.0)
 
 
 @final
