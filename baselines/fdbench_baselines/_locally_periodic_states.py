@@ -154,7 +154,8 @@ def likeliest_process(
     """Return the likeliest of some processes with its hyperparameters, those by the simplex of Nelder and Mead.
 
     Rows that are not trusted count as missing, those beyond four deviations less. Where forces are ``sudden``, as when
-    a shaker is switched on, all begins anew at each row where that makes the record decisively likelier.
+    a shaker is switched on, all begins anew at each row where that makes the record decisively likelier, outliers found
+    anew with the start: a row that stands out alone, as one of a reversal does in a quiet record, is no start.
     """
     n = len(left)
     size = np.sqrt(np.mean(Z**2, axis=0))
@@ -163,18 +164,20 @@ def likeliest_process(
     found: list[LikeliestProcess] = []
     start = START
     for design in candidates:
-        rows = NoisyRows(columns, np.where(trusted, 1.0, np.inf), np.zeros(n, dtype=np.bool_))
-        place, value = _climb(rows, design, step_s, start, EVALUATIONS)
+        plain = NoisyRows(columns, np.where(trusted, 1.0, np.inf), np.zeros(n, dtype=np.bool_))
+        place, _ = _climb(plain, design, step_s, start, EVALUATIONS)
         variances = transitions(design, step_s, place).P[:, 0, 0]
         design = design.up_to(max(1, int(design.harmonics[variances > SMALLEST_VARIANCE].max(initial=0))))
+        rows = _with_outliers(plain, design, transitions(design, step_s, place))
+        place, value = _climb(rows, design, step_s, place, REFINEMENTS)
         for _ in range(MOST_STARTS if is_sudden else 0):
             tried = _with_start(rows, design, transitions(design, step_s, place), step_s)
-            there, then = _climb(tried, design, step_s, place, REFINEMENTS)
+            there, _ = _climb(tried, design, step_s, place, REFINEMENTS)
+            tried = _with_outliers(plain._replace(fresh=tried.fresh), design, transitions(design, step_s, there))
+            there, then = _climb(tried, design, step_s, there, REFINEMENTS)
             if then < value + DECISIVE:
                 break
             rows, place, value = tried, there, then
-        rows = _with_outliers(rows, design, transitions(design, step_s, place))
-        place, value = _climb(rows, design, step_s, place, REFINEMENTS)
         move = transitions(design, step_s, place)
         s2 = restricted(rows, design, move)[1] * unit**2
         found.append(LikeliestProcess(design, move, rows.loud, rows.fresh, s2, value))
@@ -270,14 +273,14 @@ def posterior(
     .. math:: \hat d = \hat f + (1 - r) (y - Z \beta - \hat f)
 
     What is left of the target is noise and, if ``is_irregular``, white force that no harmonic holds, such as that of
-    the edges of a cut: the share 1 - r of its variance, see `noise_share`.
+    the edges of a cut: the share 1 - r of its variance, see `noise_share`; outliers count there less, too.
     """
     design = process.design
     rows = NoisyRows(np.column_stack((left, Z)), process.loud, process.fresh)
     run = filtered(rows, design, process.motion)
     mean, variance = run_smoother((0.0,) * design.order, design.H, process.motion.F, process.fresh, *run)
     rest = left - mean[:, 0]
-    r = noise_share(rest, step_s) if is_irregular else 1.0
+    r = noise_share(rest / np.sqrt(process.loud), step_s) if is_irregular else 1.0
     moved = r * mean[:, 1:] + (1.0 - r) * Z
     spread = process.s2 * (r**2 * variance + r * (1.0 - r)) + np.einsum("ij,jk,ik->i", moved, covariance, moved)
     return Posterior(left - r * rest, spread, r * rest)

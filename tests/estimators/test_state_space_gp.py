@@ -7,6 +7,7 @@ from fdbench_baselines._locally_periodic_states import (
     LikeliestProcess,
     NoisyRows,
     designs,
+    likeliest_process,
     posterior,
     restricted,
     start_values,
@@ -107,6 +108,21 @@ def test_likelihood_of_a_start_is_that_of_the_rows_with_it(index: int, is_fed: b
         fresh = rows.fresh.copy()
         fresh[row] = True
         assert found[row] == pytest.approx(restricted(rows._replace(fresh=fresh), design, move)[0], abs=1e-8)
+
+
+def test_outlier_is_neither_start_nor_white_force() -> None:
+    """At row 300 one sample stands out as the wave grows by a tenth; the wave itself is known from all other rows."""
+    n, random = 600, np.random.default_rng(0)
+    angle = 2.0 * np.pi * np.arange(n) / 6.0
+    force = np.cos(angle) * np.where((np.arange(n) >= 300) & (np.arange(n) < 360), 1.1, 1.0)
+    left = force + 0.03 * random.standard_normal(n)
+    left[300] += 1.0
+    empty, trusted = np.empty((n, 0)), np.ones(n, dtype=np.bool_)
+    process = likeliest_process(left, empty, STEP_S, designs(angle, 1, None, True), trusted, True)
+    assert process.loud[300] > 10.0
+    assert not process.fresh[[300, 301]].any()
+    found = posterior(process, left, empty, np.empty((0, 0)), STEP_S, True).force
+    assert np.sqrt(np.mean((found - force) ** 2)) < 0.015
 
 
 def test_a_steady_process_keeps_its_covariance() -> None:
