@@ -10,6 +10,7 @@ from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import Record
 from fdbench_baselines._disturbance_gain import disturbance_gain
 from fdbench_baselines._drive_least_squares import LOOP, process_columns
+from fdbench_baselines._friction_columns import curved
 from fdbench_baselines._locally_periodic_states import designs, likeliest_process, posterior
 from fdbench_baselines._mixed_estimation import CONFOUNDED
 from fdbench_baselines._one_step import MODEL as STATE_SPACE
@@ -38,7 +39,8 @@ class StateSpaceGp(BatchEstimator):
 
     :math:`\beta` is that of ``idim_iv``: instruments that know nothing of the force, and the data sheet. Feedback puts
     the force into Z too, and a force that the process misses would bias what the filter makes of :math:`\beta`. As it
-    is found by another row, it is not claimed here.
+    is found by another row, it is not claimed here. Where the loop's model has a dead band, friction is that of the
+    nominal curve, as large as :math:`\beta` has it (`_friction_columns`).
 
     ``disturbance_N`` is f over the disturbance gain of the mass that :math:`\beta` and sheet make likeliest
     (`_disturbance_gain`); on axes with inverse dynamics without :math:`a_0`, which holds what the friction's model
@@ -101,6 +103,7 @@ class StateSpaceGp(BatchEstimator):
             beta = np.array([start.parameters[name] for name in regression.names])
             covariance = np.zeros((p, p)) if start.covariance is None else start.covariance
             trusted = trusted if context.model == LOOP else straight(context, Z)
+        Z = curved(context, Z)
         left = y - Z @ beta
         feed = Z[:, 0] if process_columns(regression).shape[1] else None
         angle, harmonics = self._angle(context, regression, np.where(trusted, left, 0.0))
