@@ -1,4 +1,4 @@
-"""Hyperparameters of a locally periodic force by restricted likelihood, and the force given them."""
+"""Hyperparameters of a locally periodic force by restricted likelihood."""
 
 from typing import Any, NamedTuple
 
@@ -7,7 +7,13 @@ from numpy.typing import NDArray
 
 from fdbench.estimator import FloatArray
 from fdbench_baselines._robust import loudness
-from fdbench_baselines._state_space_gp import Innovations, Transition, run_filter, run_smoother, transition
+from fdbench_baselines._state_space_gp import (
+    Innovations,
+    Transition,
+    by_components,
+    run_filter,
+    transition,
+)
 
 EVALUATIONS, REFINEMENTS, TOLERANCE = 120, 60, 0.02
 # Logarithms: deviations of waves, of the level and of what grows with the feed, over the noise's; lengths in s; width.
@@ -16,7 +22,6 @@ LOWEST = np.array([-8.0, -1.0, -1.5, -8.0, -6.0, -8.0])
 HIGHEST = np.array([6.0, 7.0, 4.0, 6.0, 7.0, 4.0])
 SMALLEST_VARIANCE = 1e-5  # of the noise's; harmonics below are left out
 MOST_STARTS, DECISIVE, AWAY_S = 4, 10.0, 0.1
-QUIET_S, QUIETEST = 0.3, 0.5
 
 
 class Amplitudes(NamedTuple):
@@ -54,14 +59,6 @@ class LikeliestProcess(NamedTuple):
     log_likelihood: float
 
 
-class Posterior(NamedTuple):
-    """Force (n,) in units of the target, its variance (n,), and what is left of the target (n,)."""
-
-    force: FloatArray
-    variance: FloatArray
-    left: FloatArray
-
-
 def designs(angle: FloatArray, harmonics: int, feed: FloatArray | None, owns_level: bool) -> list[Amplitudes]:
     r"""Return the processes that a force may be: Ornstein-Uhlenbeck or Matern amplitudes, or those of a cut.
 
@@ -77,9 +74,9 @@ def designs(angle: FloatArray, harmonics: int, feed: FloatArray | None, owns_lev
         Whether the level is part of the force, or of what the linear model misses.
     """
     orders = np.append(0, np.repeat(np.arange(1, harmonics + 1), 2)).astype(np.intp)
-    turned = angle[:, None] * orders
-    is_sine = (np.arange(len(orders)) % 2 == 0) & (orders > 0)
-    H = np.where(is_sine, np.sin(turned), np.cos(turned))
+    turned = angle[:, None] * np.arange(1, harmonics + 1)
+    H = np.ones((len(angle), len(orders)))
+    H[:, 1::2], H[:, 2::2] = np.cos(turned), np.sin(turned)
     own = np.where(orders == 0, float(owns_level), 1.0)
     if feed is not None:
         speed = (feed / (float(np.sqrt(np.mean(feed**2))) or 1.0))[:, None]
@@ -111,8 +108,8 @@ def transitions(design: Amplitudes, step_s: float, place: FloatArray) -> Transit
 
 def filtered(rows: NoisyRows, design: Amplitudes, move: Transition, keep: bool = True) -> Innovations:
     """Return what the filter makes of all columns."""
-    size = (0.0,) * design.order
-    return Innovations(*run_filter(size, design.H, design.own, *move, rows.loud, rows.fresh, rows.columns, keep))
+    size, parts = (0.0,) * design.order, (by_components(part) for part in move)
+    return Innovations(*run_filter(size, design.H, design.own, *parts, rows.loud, rows.fresh, rows.columns, keep))
 
 
 def restricted(rows: NoisyRows, design: Amplitudes, move: Transition) -> tuple[float, float]:
@@ -258,45 +255,3 @@ def _with_outliers(rows: NoisyRows, design: Amplitudes, move: Transition) -> Noi
     loud = rows.loud.copy()
     loud[seen] *= loudness(white[:, -1] - white[:, :-1] @ theta)
     return rows._replace(loud=loud)
-
-
-def posterior(
-    process: LikeliestProcess,
-    left: FloatArray,
-    Z: FloatArray,
-    covariance: FloatArray,
-    step_s: float,
-    is_irregular: bool,
-) -> Posterior:
-    r"""Return the force given all rows, with the variance that process and parameters leave.
-
-    .. math:: \hat d = \hat f + (1 - r) (y - Z \beta - \hat f)
-
-    What is left of the target is noise and, if ``is_irregular``, white force that no harmonic holds, such as that of
-    the edges of a cut: the share 1 - r of its variance, see `noise_share`; outliers count there less, too.
-    """
-    design = process.design
-    rows = NoisyRows(np.column_stack((left, Z)), process.loud, process.fresh)
-    run = filtered(rows, design, process.motion)
-    mean, variance = run_smoother((0.0,) * design.order, design.H, process.motion.F, process.fresh, *run)
-    rest = left - mean[:, 0]
-    r = noise_share(rest / np.sqrt(process.loud), step_s) if is_irregular else 1.0
-    moved = r * mean[:, 1:] + (1.0 - r) * Z
-    spread = process.s2 * (r**2 * variance + r * (1.0 - r)) + np.einsum("ij,jk,ik->i", moved, covariance, moved)
-    return Posterior(left - r * rest, spread, r * rest)
-
-
-def noise_share(rest: FloatArray, step_s: float) -> float:
-    """Return r: the mean square where the force rests, in the quietest 0.3 s, over that of all; 1 where it is similar.
-
-    >>> round(noise_share(np.append(np.full(300, 0.1), np.ones(700)), 0.001), 4)
-    0.0142
-    >>> noise_share(np.append(np.full(300, 0.8), np.ones(700)), 0.001)
-    1.0
-    """
-    window, whole = max(1, round(QUIET_S / step_s)), float(np.mean(rest**2))
-    if len(rest) < 2 * window or whole == 0.0:
-        return 1.0
-    sums = np.cumsum(np.append(0.0, rest**2))
-    quiet = float(np.min(sums[window:] - sums[:-window])) / (window * whole)
-    return quiet if quiet < QUIETEST else 1.0

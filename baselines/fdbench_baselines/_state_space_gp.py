@@ -47,10 +47,16 @@ def transition(order: int, step_s: float, length_s: float) -> Transition:
     return Transition(F, P - F @ P @ F.T, P)
 
 
+def by_components(blocks: FloatArray) -> FloatArray:
+    """Return blocks (d, b, b) as (b, b, d)."""
+    return np.ascontiguousarray(blocks.transpose(1, 2, 0))
+
+
 class Innovations(NamedTuple):
     """Innovations (n, m) of the columns and their variances (n,), inf where a row is missing; more for the smoother.
 
     That is predictions (n, m) of the force, P h and P g (n, M) and g' P g (n,), g being h on the force's amplitudes.
+    States are in order of their components: the values of all amplitudes, then the rates of all.
     """
 
     errors: FloatArray
@@ -62,57 +68,76 @@ class Innovations(NamedTuple):
 
 
 @njit(error_model="numpy", forceinline=True)
-def step_rows(size, T, A):  # type: ignore[no-untyped-def]
-    """Multiply A (M, c) from the left by the block diagonal matrix of the blocks T, in place."""
-    if len(size) == 1:
-        for i in range(A.shape[0]):
-            for j in range(A.shape[1]):
-                A[i, j] *= T[i, 0, 0]
-    else:
-        for i in range(0, A.shape[0], 2):
-            t = T[i // 2]
-            for j in range(A.shape[1]):
-                p, q = A[i, j], A[i + 1, j]
-                A[i, j] = t[0, 0] * p + t[0, 1] * q
-                A[i + 1, j] = t[1, 0] * p + t[1, 1] * q
+def step_states(size, T, x):  # type: ignore[no-untyped-def]
+    """Multiply states x (m, M) by the blocks T (b, b, d), in place."""
+    d = T.shape[2]
+    for c in range(x.shape[0]):
+        for i in range(d):
+            if len(size) == 1:
+                x[c, i] *= T[0, 0, i]
+            else:
+                p, q = x[c, i], x[c, d + i]
+                x[c, i] = T[0, 0, i] * p + T[0, 1, i] * q
+                x[c, d + i] = T[1, 0, i] * p + T[1, 1, i] * q
 
 
 @njit(error_model="numpy", forceinline=True)
-def step_columns(size, T, A):  # type: ignore[no-untyped-def]
-    """Multiply A (c, M) from the right by the transpose of the block diagonal matrix of the blocks T, in place."""
-    if len(size) == 1:
-        for i in range(A.shape[0]):
-            for j in range(A.shape[1]):
-                A[i, j] *= T[j, 0, 0]
-    else:
-        for j in range(0, A.shape[1], 2):
-            t = T[j // 2]
-            for i in range(A.shape[0]):
-                p, q = A[i, j], A[i, j + 1]
-                A[i, j] = t[0, 0] * p + t[0, 1] * q
-                A[i, j + 1] = t[1, 0] * p + t[1, 1] * q
+def step_covariance(size, T, a, b, c, e, A, g, u):  # type: ignore[no-untyped-def]
+    """Put T (A - a b' - c e') T' into A (M, M) and g' A into u (M,), with the blocks T (b, b, d), in one pass."""
+    d = T.shape[2]
+    u[:] = 0.0
+    for i in range(d):
+        if len(size) == 1:
+            a_i, c_i, g_i, t = a[i], c[i], g[i], T[0, 0, i]
+            for j in range(d):
+                value = (A[i, j] - a_i * b[j] - c_i * e[j]) * (t * T[0, 0, j])
+                A[i, j] = value
+                u[j] += g_i * value
+        else:
+            k = d + i
+            a_i, a_k, c_i, c_k, g_i, g_k = a[i], a[k], c[i], c[k], g[i], g[k]
+            t00, t01, t10, t11 = T[0, 0, i], T[0, 1, i], T[1, 0, i], T[1, 1, i]
+            for j in range(2 * d):
+                p, q = A[i, j] - a_i * b[j] - c_i * e[j], A[k, j] - a_k * b[j] - c_k * e[j]
+                A[i, j], A[k, j] = t00 * p + t01 * q, t10 * p + t11 * q
+            for row, weight in ((i, g_i), (k, g_k)):
+                for j in range(d):
+                    p, q = A[row, j], A[row, d + j]
+                    p, q = T[0, 0, j] * p + T[0, 1, j] * q, T[1, 0, j] * p + T[1, 1, j] * q
+                    A[row, j], A[row, d + j] = p, q
+                    u[j] += weight * p
+                    u[d + j] += weight * q
 
 
 @njit(error_model="numpy", forceinline=True)
-def add_blocks(size, T, A):  # type: ignore[no-untyped-def]
-    """Add the block diagonal matrix of the blocks T to A (M, M), in place."""
-    b = len(size)
-    for i in range(len(T)):
-        for p in range(b):
-            for q in range(b):
-                A[b * i + p, b * i + q] += T[i, p, q]
+def add_blocks(size, T, A, g, u):  # type: ignore[no-untyped-def]
+    """Add the blocks T (b, b, d) to A (M, M), and what that adds to g' A to u (M,)."""
+    d = T.shape[2]
+    for p in range(len(size)):
+        for q in range(len(size)):
+            for i in range(d):
+                A[p * d + i, q * d + i] += T[p, q, i]
+                u[q * d + i] += g[p * d + i] * T[p, q, i]
 
 
 @njit(error_model="numpy", forceinline=True)
-def take_in(x, P, w, S, errors):  # type: ignore[no-untyped-def]
-    """Take a row of innovations (m,) into states x (m, M) and covariance P, in place."""
-    for c in range(len(errors)):
-        for j in range(len(w)):
-            x[c, j] += w[j] / S * errors[c]
-    for i in range(len(w)):
-        gain = w[i] / S
-        for j in range(len(w)):
-            P[i, j] -= gain * w[j]
+def own_part(h, own, x, P, reach, predictions):  # type: ignore[no-untyped-def]
+    """Put P g into reach (M,) and g' x into predictions (m,); return g' P g."""
+    d = len(h)
+    for j in range(len(reach)):
+        reach[j] = 0.0
+    for i in range(d):
+        if own[i] != 0.0:
+            for j in range(len(reach)):
+                reach[j] += own[i] * h[i] * P[i, j]
+    for c in range(len(predictions)):
+        predictions[c] = 0.0
+        for i in range(d):
+            predictions[c] += own[i] * h[i] * x[c, i]
+    variance = 0.0
+    for i in range(d):
+        variance += own[i] * h[i] * reach[i]
+    return variance
 
 
 @kept
@@ -121,114 +146,132 @@ def run_filter(size, H, own, F, Q, P0, loud, fresh, Y, keep):  # type: ignore[no
     """Return the fields of `Innovations` for columns Y (n, m), with s^2 = 1.
 
     ``size`` is a tuple of as many zeros as an amplitude has states; H (n, d) the h of d amplitudes, ``own`` (d,) 1 for
-    those that count as the force, F, Q, P0 (d, b, b) as in `Transition`; before a ``fresh`` row all begin anew.
+    those that count as the force, F, Q, P0 (b, b, d) as in `Transition`; before a ``fresh`` row all begin anew.
     A row whose ``loud`` is inf is missing. Without ``keep`` nothing is left for the smoother.
     """
     n, d = H.shape
-    b, m = len(size), Y.shape[1]
-    M = b * d
-    x, P, w, v = np.zeros((m, M)), np.zeros((M, M)), np.empty(M), np.empty(M)
+    m, M = Y.shape[1], len(size) * d
+    x, P, w, v = np.zeros((m, M)), np.zeros((M, M)), np.zeros(M), np.zeros(M)
+    gain, none, g = np.zeros(M), np.zeros(M), np.zeros(M)
     errors, variances = np.empty((n, m)), np.empty(n)
     stored = n if keep else 0
-    predictions, reach, own_reach = np.empty((stored, m)), np.empty((stored, M)), np.empty((stored, M))
-    own_variances = np.empty(stored)
+    predictions, reach, own_variances = np.empty((stored, m)), np.empty((stored, M)), np.empty(stored)
+    is_whole = own.sum() == d
+    own_reach = reach if is_whole else np.empty((stored, M))
     for k in range(n):
         if k == 0 or fresh[k]:
             x[:] = 0.0
             P[:] = 0.0
-            add_blocks(size, P0, P)
-        w[:] = 0.0
-        for i in range(d):
-            for j in range(M):
-                w[j] += H[k, i] * P[b * i, j]
-        if keep:
-            v[:] = 0.0
+            w[:] = 0.0
             for i in range(d):
-                if own[i] != 0.0:
-                    for j in range(M):
-                        v[j] += H[k, i] * P[b * i, j]
-            spread = 0.0
-            for i in range(d):
-                spread += own[i] * H[k, i] * v[b * i]
-            own_variances[k] = spread
-            # An assignment to a slice would be compiled with the text of an error of shapes, for seconds.
-            for j in range(M):
-                reach[k, j], own_reach[k, j] = w[j], v[j]
-            for c in range(m):
-                s = 0.0
-                for i in range(d):
-                    s += own[i] * H[k, i] * x[c, b * i]
-                predictions[k, c] = s
-        S = loud[k]
+                g[i] = H[k, i]
+            add_blocks(size, P0, P, g, w)
+        variance = 0.0
         for i in range(d):
-            S += H[k, i] * w[b * i]
+            variance += H[k, i] * w[i]
+        S = variance + loud[k]
         variances[k] = S
         for c in range(m):
-            s = Y[k, c]
+            s = 0.0
             for i in range(d):
-                s -= H[k, i] * x[c, b * i]
-            errors[k, c] = s
-        if np.isfinite(S):
-            take_in(x, P, w, S, errors[k])
-        step_columns(size, F, x)
-        step_rows(size, F, P)
-        step_columns(size, F, P)
-        add_blocks(size, Q, P)
+                s += H[k, i] * x[c, i]
+            errors[k, c] = Y[k, c] - s
+            if keep:
+                predictions[k, c] = s
+        if keep:
+            # An assignment to a slice would be compiled with the text of an error of shapes, for seconds.
+            for j in range(M):
+                reach[k, j] = w[j]
+            own_variances[k] = variance
+            if not is_whole:
+                own_variances[k] = own_part(H[k], own, x, P, own_reach[k], predictions[k])
+        share = 1.0 / S
+        for j in range(M):
+            gain[j] = w[j] * share
+        if share > 0.0:
+            for c in range(m):
+                for j in range(M):
+                    x[c, j] += gain[j] * errors[k, c]
+        step_states(size, F, x)
+        following = min(k + 1, n - 1)
+        for i in range(d):
+            g[i] = H[following, i]
+        step_covariance(size, F, gain, w, none, none, P, g, v)
+        add_blocks(size, Q, P, g, v)
+        w, v = v, w
     return errors, variances, predictions, reach, own_reach, own_variances
 
 
 @kept
 @njit(error_model="numpy")
-def run_smoother(size, H, F, fresh, errors, variances, predictions, reach, own_reach, own_variances):  # type: ignore[no-untyped-def]
-    """Return the force in each column given all rows (n, m), and its variance (n,) with s^2 = 1."""
+def run_smoother(size, H, F, fresh, errors, variances, predictions, reach, own_reach):  # type: ignore[no-untyped-def]
+    """Return the force in each column given all rows (n, m)."""
     n, d = H.shape
-    b, m = len(size), errors.shape[1]
-    M = b * d
-    back = np.empty((d, b, b))
-    for i in range(d):
-        for p in range(b):
-            for q in range(b):
-                back[i, p, q] = F[i, q, p]
-    r, N, NK = np.zeros((m, M)), np.zeros((M, M)), np.empty(M)
-    mean, variance = np.empty((n, m)), np.empty(n)
+    m, M = errors.shape[1], len(size) * d
+    back = np.ascontiguousarray(F.transpose(1, 0, 2))
+    r, mean = np.zeros((m, M)), np.empty((n, m))
     for k in range(n - 1, -1, -1):
-        step_columns(size, back, r)
-        step_rows(size, back, N)
-        step_columns(size, back, N)
-        w, S, v = reach[k], variances[k], own_reach[k]
-        if np.isfinite(S):
-            for c in range(m):
-                s = errors[k, c]
-                for j in range(M):
-                    s -= w[j] * r[c, j]
-                for i in range(d):
-                    r[c, b * i] += H[k, i] * s / S
-            NK[:] = 0.0
-            for i in range(M):
-                gain = w[i] / S
-                for j in range(M):
-                    NK[j] += gain * N[i, j]
-            square = 1.0 / S
-            for j in range(M):
-                square += w[j] / S * NK[j]
-            for i in range(d):
-                for j in range(M):
-                    N[b * i, j] -= H[k, i] * NK[j]
-                    N[j, b * i] -= H[k, i] * NK[j]
-            for i in range(d):
-                for j in range(d):
-                    N[b * i, b * j] += square * H[k, i] * H[k, j]
+        step_states(size, back, r)
+        share = 1.0 / variances[k]
         for c in range(m):
+            s = errors[k, c]
+            for j in range(M):
+                s -= reach[k, j] * r[c, j]
+            s *= share
+            for i in range(d):
+                r[c, i] += H[k, i] * s
             s = predictions[k, c]
             for j in range(M):
-                s += v[j] * r[c, j]
+                s += own_reach[k, j] * r[c, j]
             mean[k, c] = s
-        s = own_variances[k]
-        for i in range(M):
+            if fresh[k]:
+                for j in range(M):
+                    r[c, j] = 0.0
+    return mean
+
+
+@kept
+@njit(error_model="numpy")
+def run_spread(size, H, own, F, loud, fresh, variances, reach, own_reach, own_variances):  # type: ignore[no-untyped-def]
+    r"""Return the variance (n,) of the force given all rows, with s^2 = 1.
+
+    .. math:: N \to L^T N L + h h^T / S, \quad L = 1 - w h^T / S, \quad w = P h, \qquad
+              \mathrm{var} = g^T P g - (h^T v)^2 / S - z^T N z, \quad v = P g, \quad z = L v
+    """
+    n, d = H.shape
+    M = len(size) * d
+    is_whole = own.sum() == d
+    back = np.ascontiguousarray(F.transpose(1, 0, 2))
+    N, u, c, g, z = np.zeros((M, M)), np.zeros(M), np.zeros(M), np.zeros(M), np.zeros(M)
+    spread = np.empty(n)
+    for k in range(n - 1, -1, -1):
+        w, share = reach[k], 1.0 / variances[k]
+        square = 0.0
+        for j in range(M):
+            square += w[j] * u[j]
+        if is_whole:
+            left = loud[k] * share if loud[k] < np.inf else 1.0
+            spread[k] = max(own_variances[k] * left - left**2 * square, 0.0)
+        else:
+            v, taken = own_reach[k], 0.0
+            for i in range(d):
+                taken += H[k, i] * v[i]
             for j in range(M):
-                s -= v[i] * N[i, j] * v[j]
-        variance[k] = max(s, 0.0)
+                z[j] = v[j] - w[j] * (taken * share)
+            s = own_variances[k] - taken**2 * share
+            for i in range(M):
+                for j in range(M):
+                    s -= z[i] * N[i, j] * z[j]
+            spread[k] = max(s, 0.0)
+        for i in range(d):
+            g[i] = H[k, i]
+        half = 0.5 * share * (1.0 + share * square)
+        for j in range(M):
+            c[j] = u[j] * share - half * g[j]
+        following = reach[max(k - 1, 0)]
         if fresh[k]:
-            r[:] = 0.0
             N[:] = 0.0
-    return mean, variance
+            u[:] = 0.0
+        else:
+            step_covariance(size, back, g, c, c, g, N, following, u)
+    return spread

@@ -12,7 +12,7 @@ from fdbench.plants._velocity_loop import DEAD_BAND_M_PER_S
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import Record
 from fdbench_baselines._disturbance_gain import disturbance_gain
-from fdbench_baselines._locally_periodic_states import posterior
+from fdbench_baselines._locally_periodic_force import posterior
 from fdbench_baselines._mixed_estimation import mixed
 from fdbench_baselines._position_waves import (
     FEWEST_PITCHES,

@@ -11,7 +11,8 @@ from fdbench.record import Record
 from fdbench_baselines._disturbance_gain import disturbance_gain
 from fdbench_baselines._drive_least_squares import LOOP, process_columns
 from fdbench_baselines._friction_columns import curved
-from fdbench_baselines._locally_periodic_states import designs, likeliest_process, posterior
+from fdbench_baselines._locally_periodic_force import posterior
+from fdbench_baselines._locally_periodic_states import designs, likeliest_process
 from fdbench_baselines._mixed_estimation import CONFOUNDED
 from fdbench_baselines._one_step import MODEL as STATE_SPACE
 from fdbench_baselines._one_step import declined, residual_model
@@ -45,7 +46,7 @@ class StateSpaceGp(BatchEstimator):
     ``disturbance_N`` is f over the disturbance gain of the mass that :math:`\beta` and sheet make likeliest
     (`_disturbance_gain`); on axes with inverse dynamics without :math:`a_0`, which holds what the friction's model
     misses. Its variance holds that of :math:`\beta` and of the gain. White force that no harmonic holds is told from
-    noise by the quietest 0.3 s (`_locally_periodic_states`). ``output`` is :math:`z^T \beta + f`. A model in state
+    noise by the quietest 0.3 s (`_locally_periodic_force`). ``output`` is :math:`z^T \beta + f`. A model in state
     space has no :math:`\beta`; y is there what its equation leaves of a reading.
 
     Parameters

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from disturbance_found import error_of
 from fdbench_baselines._example import example_cogging, example_drive
-from fdbench_baselines._locally_periodic_states import posterior
+from fdbench_baselines._locally_periodic_force import posterior
 from fdbench_baselines._position_waves import wave_columns, way_of
 from fdbench_baselines._wandering_amplitudes import innovations_found, wandering
 from fdbench_baselines.cogging_observer import CoggingObserver

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from fdbench_baselines._disturbance_gain import disturbance_gain
+from fdbench_baselines._locally_periodic_force import posterior
 from fdbench_baselines._locally_periodic_states import (
     LikeliestProcess,
     NoisyRows,
     designs,
     likeliest_process,
-    posterior,
     restricted,
     start_values,
     transitions,
