@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -21,10 +22,11 @@ from fdbench_baselines.output_error import commanded
 
 LOOP = "velocity_loop"
 MODELS = (LOOP, "inverse_dynamics")
+PHYSICAL = ("mass_kg", "viscous_friction_N_s_per_m", "coulomb_friction_N", "offset_N")
 HELD = "held_sample"
 FEED = "reference_velocity_m_per_s"
 SHAPE_DOTS = 2  # effects.place.name
-TURN = 0.05  # by which a shape of the friction is turned for its slope
+TURN = 0.05  # by which level or shape of the friction is turned for its slope
 STEP = 1e-4  # by which a coefficient is, for that of the parameters
 SIXTH_OF_WHITE, SIXTH_OF_WALK = 924.0, 252.0  # squares of the sixth and fifth differences' coefficients
 DEVIATIONS_PER_MEDIAN = 1.4826
@@ -109,10 +111,6 @@ class Driven(NamedTuple):
         Deviation of the reading's noise, from sixth differences; of a velocity, that of its change in a sample.
     held : (n,) array of bool
         Samples that were not read anew.
-    friction_N : (n,) array
-        Of the nominal machine, bristles carried along the motion of the table.
-    slopes_N : (n, n_shapes) array
-        Its change for a relative change of each number that shapes it.
     gain_N_s_per_m : float
         Of the velocity loop, force over the error of the velocity; nominal elsewhere.
     """
@@ -122,9 +120,31 @@ class Driven(NamedTuple):
     reading: FloatArray
     unit: float
     held: NDArray[np.bool_]
-    friction_N: FloatArray
-    slopes_N: FloatArray
     gain_N_s_per_m: float
+
+
+class Bent(NamedTuple):
+    r"""A drive's friction along a motion, to first order about a level and shapes.
+
+    .. math:: F(\theta, s) = F_r + \theta F_\theta + \sum_j s_j D_j
+
+    Attributes
+    ----------
+    level : float
+        Of the point, over the nominal one.
+    shapes : (n_shapes,) array
+        Of the point, logarithms over the nominal values, in the order of `shape_knobs`.
+    rest_N, level_N : (n,) arrays
+        What is left without level and shapes, and the slope with the level.
+    slopes_N : (n, n_shapes) array
+        With each shape.
+    """
+
+    level: float
+    shapes: FloatArray
+    rest_N: FloatArray
+    level_N: FloatArray
+    slopes_N: FloatArray
 
 
 def declined(context: Context) -> str | None:
@@ -158,17 +178,29 @@ def driven(context: Context, record: Record) -> Driven:
     differences = float(np.median(np.abs(np.diff(reading, 6)))) * DEVIATIONS_PER_MEDIAN
     unit = differences / np.sqrt(SIXTH_OF_WALK if context.model == LOOP else SIXTH_OF_WHITE)
     least = float(np.finfo(np.float64).eps) * float(np.abs(reading).max())
-    shapes = shape_knobs(plant)
-    friction = carried(plant, velocity, step_s)
-    slopes = [(carried(knob.turned(plant, TURN), velocity, step_s) - friction) / TURN for knob in shapes]
-    columns = np.column_stack(slopes) if slopes else np.empty((n, 0))
     gain = 0.0
     if isinstance(plant.controller, VelocityLoop):
         error, gain = record["reference_velocity_m_per_s"] - reading, plant.controller.gain_N_s_per_m
         limited = np.abs(force) >= FULL * plant.controller.force_limit_N
         error = np.where(limited | held, 0.0, error)
         gain = float(error @ force / (error @ error)) if error.any() else gain
-    return Driven(force, velocity, reading, max(unit, least, 1e-300), held, friction, columns, gain)
+    return Driven(force, velocity, reading, max(unit, least, 1e-300), held, gain)
+
+
+def bent(plant: FeedDrive, drive: Driven, step_s: float, level: float, shapes: FloatArray) -> Bent:
+    """Return the friction along a record's motion about a level and shapes (n_shapes,), by differences."""
+    names = [f"effects.{place}" for place, effect in enumerate(plant.effects) if effect in frictions(plant)]
+    levels, point = [knob for knob in knobs_of(plant) if knob.name in names], np.append(level - 1.0, shapes)
+    knobs = [*levels, *shape_knobs(plant)]
+
+    def at(place: FloatArray) -> FloatArray:
+        settings = np.append(np.full(len(levels), place[0]), place[1:])
+        return carried(turned(plant, knobs, settings), drive.mean_velocity_m_per_s, step_s)
+
+    here = at(point)
+    slopes = np.column_stack([(at(point + step) - here) / TURN for step in TURN * np.eye(len(point))])
+    rest = here - slopes @ np.append(level, shapes)
+    return Bent(level, shapes, rest, slopes[:, 0], slopes[:, 1:])
 
 
 def stated(context: Context) -> Stated:
@@ -287,17 +319,17 @@ def shape_knobs(plant: Plant) -> list[Knob]:
     return [knob for knob in knobs_of(plant) if knob.name.count(".") == SHAPE_DOTS]
 
 
-def simulated_target(
-    context: Context, estimate: Estimate, shapes: Mapping[str, float], command: Record
-) -> FloatArray | None:
-    """Return the target (n_rows,) of an axis as it was found, simulated from a command alone; None in other models.
+def found_drive(
+    context: Context, parameters: Mapping[str, float], shapes: Mapping[str, float] = MappingProxyType({})
+) -> FeedDrive:
+    """Return the nominal drive turned to physical parameters, and to shapes of its friction.
 
     ``shapes`` are logarithms over the nominal values, by the names of `shape_knobs`.
     """
     plant = context.plant
-    if context.model == LOOP or not isinstance(plant, FeedDrive):
-        return None
-    paper, rigid = sheet(context), Rigid(*[estimate.parameters[name] for name in context.nominal])
+    if not isinstance(plant, FeedDrive):
+        raise SpecError(f"the plant of {context.model} is no feed drive.")
+    paper, rigid = sheet(context), Rigid(*[parameters.get(name, 0.0) for name in PHYSICAL])
     level = rigid.coulomb_N / paper.coulomb_N - 1.0 if paper.has_friction else 0.0
     offset = (rigid.offset_N - paper.offset_N) / (abs(paper.coulomb_N) or 1.0)
     moved = {
@@ -310,4 +342,17 @@ def simulated_target(
     settings = np.array([moved.get(knob.name, 0.0) for knob in knobs])
     factors = np.array([knob.is_stated for knob in knobs])
     settings[factors] = np.maximum(settings[factors], LEAST)
-    return context.regression(turned(plant, knobs, settings).respond(commanded(command))).target
+    return turned(plant, knobs, settings)
+
+
+def simulated_target(
+    context: Context, estimate: Estimate, shapes: Mapping[str, float], command: Record
+) -> FloatArray | None:
+    """Return the target (n_rows,) of an axis as it was found, simulated from a command alone; None in other models.
+
+    ``shapes`` are logarithms over the nominal values, by the names of `shape_knobs`.
+    """
+    if context.model == LOOP or not isinstance(context.plant, FeedDrive):
+        return None
+    drive = found_drive(context, estimate.parameters, shapes)
+    return context.regression(drive.respond(commanded(command))).target

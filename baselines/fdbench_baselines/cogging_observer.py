@@ -2,16 +2,19 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar, NamedTuple, final
 
 import numpy as np
 
+from fdbench.effects.cogging import Cogging
 from fdbench.errors import PluginError, SpecError
 from fdbench.estimator import BatchEstimator, Context, Estimate, FloatArray
-from fdbench.plants._velocity_loop import DEAD_BAND_M_PER_S
+from fdbench.plants._velocity_loop import VelocityLoopModel
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import Record
 from fdbench_baselines._disturbance_gain import disturbance_gain
+from fdbench_baselines._friction_motion import found_drive
 from fdbench_baselines._locally_periodic_force import posterior
 from fdbench_baselines._mixed_estimation import mixed
 from fdbench_baselines._position_waves import (
@@ -28,6 +31,7 @@ from fdbench_baselines._robust import robust_residual
 from fdbench_baselines._straight_friction import straight
 from fdbench_baselines._wandering_amplitudes import innovations_found, wandering
 from fdbench_baselines.least_squares import factorise
+from fdbench_baselines.output_error import commanded
 
 LOOP = "velocity_loop"
 
@@ -64,8 +68,10 @@ class CoggingObserver(BatchEstimator):
     is likeliest, by a bounded search. Rows off the straight line of the nominal friction count as missing, those beyond
     four deviations less. ``parameters`` are those of generalised least squares of the innovations and of the sheet;
     ``disturbance_N`` is smoothed, in the mass that both make likeliest (`_disturbance_gain`), with the variance that
-    noise, wandering, parameters and mass leave. ``output`` is :math:`z^T \hat\beta + g \hat d`. The free run has the
-    wave too, with amplitudes that fit the whole record; it begins where the record began.
+    noise, wandering, parameters and mass leave. ``output`` is :math:`z^T \hat\beta + g \hat d`. A free run is
+    the nominal drive, turned to the parameters and over the wave with amplitudes that fit the whole record, simulated:
+    a row's equation has one direction of friction for a row in which the drive turns back. It begins where the record
+    began.
 
     Told: pitch (within 1.5 %) or nothing of the force; the sheet with its covariance. A pass over n rows costs
     O(n H (H + p)), 2 ms for n = 4000 and H = 4, and the likelihood takes some 13 of them; the search of a pitch that is
@@ -178,12 +184,13 @@ class CoggingObserver(BatchEstimator):
         )
 
     def predict(self, context: Context, estimate: Estimate, command: Record) -> FloatArray | None:
-        """Return the velocity that a command makes of parameters and wave."""
+        """Return the velocity of the drive as it was found, over its wave, simulated."""
         if self._wave is None:
             return super().predict(context, estimate, command)
         if not estimate.parameters:
             raise PluginError("cogging_observer: the estimate of fit(context, record) is expected, with parameters.")
-        return free_run(estimate.parameters, self._wave, command)
+        drive = with_wave(context, estimate.parameters, self._wave)
+        return context.regression(drive.respond(commanded(command))).target
 
     def _pitch(self, context: Context, rows: WaveRows, way: DrivenWay) -> float | None:
         told_m = context.disturbance_pitch_m
@@ -198,18 +205,18 @@ class CoggingObserver(BatchEstimator):
         return confirmed_pitch(rows, way, told_m, self.harmonics, self.false_alarm)
 
 
-def free_run(parameters: Mapping[str, float], wave: Wave, command: Record) -> FloatArray:
-    """Return the velocity v_1 ... v_{n-1} (n - 1,) from rest under the wave, which begins at the place 0."""
-    reference, step_s = command["reference_velocity_m_per_s"], command.sampling_time_s
-    beta_1, beta_2 = parameters["beta_1"], parameters["beta_2"]
-    beta_3, beta_4 = parameters.get("beta_3", 0.0), parameters.get("beta_4", 0.0)
-    pairs = wave.amplitudes.reshape(-1, 2).tolist()
-    velocity, place = np.zeros(len(reference)), 0.0
-    for k in range(len(reference) - 1):
-        now = float(velocity[k])
-        friction = beta_3 if now > DEAD_BAND_M_PER_S else -beta_4 if now < -DEAD_BAND_M_PER_S else 0.0
-        angle = 2.0 * math.pi * (place + 0.5 * step_s * now) / wave.pitch_m
-        force = sum(a * math.cos(h * angle) + b * math.sin(h * angle) for h, (a, b) in enumerate(pairs, 1))
-        velocity[k + 1] = beta_1 * reference[k] + beta_2 * now - friction + force
-        place += 0.5 * step_s * (now + float(velocity[k + 1]))
-    return velocity[1:]
+def with_wave(context: Context, parameters: Mapping[str, float], wave: Wave) -> FeedDrive:
+    """Return the drive as it was found, over magnets; mass and forces are those of the nominal gain."""
+    model, step_s = context.linear_model, context.sampling_time_s
+    if not isinstance(model, VelocityLoopModel):
+        raise SpecError(f"the model of {context.model} is no velocity loop.")
+    physical = dict(model.physical_parameters(parameters, step_s))
+    per_N = parameters["beta_1"] / model.gain_N_s_per_m
+    physical["offset_N"] = 0.5 * (parameters.get("beta_3", 0.0) - parameters.get("beta_4", 0.0)) / per_N
+    drive = found_drive(context, physical)
+    pairs = (wave.amplitudes.reshape(-1, 2) / per_N).tolist()
+    cogging = [
+        Cogging(cogging_force_N=math.hypot(a, b), pitch_m=wave.pitch_m / h, phase_rad=math.atan2(-a, -b))
+        for h, (a, b) in enumerate(pairs, 1)
+    ]
+    return replace(drive, effects=(*drive.effects, *cogging))
