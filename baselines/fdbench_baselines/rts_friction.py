@@ -6,13 +6,15 @@ import numpy as np
 
 from fdbench.errors import SpecError
 from fdbench.estimator import BatchEstimator, Context, Estimate, FloatArray
+from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import Record
-from fdbench_baselines._drifting_forces import NoiseSearch, wave_columns, with_waves
+from fdbench_baselines._drifting_forces import CLOSE, NoiseSearch, wave_columns, with_waves
 from fdbench_baselines._friction_motion import (
     FEED,
     LOOP,
     Driven,
     DriveSheet,
+    bent,
     declined,
     driven,
     parameters_with_covariance,
@@ -22,10 +24,13 @@ from fdbench_baselines._friction_motion import (
 )
 from fdbench_baselines._motion_smoother import MOTION, ForcedMotion
 from fdbench_baselines._process_force import turns
+from fdbench_baselines._simulated_drive import LEAST
 from fdbench_baselines._slip import below_half
 
 FIRST, SEARCHED, COMPARED, MENDED = 60, 80, 30, 40  # evaluations of the likelihood
 MEANS = 2  # columns of a cut without a wave
+BENT = 3  # times that the friction's slopes are taken anew
+FARTHEST = 1.0  # logarithm of a shape over the nominal one
 
 
 @final
@@ -42,7 +47,8 @@ class RtsFriction(BatchEstimator):
     table, where the screw is no force, or in a velocity loop the velocity. The table's readings move the bristles, so
     that their force is known up to its level and its shape, and :math:`1 / m, B / m, \theta / m, F_0 / m` and the shape
     enter linearly: they are constant states, as likely beforehand as the sheet says, shapes by ``shape_deviation``.
-    Filter and smoother (`_motion_smoother`) are then exact.
+    Filter and smoother (`_motion_smoother`) are then exact. Slopes of the friction with level and shape are those about
+    the sheet, and then about what was found, up to three times while the record becomes likelier.
 
     Waves are harmonics of the nominal period, of a spindle or shaker that slips and drifts (`_process_force`): of
     amplitudes that forget, or of those of a cut, which grows with the feed and beside no friction has a mean, whichever
@@ -116,8 +122,7 @@ class RtsFriction(BatchEstimator):
         reason = self.skip(context)
         if reason is not None:
             raise SpecError(f"rts_friction: {reason}.")
-        drive, paper = driven(context, record), sheet(context)
-        rows = context.regression(record).rows
+        drive, paper, rows = driven(context, record), sheet(context), context.regression(record).rows
         search = self._search(context, drive, paper).likeliest(FIRST)
         n, p = len(drive.force_N), search.own
         sums = np.zeros((n, p + 1))
@@ -126,6 +131,7 @@ class RtsFriction(BatchEstimator):
             search, waves = self._with_waves(context, record, drive, paper, search)
             walk = sums[:, p:] * float(not paper.has_friction)
             sums = np.hstack((sums[:, :p], walk, paper.force_unit_N * waves))
+        search = self._bent_anew(context, drive, paper, search)
         found, last = search.smoothed(sums), search.run()
         b, covariance = (
             last.states[-1, MOTION : MOTION + p],
@@ -133,8 +139,8 @@ class RtsFriction(BatchEstimator):
         )
         beta, spread = parameters_with_covariance(context, drive, paper, b, covariance)
         names = [knob.name for knob in shape_knobs(context.plant)]
-        self._shapes = dict(zip(names, (self.shape_deviation * b[4:]).tolist(), strict=True))
         rigid = paper.rigid(b)
+        self._shapes = dict(zip(names, self._shapes_at(paper, b).tolist(), strict=True))
         heavier, doubt = rigid.mass_kg / paper.mass_kg, float(paper.deviations[0] ** 2 * covariance[0, 0])
         force = heavier * found.mean[rows]
         return Estimate(
@@ -149,16 +155,42 @@ class RtsFriction(BatchEstimator):
         found = simulated_target(context, estimate, self._shapes, command)
         return super().predict(context, estimate, command) if found is None else found
 
-    def _search(self, context: Context, drive: Driven, paper: DriveSheet) -> NoiseSearch:
-        """Return the motion under parameters and a walk."""
+    def _bent_anew(self, context: Context, drive: Driven, paper: DriveSheet, search: NoiseSearch) -> NoiseSearch:
+        """Return the search with the friction's slopes about what was found, while that makes the record likelier."""
+        for _ in range(BENT if paper.has_friction else 0):
+            b = search.run().states[-1, MOTION : MOTION + search.own]
+            level = max(paper.rigid(b).coulomb_N / paper.coulomb_N, 1.0 + LEAST)
+            shapes = np.clip(self._shapes_at(paper, b), -FARTHEST, FARTHEST)
+            bent_motion = self._search(context, drive, paper, level, shapes).motion
+            columns = np.hstack((bent_motion.columns[:, : search.own], search.motion.columns[:, search.own :]))
+            motion = search.motion._replace(known=bent_motion.known, columns=columns)
+            other = search._replace(motion=motion).likeliest(MENDED)
+            if other.log_likelihood < search.log_likelihood + CLOSE:
+                break
+            search = other
+        return search
+
+    def _shapes_at(self, paper: DriveSheet, b: FloatArray) -> FloatArray:
+        """Return logarithms (n_shapes,) over the nominal shapes for coefficients b of the acceleration."""
+        return self.shape_deviation * paper.rigid(b).mass_kg / paper.mass_kg * b[4:]
+
+    def _search(
+        self, context: Context, drive: Driven, paper: DriveSheet, level: float = 1.0, shapes: FloatArray | None = None
+    ) -> NoiseSearch:
+        """Return the motion under parameters and a walk, the friction bent about a level and shapes."""
+        plant = context.plant
+        if not isinstance(plant, FeedDrive):
+            raise SpecError(f"the plant of {context.model} is no feed drive.")
         place, step_s, n = int(context.model == LOOP), context.sampling_time_s, len(drive.force_N)
         per_N = step_s ** (2 - place) / (paper.mass_kg * drive.unit)
         v = drive.mean_velocity_m_per_s
-        forces = np.column_stack((-drive.force_N, paper.linear_N_s_per_m * v, drive.friction_N, np.ones(n)))
-        own = np.hstack((forces * paper.deviations, self.shape_deviation * drive.slopes_N))
+        friction = bent(plant, drive, step_s, level, np.zeros(len(shape_knobs(plant))) if shapes is None else shapes)
+        pushed = drive.force_N - friction.rest_N
+        forces = np.column_stack((-pushed, paper.linear_N_s_per_m * v, friction.level_N, np.ones(n)))
+        own = np.hstack((forces * paper.deviations, self.shape_deviation * friction.slopes_N))
         unit = per_N * paper.force_unit_N
         columns = np.hstack((-per_N * own, np.full((n, 1), -unit)))
-        left = drive.force_N - paper.linear_N_s_per_m * v - drive.friction_N - paper.offset_N
+        left = pushed - paper.linear_N_s_per_m * v - friction.level_N - paper.offset_N
         motion = ForcedMotion(
             known=per_N * left,
             columns=columns,
