@@ -60,7 +60,7 @@ class RtsFriction(BatchEstimator):
     over error as logged. Of an axis with inverse dynamics a free run is the simulation of the drive as found.
 
     Told: the sheet with its covariance, the period, the force limit as a scale; no size of force or noise. A sample
-    costs 4 m^2 multiplications in each of about 250 passes of m states (12 to 35), 0.1 to 0.4 ms in all; its memory is
+    costs 4 m^2 multiplications in each of 250 to 450 passes of m states (12 to 35), 0.1 to 0.7 ms in all; its memory is
     8 m^2 bytes.
 
     Parameters
@@ -228,4 +228,4 @@ class RtsFriction(BatchEstimator):
         starts = context.model == LOOP and not is_cut
         for _ in range(2):
             best = best.told(groups, starts).likeliest(MENDED)
-        return best.told(groups, starts), waves
+        return best.told(groups, starts).likeliest(MENDED), waves
