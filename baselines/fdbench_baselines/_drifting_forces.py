@@ -58,7 +58,7 @@ class NoiseSearch(NamedTuple):
             float(np.exp(2.0 * np.clip(kick, -8.0, 10.0))),
             np.concatenate((np.ones(self.own + 1), kept_share)),
             np.concatenate((np.zeros(self.own), [walks], waves * (1.0 - kept_share**2))),
-            np.concatenate((np.ones(self.own + 1), waves)),
+            np.concatenate((np.ones(self.own), [0.0], waves)),
         )
 
     def run(self) -> Passed:

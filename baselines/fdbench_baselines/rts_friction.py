@@ -48,7 +48,8 @@ class RtsFriction(BatchEstimator):
     that their force is known up to its level and its shape, and :math:`1 / m, B / m, \theta / m, F_0 / m` and the shape
     enter linearly: they are constant states, as likely beforehand as the sheet says, shapes by ``shape_deviation``.
     Filter and smoother (`_motion_smoother`) are then exact. Slopes of the friction with level and shape are those about
-    the sheet, and then about what was found, up to three times while the record becomes likelier.
+    the sheet, and then about what was found, up to three times while the record becomes likelier. The walk begins at 0:
+    a constant force is the offset's.
 
     Waves are harmonics of the nominal period, of a spindle or shaker that slips and drifts (`_process_force`): of
     amplitudes that forget, or of those of a cut, which grows with the feed and beside no friction has a mean, whichever
