@@ -12,7 +12,7 @@ from fdbench_baselines._regional_correction import dot
 MEMORY = 10  # pairs of steps that tell the curvature
 SUFFICIENT, SHORTEST = 1e-4, 1e-6  # of the fall that a slope promises; of a step
 PATIENCE = 20
-RIDGE = 1e-3  # of squared parameters beside squared errors: what nothing asks for stays as it was
+RIDGE = 1e-4  # of squared parameters beside squared errors: what nothing asks for stays as it was
 
 
 class Trainable(Protocol):
@@ -69,7 +69,7 @@ def stopped_early(
 ) -> tuple[FloatArray, float]:
     r"""Return the parameters of the least withheld error on the way of L-BFGS to the least fitted one, and that error.
 
-    .. math:: J(\theta) = \frac{\sum_k w_k (y_k - \hat y_k(\theta))^2}{\sum_k w_k} + 10^{-3} |\theta - \theta_0|^2
+    .. math:: J(\theta) = \frac{\sum_k w_k (y_k - \hat y_k(\theta))^2}{\sum_k w_k} + 10^{-4} |\theta - \theta_0|^2
 
     A step is halved until J falls by 1e-4 of what its slope promises; it ends after so many iterations, or after 20
     without a lower withheld error (Nocedal and Wright, Numerical Optimization, 2006, algorithms 7.4 and 3.1).

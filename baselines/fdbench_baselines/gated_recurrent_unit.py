@@ -48,7 +48,7 @@ class GatedRecurrentUnit(NetworkEstimator):
     and second change from row to row. s is the size of the error. Nothing measured is an input, so that training and
     free run see the same. At the start c, d and :math:`d_0` are 0: the data sheet.
 
-    The mean square error, in units of s, of the free run from the record's start and 0.001 times the squared distance
+    The mean square error, in units of s, of the free run from the record's start and 0.0001 times the squared distance
     of all parameters from the start are lowered by L-BFGS, the gradient by backpropagation through all of the time, on
     two folds: 30 % of the record are withheld at its end and at its start. Each fold keeps the parameters of the least
     withheld error on the way, and stops 20 steps after; a prediction is the mean of both. Unless the withheld errors
@@ -57,8 +57,13 @@ class GatedRecurrentUnit(NetworkEstimator):
     h stays within -1 and 1 whatever the weights are, so that no free run diverges: what is added is at most
     :math:`s (|c|_1 + |d^T u_k + d_0|)`. Nothing is clipped.
 
+    Units, steps and the factor of 0.0001 are those of the least mean logarithm of the free run's error on seeds 101 to
+    103 of six simulated scenarios (a servo stage's staircase and spiral, a ball screw, a shaker, two linear motors),
+    out of 4, 8 and 16 units, 30, 60 and 100 steps and factors of 0.0001, 0.001 and 0.01. No measured record was among
+    them.
+
     Told: the data sheet. Claims nothing but the free run. With n rows, m inputs and H units it has 3 H (m + 1 + H) + H
-    + m + 1 parameters, 325 for m = 4. A step of the training costs O(n H (m + H)), 0.7 us a row: 0.4 s for a record of
+    + m + 1 parameters, 117 for m = 4. A step of the training costs O(n H (m + H)), 0.7 us a row: 0.4 s for a record of
     4000 rows on one core. A free run costs 0.4 us a row; the memory is 40 n H bytes, 1.3 MB.
 
     Parameters
@@ -104,7 +109,7 @@ class GatedRecurrentUnit(NetworkEstimator):
     True
     """
 
-    def __init__(self, units: int = 8, iterations: int = 60, seed: int = 0) -> None:
+    def __init__(self, units: int = 4, iterations: int = 100, seed: int = 0) -> None:
         super().__init__("gated_recurrent_unit", iterations, seed, units=units)
         self.units = units
 

@@ -39,8 +39,12 @@ class NarxFrols(BatchEstimator):
     with or without outputs is what makes the free runs err least on 30 % of the record at its end and at its start,
     which were not fitted; more has to lower the error by 3 %. No term at all is the data sheet.
 
+    L, d and :math:`n_y` are those of the least mean logarithm of the free run's error on seeds 101 to 103 of six
+    simulated scenarios (a servo stage's staircase and spiral, a ball screw, a shaker, two linear motors), out of 2, 4
+    and 8, 2 and 4, 2, 4 and 10. No measured record was among them.
+
     Told: the data sheet. Claims nothing but the free run. Training costs O(n m^2) for n rows and m candidate terms: 50
-    ms for m = 23; the memory is 40 n m bytes, 7 MB.
+    ms for m = 47; the memory is 40 n m bytes, 15 MB.
 
     Parameters
     ----------
@@ -85,7 +89,7 @@ class NarxFrols(BatchEstimator):
 
     made_for: ClassVar[tuple[str, ...] | None] = ("servo_response", *DRIVES)
 
-    def __init__(self, lags: int = 4, stride: int = 4, outputs: int = 2, degree: int = 1, terms: int = 15) -> None:
+    def __init__(self, lags: int = 8, stride: int = 2, outputs: int = 10, degree: int = 1, terms: int = 15) -> None:
         for name, value, least, most in (
             ("lags", lags, 0, 100),
             ("stride", stride, 1, 100),

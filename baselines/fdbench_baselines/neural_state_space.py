@@ -68,7 +68,7 @@ class NeuralStateSpace(NetworkEstimator):
     row. Nothing measured is an input. The usual W of tanh(W z + b) is within :math:`C_z` and :math:`D_{zu}`. At the
     start B, :math:`B_w`, D, :math:`D_w`, :math:`b_x` and d are 0: the data sheet.
 
-    The mean square error, in units of s, of the free run from the record's start and 0.001 times the squared distance
+    The mean square error, in units of s, of the free run from the record's start and 0.0001 times the squared distance
     of all parameters from the start are lowered by L-BFGS, the gradient by backpropagation through all of the time, on
     two folds: 30 % of the record are withheld at its end and at its start. Each fold keeps the parameters of the least
     withheld error on the way, and stops 20 steps after; a prediction is the mean of both. Unless the withheld errors
@@ -77,8 +77,13 @@ class NeuralStateSpace(NetworkEstimator):
     All poles are within the unit circle by their form, and w within -1 and 1, so that no free run diverges whatever the
     weights are; it may still go round in a bounded cycle. Nothing is clipped.
 
+    Neurons, steps and the factor of 0.0001 are those of the least mean logarithm of the free run's error on seeds 101
+    to 103 of six simulated scenarios (a servo stage's staircase and spiral, a ball screw, a shaker, two linear motors),
+    out of 4, 8 and 16 neurons, 50, 100 and 200 steps and factors of 0.0001, 0.001 and 0.01. No measured record was
+    among them.
+
     Told: the data sheet. Claims nothing but the free run. With n rows, m inputs, q neurons and p pairs it has 2 p + (2
-    p + 1) (m + 1 + q) + q (m + 1 + 2 p) parameters, 141 for m = 4 and p = 2. A step of the training costs O(n (2 p + q)
+    p + 1) (m + 1 + q) + q (m + 1 + 2 p) parameters, 85 for m = 4 and p = 2. A step of the training costs O(n (2 p + q)
     (m + q)), 0.3 us a row: 0.2 s for a record of 4000 rows on one core. A free run costs 0.15 us a row; the memory is 8
     n (2 p + q) bytes, 0.4 MB.
 
@@ -126,7 +131,7 @@ class NeuralStateSpace(NetworkEstimator):
     True
     """
 
-    def __init__(self, neurons: int = 8, iterations: int = 100, seed: int = 0) -> None:
+    def __init__(self, neurons: int = 4, iterations: int = 200, seed: int = 0) -> None:
         super().__init__("neural_state_space", iterations, seed, neurons=neurons)
         self.neurons = neurons
 

@@ -64,8 +64,12 @@ class RffKrls(BatchEstimator):
     The waves are bounded and only errors before are fed back, linearly: a model with a pole of 0.9999 or more is not
     chosen, and its free run, if the fit to the whole record has made it one, is the sheet's.
 
+    L, d, :math:`n_y` and M are those of the least mean logarithm of the free run's error on seeds 101 to 103 of six
+    simulated scenarios (a servo stage's staircase and spiral, a ball screw, a shaker, two linear motors), out of 2, 4
+    and 8, 1, 2 and 4, 20 and 50, 30 and 60. No measured record was among them.
+
     Told: the data sheet. Claims nothing but the free run. Training costs O(n p^2) for n rows and p features, at most
-    132: 0.2 s for a record of 4000 rows on one core. A free run costs O(p) a row; the memory is 16 n p bytes, 9 MB: all
+    118: 0.2 s for a record of 4000 rows on one core. A free run costs O(p) a row; the memory is 16 n p bytes, 8 MB: all
     rows of features are made beforehand, though the recursion needs but p^2 numbers.
 
     Parameters
@@ -119,9 +123,9 @@ class RffKrls(BatchEstimator):
 
     def __init__(
         self,
-        lags: int = 4,
+        lags: int = 8,
         stride: int = 4,
-        outputs: int = 50,
+        outputs: int = 20,
         waves: int = 60,
         regularisation: float = 0.01,
         seed: int = 0,
