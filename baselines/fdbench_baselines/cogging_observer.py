@@ -34,6 +34,7 @@ from fdbench_baselines.least_squares import factorise
 from fdbench_baselines.output_error import commanded
 
 LOOP = "velocity_loop"
+LARGEST_N = next(item.high for item in Cogging.parameters() if item.name == Cogging.amplitude)
 
 
 class Wave(NamedTuple):
@@ -215,8 +216,9 @@ def with_wave(context: Context, parameters: Mapping[str, float], wave: Wave) -> 
     physical["offset_N"] = 0.5 * (parameters.get("beta_3", 0.0) - parameters.get("beta_4", 0.0)) / per_N
     drive = found_drive(context, physical)
     pairs = (wave.amplitudes.reshape(-1, 2) / per_N).tolist()
-    cogging = [
-        Cogging(cogging_force_N=math.hypot(a, b), pitch_m=wave.pitch_m / h, phase_rad=math.atan2(-a, -b))
-        for h, (a, b) in enumerate(pairs, 1)
-    ]
+    cogging: list[Cogging] = []
+    for h, (a, b) in enumerate(pairs, 1):
+        parts = max(1, math.ceil(math.hypot(a, b) / LARGEST_N))  # one effect has no more
+        force_N = math.hypot(a, b) / parts
+        cogging += parts * [Cogging(cogging_force_N=force_N, pitch_m=wave.pitch_m / h, phase_rad=math.atan2(-a, -b))]
     return replace(drive, effects=(*drive.effects, *cogging))

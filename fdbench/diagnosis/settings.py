@@ -242,9 +242,6 @@ class JudgeSettings:
     alike: float = number(0.9, "of what the best removes, removed by a rival that is indistinguishable", zero=1.0)
     fewest: float = number(0.01, "probability of a rival that is worth mentioning")
     level: float = number(0.9, "probability with which the cause is one of a set", CONVENTION, zero=1.0)
-    guaranteed: float = number(
-        0.85, "share of axes with one cause whose set of causes holds it", "beyond 0.88 no effect could be left out"
-    )
     rest_cells: int = number(24, "of a function that the rest may depend on")
     rest_shrinkage: float = number(50.0, "samples that such a cell counts for too few by")
     rest_smallest: float = number(0.02, "share of the rest that is worth mentioning")

@@ -300,7 +300,7 @@ def test_it_is_said_what_the_cause_is_among_if_there_is_one(found: Diagnosis) ->
     def said(**changed: Any) -> str:
         return " ".join(summary(replace(found.answer, cause_set=replace(like, **changed))).split())
 
-    assert "One cause of the library is among backlash, dead_time with a probability of 85 % at least" in said()
+    assert "One cause of the library is among backlash, dead_time with a probability of 90 % at least" in said()
     assert "No effect can be left out" in said(everything=True)
     assert "would have left it among those named" in said(causes=())
     assert "no set of causes is promised" in said(exchangeable=False)

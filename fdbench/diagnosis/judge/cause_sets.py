@@ -66,19 +66,19 @@ def cause_set(chances: Mapping[str, float], unknown: float, axes: AxesWithOneCau
 
     Examples
     --------
-    >>> axes = AxesWithOneCause(source="", truth=(0.1, 0.2, 0.25, *[0.9] * 17), unknown=(0.1,))
+    >>> axes = AxesWithOneCause(source="", truth=(0.2, 0.25, *[0.9] * 18), unknown=(0.1,))
     >>> cause_set({"backlash": 0.85, "dead_time": 0.15, "cogging": 0.3}, 0.0, axes).causes
     ('backlash', 'cogging')
     """
     known = axes or axes_with_one_cause()
 
     def may_be_it(chance: float) -> bool:
-        return 1 + sum(own <= chance for own in known.truth) > (1.0 - JUDGE.guaranteed) * (1 + len(known.truth))
+        return 1 + sum(own <= chance for own in known.truth) > (1.0 - JUDGE.level) * (1 + len(known.truth))
 
     return CauseSet(
         causes=tuple(sorted((name for name in chances if may_be_it(chances[name])), key=lambda name: -chances[name])),
         everything=may_be_it(0.0),
-        holds=JUDGE.guaranteed,
+        holds=JUDGE.level,
         axes=len(known.truth),
         exchangeable=any(own >= unknown for own in known.unknown),
     )

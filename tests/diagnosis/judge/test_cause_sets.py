@@ -6,7 +6,7 @@ import pytest
 from fdbench.diagnosis.judge.cause_sets import AxesWithOneCause, axes_with_one_cause, cause_set
 from fdbench.diagnosis.settings import JUDGE
 
-MISSED = 1.0 - JUDGE.guaranteed
+MISSED = 1.0 - JUDGE.level
 
 
 @pytest.mark.parametrize("exponent", [0.1, 1.0, 20.0])
