@@ -65,7 +65,7 @@ Mask = Callable[[Plan, np.random.Generator], NDArray[np.bool_]]
 
 
 class _Lane:
-    """One run through the plan: its random numbers, its place, and the condition that it is in."""
+    """Random numbers of one run through the plan."""
 
     def __init__(self, machine: VibratingMachine, plan: Plan, mask: Mask, seed: int) -> None:
         n = plan.shape[0] * plan.shape[1]
@@ -74,8 +74,6 @@ class _Lane:
         self.angle = machine.angle_jitter_rad * stream(seed, "trigger_angle").standard_normal(n)
         self.cage_angle = stream(seed, "cage_angle").uniform(0.0, TWO_PI, n)
         self.noise = stream(seed, "force_noise"), stream(seed, "acceleration_noise")
-        self.place = 0
-        self.rows = np.empty((0, 0))
 
 
 class SpindleTestbedSystem(System):
@@ -131,30 +129,34 @@ class SpindleTestbedSystem(System):
         self._acquired = plan.samples_per_segment * timing.substeps
         self._noise = np.array([setup.noise.force_N, setup.noise.acceleration_m_per_s2])
         self._lanes: dict[int, _Lane] = {}
+        self._every = np.arange(n_lanes)
+        self._places = np.zeros(n_lanes, dtype=np.intp)  # samples that a lane has behind it
+        n_rows = len(self.columns) + len(self.truth_columns)
+        self._conditions = np.empty((n_lanes, plan.samples_per_condition, n_rows))  # rows of the present ones
 
     def _reset(self, lanes: NDArray[np.intp], seeds: Sequence[int]) -> None:
         """Put lanes back to the first condition and draw their random numbers."""
         for lane, seed in zip(lanes.tolist(), seeds, strict=True):
             self._lanes[lane] = _Lane(self._machine, self._plan, self._mask, seed)
+        self._places[lanes] = 0
 
     def _act(self, action: FloatArray | None) -> None:
         self._deviations_N = np.zeros(self.n_lanes) if action is None else np.asarray(action, dtype=np.float64)
 
     def _advance(self, rows: FloatArray) -> None:
-        n_samples = len(rows)
-        length = self._plan.samples_per_condition
-        for number in range(self.n_lanes):
-            lane = self._lanes[number]
-            done = 0
-            while done < n_samples:
-                condition, first = divmod(lane.place, length)
-                if first == 0:
-                    lane.rows = self._condition(lane, condition, float(self._deviations_N[number]), number)
-                taken = min(length - first, n_samples - done)
-                rows[done : done + taken, :, number] = lane.rows[first : first + taken]
-                lane.place += taken
-                done += taken
-                self._diverged[number] = bool(lane.rows[first + taken - 1, -1])
+        done, length = 0, self._plan.samples_per_condition
+        while done < len(rows):
+            conditions, first = np.divmod(self._places, length)
+            for number in np.flatnonzero(first == 0).tolist():
+                deviation = float(self._deviations_N[number])
+                lane, condition = self._lanes[number], int(conditions[number])
+                self._conditions[number] = self._condition(lane, condition, deviation, number)
+            taken = min(length - int(first.max()), len(rows) - done)
+            found = self._conditions[self._every, first + np.arange(taken)[:, None]]
+            rows[done : done + taken] = found.transpose(0, 2, 1)
+            self._diverged[:] = found[-1, :, -1]
+            self._places += taken
+            done += taken
 
     def _condition(self, lane: _Lane, number: int, deviation: float, place: int) -> FloatArray:
         """Return all rows of one condition, (samples_per_condition, n_columns + n_truth_columns)."""
