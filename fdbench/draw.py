@@ -171,7 +171,8 @@ def _changed(holder: Any, keys: Sequence[str], change: Callable[[float], float],
         kinds = [getattr(item, "name", None) or snake_case(type(item).__name__) for item in holder]
         index = int(key) if _PLACE.fullmatch(key) else kinds.index(key) if key in kinds else len(holder)
         if index >= len(holder):
-            raise SpecError(f"{path}: there is no '{key}'; there are {', '.join(kinds)}.{did_you_mean(key, kinds)}")
+            there = f"there are {', '.join(kinds)}" if kinds else "the list is empty"
+            raise SpecError(f"{path}: there is no '{key}'; {there}.{did_you_mean(key, kinds)}")
         return (*holder[:index], _changed(holder[index], rest, change, path), *holder[index + 1 :])
     names = [field.name for field in dataclasses.fields(holder)] if dataclasses.is_dataclass(holder) else []
     if key not in names:

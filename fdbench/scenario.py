@@ -23,6 +23,7 @@ from fdbench.plants import LinearModel, Plant
 from fdbench.reading import measured_file, read_mapped
 from fdbench.record import FloatArray, Record
 from fdbench.regression import Regression
+from fdbench.simulate.start import Start
 from fdbench.simulate.system import Noise, Setup, System, Timing
 from fdbench.specification import check_bounds, load_toml, positive, read
 from fdbench.version import __version__
@@ -181,6 +182,7 @@ class Scenario:
     estimation: Estimation
     timing: Timing | None = None
     motion: Motion | None = None
+    start: Start = field(default_factory=Start)
     reality: Reality = field(default_factory=Reality)
     environment: Environment | None = None
     measured: Measured | None = None
@@ -207,6 +209,17 @@ class Scenario:
                 raise SpecError(f"validation.{needed}: a {kind} scenario has this one, and no {other}.")
         if self.measured is None and (self.timing is None or self.motion is None):
             raise SpecError("timing: missing table; a scenario has [timing] and [motion], or [measured].")
+        if self.start != Start():
+            self._check_start()
+
+    def _check_start(self) -> None:
+        limits = self.plant.table_limits
+        if self.measured is not None or limits is None or self.motion is None or self.timing is None:
+            what = "a measured machine" if self.measured is not None else f"a {self.plant.name}"
+            raise SpecError(
+                f"start: {what} begins where it does; only simulated feed drives and servo stages have one."
+            )
+        self.start.check(_reference(self.motion, self.timing), *limits)
 
     @property
     def content_digest(self) -> str:
@@ -265,7 +278,13 @@ class Scenario:
         """How the plant is moved, disturbed and measured."""
         if self.timing is None or self.motion is None:
             raise SpecError(f"{self.id}: a measured scenario cannot be simulated; it has no [timing] and [motion].")
-        return Setup(timing=self.timing, motion=self.motion, noise=self.reality.noise, unmodelled=self.reality.effects)
+        return Setup(
+            timing=self.timing,
+            motion=self.motion,
+            noise=self.reality.noise,
+            unmodelled=self.reality.effects,
+            start=self.start,
+        )
 
     def system(self, n_lanes: int = 1) -> System:
         """Return instances of the machine as it really is."""
@@ -335,8 +354,14 @@ class Scenario:
         if self.validation is None or self.validation.motion is None:
             raise SpecError(f"{self.id}: it has no [validation.motion].")
         effects = tuple(effect for effect in self.reality.effects if not (effect.disturbance or effect.random))
-        other = replace(self, motion=self.validation.motion, reality=Reality(effects=effects), validation=None)
+        motion, reality = self.validation.motion, Reality(effects=effects)
+        other = replace(self, motion=motion, start=Start(), reality=reality, validation=None)
         return _named(other, self.id, self.digest)
+
+
+@lru_cache(maxsize=64)
+def _reference(motion: Motion, timing: Timing) -> FloatArray:
+    return motion.reference(timing.sampling_time_s, timing.n_samples)
 
 
 def _check_window(estimation: Estimation, end_s: float, sampling_time_s: float, where: str) -> None:

@@ -10,7 +10,7 @@ from fdbench.scenario import Scenario
 from fdbench.simulate.axis import Axis
 from fdbench.simulate.system import Noise, System
 
-DRAWN = ("plant.", "reality.")
+DRAWN = ("plant.", "reality.", "start.")
 
 
 @final
@@ -38,7 +38,7 @@ class Machines:
     Raises
     ------
     SpecError
-        If it draws more than the plant and its reality: an episode would have another clock or command.
+        If it draws more than the plant, its reality and its start: an episode would have another clock or command.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -48,13 +48,18 @@ class Machines:
         if paths:
             raise SpecError(
                 f"{scenario.id}: draw: an environment has one command and one clock; '{paths[0]}' cannot be drawn "
-                "in it, only what begins with plant. or reality."
+                "in it, only what begins with plant., reality. or start."
             )
 
     @property
     def drawn(self) -> bool:
         """Whether every seed is another machine."""
         return bool(self.scenario.draw)
+
+    @property
+    def displaced(self) -> bool:
+        """Whether every seed has a reference of its own, one from another position."""
+        return any(path.startswith("start.position_m") for draw in self.scenario.draw for path in draw.values)
 
     def of(self, seed: int) -> Scenario:
         """Return the scenario with the machine of a seed; without draws, the scenario."""

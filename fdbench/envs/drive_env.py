@@ -52,9 +52,9 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
     ``environment.reward`` of the scenario names, in its unit squared; the XY stage has the sum over both axes.
 
     ## Starting State
-    At rest at the start of the reference. The seed of ``reset`` is that of every random stream of the episode and, for
-    a scenario that draws its machines, of the machine; without one, seeds are drawn from ``np_random``. The first
-    observation is the drive at rest, without noise.
+    At rest at the start of the reference, or as ``[start]`` of the scenario says. The seed of ``reset`` is that of
+    every random stream of the episode and, for a scenario that draws its machine or its start, of these; without one,
+    seeds are drawn from ``np_random``. The first observation is the drive in that state, without noise.
 
     ## Episode End
     Terminated when the drive leaves its travel or velocity limit; truncated after the last sample of the scenario, so
@@ -118,7 +118,7 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[FloatArray, dict[str, Any]]:
-        """Put the drive back to rest; see Starting State."""
+        """Put the drive back to its start; see Starting State."""
         super().reset(seed=seed)
         check_options(options)
         seed = next_seed(self.np_random) if seed is None else seed

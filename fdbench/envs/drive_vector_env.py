@@ -41,7 +41,8 @@ class DriveVectorEnv(VectorEnv[FloatArray, ActionArray, NDArray[Any]]):
 
     ## Arguments
     scenario : str, path or Scenario
-        Of one that draws its machines, every lane has a machine of its own; only feed drives can.
+        Of one that draws its machines, every lane has a machine of its own; only feed drives can. One that draws the
+        position where it begins is refused.
     num_envs : int
     task : str
         What is rewarded; a file of `fdbench.envs.tasks`.
@@ -68,6 +69,12 @@ class DriveVectorEnv(VectorEnv[FloatArray, ActionArray, NDArray[Any]]):
             raise SpecError(
                 f"{self.interface.scenario.id}: lanes side by side have one machine, and this scenario draws another "
                 "for each seed. gymnasium.make_vec(..., vectorization_mode='sync') steps its environments in turns."
+            )
+        if self.interface.machines.displaced:
+            raise SpecError(
+                f"{self.interface.scenario.id}: lanes side by side have one reference, and this scenario draws where "
+                "it begins, start.position_m. gymnasium.make_vec(..., vectorization_mode='sync') steps its "
+                "environments in turns."
             )
         self.scenario, self.system = self.interface.scenario, self.interface.system
         self.columns = self.interface.columns
@@ -96,15 +103,17 @@ class DriveVectorEnv(VectorEnv[FloatArray, ActionArray, NDArray[Any]]):
         seeds = self._seeds(seed, lanes.tolist())
         machines = self.interface.machines
         drawn = [machines.of(lane_seed) for lane_seed in seeds]
+        self._observations = self._observations.copy()
+        self._observations[lanes] = self.interface.at_rest()
         if machines.drawn and isinstance(self.system, Axis):
             for lane, machine in zip(lanes.tolist(), drawn, strict=True):
-                put(self.system, lane, machines.axis(machine))
+                axis = machines.axis(machine)
+                put(self.system, lane, axis)
+                self._observations[lane] = axis.at_rest
         self.system.start(seeds, None if mask.all() else lanes)
         self.interface.task.start(drawn, lanes)
         self._sample[lanes] = 0
         self._over = self._over & ~mask
-        self._observations = self._observations.copy()
-        self._observations[lanes] = self.interface.at_rest()
         truth = {name: np.zeros(self.num_envs) for name in self.system.truth_columns}
         return self._observations, self._infos(truth, np.zeros(self.num_envs), mask)
 

@@ -77,6 +77,11 @@ class Plant(ABC):
                 return model
         raise SpecError(f"model '{name}' is not offered by this {type(self).name}.{did_you_mean(name, self.models())}")
 
+    @property
+    def table_limits(self) -> tuple[float, float] | None:
+        """Travel (m, to either side) and velocity (m/s) of an axis that can begin anywhere; None for other plants."""
+        return None
+
     @abstractmethod
     def system(self, setup: Setup, n_lanes: int = 1) -> System:
         """Return ``n_lanes`` instances of the plant as they are simulated."""

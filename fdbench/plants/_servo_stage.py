@@ -39,7 +39,8 @@ class StagePlant(Plant):
         """Return the response of each axis by the prefix of its columns."""
 
     @property
-    def _limits(self) -> tuple[float, float]:
+    def table_limits(self) -> tuple[float, float]:
+        """Travel (m) and velocity (m/s) of the table."""
         return self.travel_m, self.velocity_limit_m_per_s
 
     def linear_system(self, sampling_time_s: float) -> LinearSystem:
@@ -67,7 +68,7 @@ class StagePlant(Plant):
             for name in ("reference_position_m", "reference_velocity_m_per_s", "")
         ]
         period_s, silent = record.sampling_time_s, np.zeros(len(self.axes()))
-        system = StageSystem(self.axes(), self._limits, np.column_stack(commands), period_s, 1, silent)
+        system = StageSystem(self.axes(), self.table_limits, np.column_stack(commands), period_s, 1, silent)
         system.start([0])
         predicted: FloatArray = system.advance(system.n_samples)[:, 2 : 3 * len(self.axes()) : 3, 0].T.ravel()
         return predicted
@@ -76,15 +77,16 @@ class StagePlant(Plant):
         """Return the stage with the setup's effects as forces on its table."""
         axes = self.axes()
         check_table_forces(setup.unmodelled, "a servo stage", states=True)
-        reference = setup.motion.reference(setup.timing.sampling_time_s, setup.timing.n_samples)
+        reference = setup.reference()
         if reference.shape[1] != 3 * len(axes):
             raise SpecError(f"motion: it moves {reference.shape[1] // 3} axes, the plant has {len(axes)}.")
         readings = [f"{prefix or 'table_'}position_m" for prefix in axes]
         setup.noise.check_only(readings, self.name)
         deviations = np.array([getattr(setup.noise, reading) for reading in readings])
         period_s, substeps = setup.timing.sampling_time_s, setup.timing.substeps
-        forces = setup.unmodelled
-        return StageSystem(axes, self._limits, reference, period_s, substeps, deviations, forces, n_lanes)
+        forces, velocities = setup.unmodelled, setup.start.velocities(len(axes))
+        limits = self.table_limits
+        return StageSystem(axes, limits, reference, period_s, substeps, deviations, forces, n_lanes, velocities)
 
 
 @final

@@ -106,6 +106,11 @@ class FeedDrive(Plant):
             velocity_limit_m_per_s=self.velocity_limit_m_per_s,
         )
 
+    @property
+    def table_limits(self) -> tuple[float, float]:
+        """Travel (m) and velocity (m/s) of the table."""
+        return self.travel_m, self.velocity_limit_m_per_s
+
     def system(self, setup: Setup, n_lanes: int = 1) -> Axis:
         """Return the axis with modelled and unmodelled effects.
 

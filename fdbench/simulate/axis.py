@@ -75,9 +75,7 @@ class Axis(System):
         self.action_names = (action_name,)
         self.timing = setup.timing
         self.effects = tuple(effects)
-        self.reference = np.ascontiguousarray(
-            setup.motion.reference(setup.timing.sampling_time_s, setup.timing.n_samples)
-        )
+        self.reference = np.ascontiguousarray(setup.reference())
         self.commanded = {
             "reference_position_m": self.reference[:, 0],
             "reference_velocity_m_per_s": self.reference[:, 1],
@@ -96,14 +94,15 @@ class Axis(System):
         self._initial = Blocks(self._kinds, n_lanes, width)
         self._initial.set_mechanics(mechanics, setup.timing.substep_s)
         self._initial.set_scalars({**controller, **_noises(setup.noise, logged_per_N), "LOGGED_PER_N": logged_per_N})
-        self._initial.place(float(self.reference[0, 0]), 0.0, setup.timing.sampling_time_s)
+        (velocity,) = setup.start.velocities(1).tolist()
+        self._initial.place(float(self.reference[0, 0]), velocity, setup.timing.sampling_time_s)
         for number, effect in enumerate(self.effects):
             self._initial.set_effect(number, effect, self._applies(type(effect)))
         self._now = copy.deepcopy(self._initial)
         width = self._side_by_side
         self._idle = slice((n_lanes - 1) % self._side_by_side + 1, None)
         self._out = np.zeros((self._n_blocks, 1, layout.OUT_COLUMNS * width))
-        self.limits, self.at_rest = self._ranges(mechanics, controller["FORCE_LIMIT"] * logged_per_N)
+        self.limits, self.at_rest = self._ranges(mechanics, velocity, controller["FORCE_LIMIT"] * logged_per_N)
         self._bind()
 
     def _bind(self) -> None:
@@ -135,14 +134,16 @@ class Axis(System):
                     found.append((number, index, float(values[0, 0])))
         return tuple(found)
 
-    def _ranges(self, mechanics: Mechanics, command_limit: float) -> tuple[dict[str, float], FloatArray]:
+    def _ranges(
+        self, mechanics: Mechanics, velocity: float, command_limit: float
+    ) -> tuple[dict[str, float], FloatArray]:
         """Return the largest magnitude of each column, and what is logged at the start of the reference."""
         limit, rest = np.zeros(layout.OUT_COLUMNS), np.zeros(layout.OUT_COLUMNS)
         positions = [layout.OUT_REFERENCE_POSITION, layout.OUT_MOTOR, layout.OUT_TABLE]
         limit[positions], rest[positions] = mechanics.position_limit_m, self.reference[0, 0]
         limit[[layout.OUT_REFERENCE_VELOCITY, layout.OUT_VELOCITY]] = mechanics.velocity_limit_m_per_s
         limit[layout.OUT_FORCE] = command_limit
-        rest[layout.OUT_REFERENCE_VELOCITY] = self.reference[0, 1]
+        rest[[layout.OUT_REFERENCE_VELOCITY, layout.OUT_VELOCITY]] = self.reference[0, 1], velocity
         logged = self._pick[: len(self.columns)]
         return dict(zip(self.columns, limit[logged].tolist(), strict=True)), rest[logged]
 

@@ -41,6 +41,12 @@ class Response:
         return np.asarray(-np.linalg.solve(self.A, self.B), dtype=np.float64)
 
     @property
+    def motion(self) -> FloatArray:
+        """State (n,) for each m/s of a motion that has long been steady, the position being 0."""
+        behind = np.linalg.solve(self.A, self.rest)
+        return np.asarray(behind - self.rest * (self.C @ behind) / (self.C @ self.rest), dtype=np.float64)
+
+    @property
     def compliance_m_per_N(self) -> float:
         """Steady change of the position for one newton against positive motion, negative."""
         return float(-self.C @ np.linalg.solve(self.A, self.F))
@@ -73,6 +79,8 @@ class StageSystem(System):
         Standard deviation of each reading, m.
     effects : sequence of Effect
     n_lanes : int
+    velocities : (n_axes,) array, optional
+        With which the axes begin; at rest by default.
     """
 
     def __init__(
@@ -85,6 +93,7 @@ class StageSystem(System):
         deviations: FloatArray,
         effects: Sequence[Effect] = (),
         n_lanes: int = 1,
+        velocities: FloatArray | None = None,
     ) -> None:
         prefixes, responses = list(axes), list(axes.values())
         sources = [
@@ -118,8 +127,10 @@ class StageSystem(System):
             np.ascontiguousarray(reference),
             np.array([value for effect in effects for value in effect.values()]),
         )
-        self._rest = np.stack([response.rest for response in responses]) * start[:, :1]
-        self._n_states = self._rest.shape[1]
+        self._first = np.stack([response.rest for response in responses]) * start[:, :1]
+        if velocities is not None and velocities.any():
+            self._first += np.stack([response.motion for response in responses]) * velocities[:, None]
+        self._n_states = self._first.shape[1]
         n_rows = len(ROWS) + self._n_states + sum(len(kind.states) for kind in self._kinds)
         self._n_blocks = -(-n_lanes // self._side_by_side)
         self._blocks = np.zeros((self._n_blocks, len(axes), n_rows, self._side_by_side))
@@ -138,12 +149,12 @@ class StageSystem(System):
         self._stepper = compiled(stepper, (self._flat, 0, *self._fixed, self._out))
 
     def _reset(self, lanes: NDArray[np.intp], seeds: Sequence[int]) -> None:
-        """Put lanes to rest at the first commanded position, and those that only fill the last block."""
+        """Put lanes to the first commanded position, and those that only fill the last block."""
         filling = np.arange(self.n_lanes, self._n_blocks * self._side_by_side)
         blocks, places = np.divmod(np.concatenate((lanes, filling)), self._side_by_side)
         self._blocks[blocks, :, :, places] = 0.0
         first = len(ROWS)
-        self._blocks[blocks, :, first : first + self._n_states, places] = self._rest
+        self._blocks[blocks, :, first : first + self._n_states, places] = self._first
 
     def _act(self, action: FloatArray | None) -> None:
         """Keep the action of each axis, which is added to its commanded position."""
@@ -151,7 +162,7 @@ class StageSystem(System):
             self._actions[:] = 0.0
             return
         self._of_lanes[..., : self.n_lanes] = action
-        self._actions[:] = self._of_lanes.reshape(len(self._rest), self._n_blocks, -1).swapaxes(0, 1)
+        self._actions[:] = self._of_lanes.reshape(len(self._first), self._n_blocks, -1).swapaxes(0, 1)
 
     def _advance(self, rows: FloatArray) -> None:
         n = len(rows)

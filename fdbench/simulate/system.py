@@ -11,6 +11,7 @@ from fdbench.effects import Effect, Port
 from fdbench.errors import SpecError
 from fdbench.motions import Motion
 from fdbench.simulate.random import CHUNK, RandomNumbers
+from fdbench.simulate.start import Start
 from fdbench.specification import bounded, check_bounds, nonnegative, positive
 
 FloatArray = NDArray[np.float64]
@@ -89,12 +90,17 @@ class Noise:
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """How a plant is moved, disturbed and measured."""
+    """How a plant is moved, disturbed and measured, and where it begins."""
 
     timing: Timing
     motion: Motion
     noise: Noise = field(default_factory=Noise)
     unmodelled: tuple[Effect, ...] = ()
+    start: Start = field(default_factory=Start)
+
+    def reference(self) -> FloatArray:
+        """Return the motion from the start, (n_samples, 3 n_axes); for plants that have one."""
+        return self.start.displaced(self.motion.reference(self.timing.sampling_time_s, self.timing.n_samples))
 
 
 @dataclass(frozen=True, eq=False)
