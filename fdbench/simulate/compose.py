@@ -8,6 +8,7 @@ effects of this package, whatever it has of them and however often: rows of para
 by side run as vectors where the rows are known to the compiler, so their stepper has a case for each effect of theirs.
 """
 
+import dis
 import hashlib
 import inspect
 import os
@@ -132,6 +133,17 @@ def core_effects() -> tuple[type[Effect], ...]:
     return tuple(registry.get(name) for name, module in modules.items() if module == f"fdbench.effects.{name}")
 
 
+@lru_cache(maxsize=256)
+def of_time_alone(effect: type[Effect]) -> bool:
+    """Return whether a force follows from time, command and parameters: its kernel reads nothing else of the axis."""
+    if not effect.port.is_force or effect.states or effect.random:
+        return False
+    code = effect.kernel.py_func.__code__
+    position, velocity, entering = code.co_varnames[2:5]
+    own = {position, entering} if effect.follows_command else {position, velocity, entering}
+    return not any(instruction.argval in own for instruction in dis.get_instructions(code))
+
+
 def _call(number: int, slot: Slot, lanes: int, shared: Shared) -> str:
     """Return the case of an effect, whose rows are told by ``calls`` to a lane alone, and by numbers to several."""
     told = {index: repr(value) for place, index, value in shared if place == number}
@@ -169,7 +181,19 @@ def _call(number: int, slot: Slot, lanes: int, shared: Shared) -> str:
         put(state, f"z_{j}")
     if alone:
         return f"if case == {number}:\n" + textwrap.indent("\n".join(lines), 4 * " ")
-    return f"if case == {number}:\n    for i in range(LANES):\n" + textwrap.indent("\n".join(lines), 8 * " ")
+    every = "for i in range(LANES):\n" + textwrap.indent("\n".join(lines), 4 * " ")
+    if of_time_alone(effect):
+        # Lanes of one machine and clock have the same force: it is computed once for all of them.
+        rows = ["w[T + i]", *(a for a in arguments[5:] if a.startswith("w[")), *([moving] * effect.follows_command)]
+        other = " | ".join(f"({row} != {_of_first_lane(row)})" for row in rows)
+        count = f"others = 0\nfor i in range(LANES):\n    others += 1 if {other} else 0\n"
+        once = "\n".join([_of_first_lane(lines[0]), "for i in range(LANES):", *(f"    {line}" for line in lines[1:])])
+        every = f"{count}if others == 0:\n{textwrap.indent(once, 4 * ' ')}\nelse:\n{textwrap.indent(every, 4 * ' ')}"
+    return f"if case == {number}:\n{textwrap.indent(every, 4 * ' ')}"
+
+
+def _of_first_lane(text: str) -> str:
+    return text.replace(" + i]", "]")
 
 
 def _port(place: int, cases: Sequence[str], lanes: int) -> str:
