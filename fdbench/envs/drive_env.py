@@ -162,7 +162,10 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         observation = row[: self._n_measured]
         if self._commanded is not None:
             observation = np.concatenate((self._commanded[k], observation))
-        info = {"truth": {name: values[place] for name, place in self._truths}, "time_s": k * self._period_s}
+        truth = {}
+        for name, place in self._truths:  # a comprehension would be a call
+            truth[name] = values[place]
+        info = {"truth": truth, "time_s": k * self._period_s}
         return observation, reward, terminated, k + 1 == self._n_samples, info
 
     def _checked(self, action: ActionArray) -> FloatArray:
