@@ -186,7 +186,9 @@ def _call(number: int, slot: Slot, lanes: int, shared: Shared) -> str:
         # Lanes of one machine and clock have the same force: it is computed once for all of them.
         rows = ["w[T + i]", *(a for a in arguments[5:] if a.startswith("w[")), *([moving] * effect.follows_command)]
         other = " | ".join(f"({row} != {_of_first_lane(row)})" for row in rows)
-        count = f"others = 0\nfor i in range(LANES):\n    others += 1 if {other} else 0\n"
+        # The second lane first: it tells machines that are drawn apart, and spares them the loop.
+        count = f"others = 1 if {other.replace(' + i]', ' + 1]')} else 0\nif others == 0:\n"
+        count += f"    for i in range(LANES):\n        others += 1 if {other} else 0\n"
         once = "\n".join([_of_first_lane(lines[0]), "for i in range(LANES):", *(f"    {line}" for line in lines[1:])])
         every = f"{count}if others == 0:\n{textwrap.indent(once, 4 * ' ')}\nelse:\n{textwrap.indent(every, 4 * ' ')}"
     return f"if case == {number}:\n{textwrap.indent(every, 4 * ' ')}"
