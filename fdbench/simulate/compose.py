@@ -8,7 +8,7 @@ effects of this package, whatever it has of them and however often: rows of para
 by side run as vectors where the rows are known to the compiler, so their stepper has a case for each effect of theirs.
 """
 
-import dis
+import ast
 import hashlib
 import inspect
 import os
@@ -138,10 +138,11 @@ def of_time_alone(effect: type[Effect]) -> bool:
     """Return whether a force follows from time, command and parameters: its kernel reads nothing else of the axis."""
     if not effect.port.is_force or effect.states or effect.random:
         return False
-    code = effect.kernel.py_func.__code__
-    position, velocity, entering = code.co_varnames[2:5]
+    kernel = effect.kernel.py_func
+    position, velocity, entering = kernel.__code__.co_varnames[2:5]
     own = {position, entering} if effect.follows_command else {position, velocity, entering}
-    return not any(instruction.argval in own for instruction in dis.get_instructions(code))
+    read = ast.walk(ast.parse(textwrap.dedent(inspect.getsource(kernel))))
+    return own.isdisjoint(node.id for node in read if isinstance(node, ast.Name))
 
 
 def _call(number: int, slot: Slot, lanes: int, shared: Shared) -> str:
