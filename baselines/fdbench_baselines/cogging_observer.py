@@ -14,7 +14,7 @@ from fdbench.plants._velocity_loop import VelocityLoopModel
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import Record
 from fdbench_baselines._disturbance_gain import disturbance_gain
-from fdbench_baselines._friction_motion import found_drive
+from fdbench_baselines._found_drive import found_drive
 from fdbench_baselines._locally_periodic_force import posterior
 from fdbench_baselines._mixed_estimation import mixed
 from fdbench_baselines._position_waves import (

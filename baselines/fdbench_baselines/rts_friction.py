@@ -9,6 +9,7 @@ from fdbench.estimator import BatchEstimator, Context, Estimate, FloatArray
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import Record
 from fdbench_baselines._drifting_forces import CLOSE, NoiseSearch, wave_columns, with_waves
+from fdbench_baselines._found_drive import simulated_target
 from fdbench_baselines._friction_motion import (
     FEED,
     LOOP,
@@ -20,7 +21,6 @@ from fdbench_baselines._friction_motion import (
     parameters_with_covariance,
     shape_knobs,
     sheet,
-    simulated_target,
 )
 from fdbench_baselines._motion_smoother import MOTION, ForcedMotion
 from fdbench_baselines._process_force import turns

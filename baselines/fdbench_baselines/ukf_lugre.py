@@ -10,6 +10,7 @@ from fdbench.errors import SpecError
 from fdbench.estimator import BatchEstimator, Context, Estimate, FloatArray
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import Record
+from fdbench_baselines._found_drive import simulated_target
 from fdbench_baselines._friction_motion import (
     FEED,
     LOOP,
@@ -20,7 +21,6 @@ from fdbench_baselines._friction_motion import (
     frictions,
     parameters_with_covariance,
     sheet,
-    simulated_target,
 )
 from fdbench_baselines._slip import below_half
 from fdbench_baselines._unscented_drive import (

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from disturbance_found import error_of
-from fdbench_baselines._friction_motion import FEED, carried, filled, model_parameters, sheet, simulated_target
+from fdbench_baselines._found_drive import simulated_target
+from fdbench_baselines._friction_motion import FEED, carried, filled, model_parameters, sheet
 from fdbench_baselines._motion_smoother import MOTION, Drift, ForcedMotion, passed, smoothed
 from fdbench_baselines.rts_friction import RtsFriction
 from fdbench_baselines.state_space_gp import StateSpaceGp
