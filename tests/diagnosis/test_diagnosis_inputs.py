@@ -341,7 +341,7 @@ def test_no_mode_above_what_the_samples_show_is_a_candidate() -> None:
         for period_s in (1e-3, 5e-3, 0.1)
     }
     assert max(modes[1e-3]) == 170.0
-    assert modes[5e-3] == [20.0, 30.0, 42.0, 60.0]
+    assert modes[5e-3] == [10.0, 14.0, 20.0, 30.0, 42.0, 60.0]
     assert modes[0.1] == []
 
 
