@@ -67,10 +67,9 @@ def main() -> int:
     rng, kills, runs, defects = random.Random(given.seed), 0, 0, Counter[str]()
     ctypes.CDLL(None, use_errno=True).prctl(CHILD_SUBREAPER, 1, 0, 0, 0)  # what is left by a killed run comes here
     with tempfile.TemporaryDirectory() as place:
-        reference = Path(place) / "reference"
-        reference.mkdir()
-        for _ in range(2):  # the first compiles
-            start = time.monotonic()
+        for name in ("compiles", "reference"):
+            reference, start = Path(place) / name, time.monotonic()
+            reference.mkdir()
             if started(reference).wait():
                 print((reference / "output.txt").read_text())
                 return 1
