@@ -20,8 +20,8 @@ DEEPEST = 64  # tables and lists within one another
 MOST_PARTS = 16  # of a dotted key; the parser takes their square
 LONGEST_WORD = 300  # digits of a number, or letters of a plain key
 
-# Strings and comments of TOML; what is not closed goes on to the end, so that one pass is enough: no part can fail after
-# a repetition, and nothing is tried twice. Possessive ones, which say so, match wrongly in Python before 3.11.5.
+# Strings and comments of TOML; what is not closed goes on to the end, so that one pass is enough: no part can fail
+# after a repetition, and nothing is tried twice. Possessive ones, which say so, match wrongly in Python before 3.11.5.
 _QUOTED = re.compile(
     r'"""(?:[^"\\]+|\\(?:.|\Z)|"(?!""))*(?:"{3,5}|\Z)'
     r"|'''(?:[^']+|'(?!''))*(?:'{3,5}|\Z)"
