@@ -1,71 +1,38 @@
-"""EMPS from the voltage alone: the field's score, the position in mm, for parameters that estimators find here.
+"""EMPS from the voltage alone: the four parameters fitted to the field's score, the position in mm.
 
-`FDBENCH_DATA=FOLDER python benchmarks/emps_open_loop.py`: the four parameters of each row are simulated from rest under
-the force that was commanded in the record, and the root mean square error of the position is printed in mm, as
-nonlinearbenchmark.org has it. The last row is fitted to that error. `fdbench run --scenario EMPS-v1` scores another
-task: the force in closed loop.
+`FDBENCH_DATA=FOLDER python benchmarks/emps_open_loop.py` fits mass, frictions and offset to
+`open_loop_position_error`, in which `fdbench run --scenario EMPSOpenLoop-v0` scores what estimators find, and prints
+the error and the parameters: what four parameters can do on this record.
 """
-
-import math
-from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from fdbench.estimator import FloatArray, construct
-from fdbench.plants._controllers import OpenLoop
-from fdbench.plants.feed_drive import FeedDrive, LinearMotor
-from fdbench.record import Record
+from fdbench.estimator import FloatArray
+from fdbench.metrics.open_loop_position_error import PARAMETERS, open_loop_position_m
+from fdbench.plants.feed_drive import FeedDrive
 from fdbench.scenario import load_scenario
-from fdbench.simulate.system import Sampled, Setup, Timing
-
-NAMES = ("mass_kg", "viscous_friction_N_s_per_m", "coulomb_friction_N", "offset_N")
-ROWS = ("null", "least_squares", "idim_iv", "output_error", "pl_lssvm", "krls_t", "kalman", "joint_kalman")
-FAR = 100.0  # m and m/s, which no simulation reaches
-
-
-def errors_m(drive: FeedDrive, record: Record, found: Mapping[str, float]) -> FloatArray:
-    """Return the error of the position (n,) with other parameters, under the force of the record."""
-    mass, viscous, coulomb, offset = (found[name] for name in NAMES)
-    friction, constant = drive.effects
-    axis = replace(
-        drive,
-        travel_m=FAR,
-        velocity_limit_m_per_s=FAR,
-        motor=LinearMotor(mass_kg=mass, viscous_friction_N_s_per_m=viscous),
-        controller=OpenLoop(acceleration_feedforward_kg=1.0, force_limit_N=1e6),
-        effects=(friction.changed(coulomb_force_N=coulomb), constant.changed(constant_force_N=offset)),
-    )
-    force, way, step_s = record["motor_force_N"], record["motor_position_m"], record.sampling_time_s
-    # With a mass of 1 kg in its feed-forward, the loop gives out what is commanded as an acceleration.
-    reference = np.column_stack((np.full(len(force), way[0]), np.zeros(len(force)), force))
-    timing = Timing(sampling_time_s=step_s, duration_s=len(force) * step_s, substeps=10)
-    system = axis.system(Setup(timing=timing, motion=Sampled(reference)))
-    system.start([0])
-    found_m = system.advance(system.n_samples)[:, system.columns.index("motor_position_m"), 0]
-    return np.asarray(found_m - way)
+from fdbench.statistics import rms
 
 
 def main() -> None:
-    """Fit, simulate and print the table."""
-    scenario = load_scenario("EMPS-v0")
-    context, (record, _) = scenario.context(), scenario.observe(0)
-    drive = context.plant
+    """Fit and print."""
+    scenario = load_scenario("EMPSOpenLoop-v0")
+    (record, truth), drive = scenario.observe(0), scenario.plant
     if not isinstance(drive, FeedDrive):
         raise TypeError(f"{scenario.id}: a feed drive is expected.")
-    parameters = {name: construct(name, {}).fit(context, record).parameters for name in ROWS}
-    start = np.array([parameters["null"][name] for name in NAMES])
+    measured, force = record["motor_position_m"], record["motor_force_N"]
+    start = np.array([truth.parameters[name] for name in PARAMETERS])
 
-    def left(factors: FloatArray) -> FloatArray:
-        return 1e3 * errors_m(drive, record, dict(zip(NAMES, (start * factors).tolist(), strict=True)))
+    def error_mm(factors: FloatArray) -> FloatArray:
+        found = dict(zip(PARAMETERS, (start * factors).tolist(), strict=True))
+        position = open_loop_position_m(drive, force, float(measured[0]), record.sampling_time_s, found)
+        return 1e3 * (position - measured)
 
-    fitted = start * least_squares(left, np.ones(4), diff_step=np.full(4, 1e-4)).x
-    parameters["open loop, fitted to this error"] = dict(zip(NAMES, fitted.tolist(), strict=True))
-    print(f"| parameters of | position, mm | {' | '.join(NAMES)} |\n|{' --- |' * 6}")
-    for name, found in parameters.items():
-        error_mm = 1e3 * math.sqrt(np.mean(errors_m(drive, record, found) ** 2))
-        print(f"| {name} | {error_mm:.2f} | {' | '.join(f'{found[part]:.4g}' for part in NAMES)} |")
+    factors = least_squares(error_mm, np.ones(4), diff_step=np.full(4, 1e-4)).x
+    print(f"published parameters: {rms(error_mm(np.ones(4))):.2f} mm; fitted to it: {rms(error_mm(factors)):.2f} mm")
+    for name, value in zip(PARAMETERS, start * factors, strict=True):
+        print(f"{name} = {value:.5g}")
 
 
 if __name__ == "__main__":

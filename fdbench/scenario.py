@@ -100,7 +100,7 @@ class Estimation:
 
 @dataclass(frozen=True, kw_only=True)
 class Validation:
-    """A motion that estimators do not see but predict by a free run; one of the two.
+    """A motion that estimators predict unseen, by a free run, or one simulated with what they found; one of the three.
 
     Parameters
     ----------
@@ -108,13 +108,25 @@ class Validation:
         Of the same machine, simulated without process forces and noise.
     start_s : float, optional
         Of a measured record: what comes from here on is withheld.
+    open_loop : bool
+        Of a measured feed drive: nothing is withheld; its position is simulated from its force alone, with the
+        parameters that were found (`open_loop_position_error`).
     """
 
     motion: Motion | None = None
     start_s: float | None = positive(default=None)
+    open_loop: bool = False
 
     def __post_init__(self) -> None:
         check_bounds(self)
+
+    def check(self, is_measured: bool) -> None:
+        """Raise a SpecError unless it says one thing, of those that a simulated or a measured scenario may say."""
+        given = {name for name in ("motion", "start_s", "open_loop") if getattr(self, name) not in (None, False)}
+        kind, allowed = ("measured", {"start_s", "open_loop"}) if is_measured else ("simulated", {"motion"})
+        if len(given) != 1 or not given <= allowed:
+            found = f"found {' and '.join(sorted(given))}" if given else "found none"
+            raise SpecError(f"validation: a {kind} scenario has {' or '.join(sorted(allowed))}, {found}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,10 +215,9 @@ class Scenario:
         if self.measured is not None and self.draw:
             raise SpecError("draw: a measured machine is not drawn; leave this table out.")
         if self.validation is not None:
-            needed, other = ("motion", "start_s") if self.measured is None else ("start_s", "motion")
-            if getattr(self.validation, needed) is None or getattr(self.validation, other) is not None:
-                kind = "simulated" if self.measured is None else "measured"
-                raise SpecError(f"validation.{needed}: a {kind} scenario has this one, and no {other}.")
+            self.validation.check(self.measured is not None)
+            if self.validation.open_loop and self.estimation.model != "inverse_dynamics":
+                raise SpecError(f"validation.open_loop: needs the model inverse_dynamics, not {self.estimation.model}.")
         if self.measured is None and (self.timing is None or self.motion is None):
             raise SpecError("timing: missing table; a scenario has [timing] and [motion], or [measured].")
         if self.start != Start():

@@ -27,7 +27,7 @@ from fdbench.simulate.stability import check_loop, check_substep, needed_substep
 from fdbench.simulate.system import FloatArray, Sampled, Setup, Timing
 from fdbench.specification import positive
 
-__all__ = ["Cascade", "FeedDrive", "Following", "LinearMotor", "RotaryMotor", "Screw", "Table"]
+__all__ = ["Cascade", "FeedDrive", "Following", "LinearMotor", "OpenLoop", "RotaryMotor", "Screw", "Table"]
 
 FEWEST_SUBSTEPS = 10
 

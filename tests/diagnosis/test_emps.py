@@ -9,6 +9,7 @@ from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.runs import prepare
 from fdbench.effects import effects
 from fdbench.estimator import Context, Estimate, estimators
+from fdbench.metrics import Outcome, metrics
 from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.scenario import load_scenario
@@ -43,6 +44,25 @@ def test_least_squares_gives_the_published_parameters(model: str, monkeypatch: p
     assert record.n_samples == 24841
     for name, value in PUBLISHED[model].items():
         assert estimate.parameters[name] == pytest.approx(value, rel=1e-4), name
+
+
+def test_in_open_loop_the_published_parameters_stray_as_published(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FDBENCH_DATA", str(shared_file("data", "emps", "DATA_EMPS.mat").parent.parent))
+    scenario, metric = load_scenario("EMPSOpenLoop-v0"), metrics.get("open_loop_position_error")()
+    record, truth = scenario.observe(0)
+
+    def score(**parameters: float) -> float:
+        estimate = Estimate(parameters={**truth.parameters, **parameters})
+        regression = scenario.context().regression(record)
+        outcome = Outcome(
+            scenario=scenario, record=record, regression=regression, truth=truth, estimate=estimate, seconds=0.0
+        )
+        assert metric.skip(outcome) is None
+        return metric.score(outcome)
+
+    assert score() == pytest.approx(6.74, rel=0.02)
+    assert score(offset_N=-3.0) > 2.0 * score()
+    assert score(viscous_friction_N_s_per_m=-1.0) == metric.worst == score(offset_N=-3000.0)
 
 
 def test_without_the_file_the_scenario_says_where_to_put_it(monkeypatch, tmp_path) -> None:

@@ -149,7 +149,7 @@ def written(tmp_path, text: str):  # type: ignore[no-untyped-def]
             "plant.travel_m is drawn twice",
         ),
         ('[[draw]]\nkind = "gaussian"\nvalues = []', "unknown kind 'gaussian'"),
-        ("[validation]\nstart_s = 3.0", r"validation\.motion: a simulated scenario has this one, and no start_s"),
+        ("[validation]\nstart_s = 3.0", "validation: a simulated scenario has motion, found start_s"),
     ],
 )
 def test_a_faulty_draw_is_told(tmp_path, text: str, message: str) -> None:  # type: ignore[no-untyped-def]
@@ -173,8 +173,16 @@ def test_a_file_extends_another(tmp_path) -> None:  # type: ignore[no-untyped-de
             load_scenario(tmp_path / "Own-v0.toml")
 
 
-def test_a_validation_is_a_motion_or_a_part_of_what_was_measured() -> None:
-    with pytest.raises(SpecError, match="start_s"):
-        dataclasses.replace(
-            load_scenario("EMPS-v0"), validation=Validation(motion=load_scenario("ShakerSweep-v0").motion)
-        )
+def test_a_validation_is_a_motion_or_a_part_of_what_was_measured_or_open_loop() -> None:
+    measured, simulated = load_scenario("EMPS-v0"), load_scenario("ShakerSweep-v0")
+    for scenario, wrong, message in (
+        (measured, Validation(motion=simulated.motion), "a measured scenario has open_loop or start_s, found motion"),
+        (measured, Validation(start_s=1.0, open_loop=True), "found open_loop and start_s"),
+        (measured, Validation(), "found none"),
+        (simulated, Validation(open_loop=True), "a simulated scenario has motion, found open_loop"),
+    ):
+        with pytest.raises(SpecError, match=message):
+            dataclasses.replace(scenario, validation=wrong)
+    other = dataclasses.replace(measured.estimation, model="directional_inverse_dynamics")
+    with pytest.raises(SpecError, match=r"validation\.open_loop: needs the model inverse_dynamics"):
+        dataclasses.replace(measured, estimation=other, validation=Validation(open_loop=True))
