@@ -32,9 +32,9 @@ class Inverse:
     """The damped inverse of the data sheet's model, one axis of the machine after the other."""
 
     def __init__(self, env: Any) -> None:
-        self.scale, targets = env.interface.action_scale, env.interface.task.targets
-        self.places = [place for _, _, place in targets]
-        self.reference = np.column_stack([series for _, series, _ in targets])
+        self.scale, logged, system = env.interface.action_scale, env.interface.task.logged, env.interface.system
+        self.places = [place for _, _, place in logged]
+        self.reference = np.column_stack([system.commanded[system.columns[wanted]] for _, wanted, _ in logged])
         plant, setup = env.scenario.plant, dataclasses.replace(env.scenario.setup, noise=Noise(), unmodelled=())
         if hasattr(plant, "effects"):
             plant = dataclasses.replace(plant, effects=())

@@ -8,9 +8,11 @@ from fdbench.errors import SpecError
 from fdbench.motions import Motion, Reference
 from fdbench.scenario import Scenario
 from fdbench.simulate.axis import Axis
+from fdbench.simulate.stage import StageSystem
 from fdbench.simulate.system import Noise, System
 
 DRAWN = ("plant.", "reality.", "start.")
+Lanes = Axis | StageSystem
 
 
 @final
@@ -44,10 +46,11 @@ class Machines:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self.motion = Remembered(scenario.setup.motion)
-        paths = [path for draw in scenario.draw for path in draw.values if not path.startswith(DRAWN)]
-        if paths:
+        self._paths = [path for draw in scenario.draw for path in draw.values]
+        refused = [path for path in self._paths if not path.startswith(DRAWN)]
+        if refused:
             raise SpecError(
-                f"{scenario.id}: draw: an environment has one command and one clock; '{paths[0]}' cannot be drawn "
+                f"{scenario.id}: draw: an environment has one command and one clock; '{refused[0]}' cannot be drawn "
                 "in it, only what begins with plant., reality. or start."
             )
 
@@ -57,9 +60,10 @@ class Machines:
         return bool(self.scenario.draw)
 
     @property
-    def displaced(self) -> bool:
-        """Whether every seed has a reference of its own, one from another position."""
-        return any(path.startswith("start.position_m") for draw in self.scenario.draw for path in draw.values)
+    def reference(self) -> Reference:
+        """The motion before the start displaces it, (n_samples, 3 n_axes)."""
+        timing = self.scenario.setup.timing
+        return self.motion.reference(timing.sampling_time_s, timing.n_samples)
 
     def of(self, seed: int) -> Scenario:
         """Return the scenario with the machine of a seed; without draws, the scenario."""
@@ -69,12 +73,19 @@ class Machines:
         """Return instances of a machine as it really is."""
         return machine.plant.system(dataclasses.replace(machine.setup, motion=self.motion), n_lanes)
 
-    def axis(self, machine: Scenario) -> Axis:
-        """Return one instance of a machine that is a feed drive."""
-        system = self.system(machine)
-        if not isinstance(system, Axis):
-            raise SpecError(f"{self.scenario.id}: a {machine.plant.name} is no feed drive.")
-        return system
+    def lanes(self, system: System) -> Lanes:
+        """Return a system whose lanes can be the machines of different seeds, or raise a SpecError.
+
+        A feed drive is a column of a block as a whole; of a servo stage only the start is, its response is for all.
+        """
+        shared = [path for path in self._paths if not path.startswith("start.")]
+        if isinstance(system, Axis) or (isinstance(system, StageSystem) and not shared):
+            return system
+        raise SpecError(
+            f"{self.scenario.id}: lanes side by side have one {self.scenario.plant.name}, and this scenario draws "
+            f"another for each seed, by '{(shared or self._paths)[0]}'. gymnasium.make_vec(..., "
+            "vectorization_mode='sync') steps its environments in turns."
+        )
 
     def undisturbed(self, machine: Scenario) -> System:
         """Return one instance of a machine without process forces, random effects and noise."""
@@ -83,7 +94,7 @@ class Machines:
         return machine.plant.system(quiet)
 
 
-def put(system: Axis, lane: int, machine: Axis) -> None:
-    """Make a lane another machine of the same kind: a machine is a column of a block, and nothing else."""
-    block, place = divmod(lane, system._side_by_side)
-    system._initial.values[block, :, place] = machine._initial.values[0, :, 0]
+def put(system: Lanes, lane: int, machine: Lanes) -> None:
+    """Make a lane another machine of the same kind: it is a column of a block, and nothing else."""
+    block, place = divmod(lane, system.initial.shape[-1])
+    system.initial[block, ..., place] = machine.initial[0, ..., 0]

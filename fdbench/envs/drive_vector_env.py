@@ -15,7 +15,6 @@ from fdbench.envs._interface import DEFAULT_TASK, Interface, check_options, chec
 from fdbench.envs._machine import put
 from fdbench.errors import SpecError
 from fdbench.scenario import Scenario
-from fdbench.simulate.axis import Axis
 from fdbench.simulate.system import FloatArray
 
 ActionArray = NDArray[np.float32]
@@ -41,8 +40,8 @@ class DriveVectorEnv(VectorEnv[FloatArray, ActionArray, NDArray[Any]]):
 
     ## Arguments
     scenario : str, path or Scenario
-        Of one that draws its machines, every lane has a machine of its own; only feed drives can. One that draws the
-        position where it begins is refused.
+        Of one that draws its machines or where they begin, every lane has a machine of its own: any feed drive, and a
+        servo stage of which only the start is drawn.
     num_envs : int
     task : str
         What is rewarded; a file of `fdbench.envs.tasks`.
@@ -65,18 +64,8 @@ class DriveVectorEnv(VectorEnv[FloatArray, ActionArray, NDArray[Any]]):
         if num_envs < 1:
             raise SpecError(f"num_envs: {num_envs} is too few; at least 1 is needed.")
         self.interface = Interface(scenario, task, num_envs)
-        if self.interface.machines.drawn and not isinstance(self.interface.system, Axis):
-            raise SpecError(
-                f"{self.interface.scenario.id}: lanes side by side have one machine, and this scenario draws another "
-                "for each seed. gymnasium.make_vec(..., vectorization_mode='sync') steps its environments in turns."
-            )
-        if self.interface.machines.displaced:
-            raise SpecError(
-                f"{self.interface.scenario.id}: lanes side by side have one reference, and this scenario draws where "
-                "it begins, start.position_m. gymnasium.make_vec(..., vectorization_mode='sync') steps its "
-                "environments in turns."
-            )
         self.scenario, self.system = self.interface.scenario, self.interface.system
+        self._lanes = self.interface.machines.lanes(self.system) if self.interface.machines.drawn else None
         self.columns = self.interface.columns
         self.num_envs = num_envs
         self.single_observation_space = self.interface.observation_space
@@ -105,11 +94,11 @@ class DriveVectorEnv(VectorEnv[FloatArray, ActionArray, NDArray[Any]]):
         drawn = [machines.of(lane_seed) for lane_seed in seeds]
         self._observations = self._observations.copy()
         self._observations[lanes] = self.interface.at_rest()
-        if machines.drawn and isinstance(self.system, Axis):
+        if self._lanes is not None:
             for lane, machine in zip(lanes.tolist(), drawn, strict=True):
-                axis = machines.axis(machine)
-                put(self.system, lane, axis)
-                self._observations[lane] = axis.at_rest
+                one = machines.lanes(machines.system(machine))
+                put(self._lanes, lane, one)
+                self._observations[lane] = one.at_rest
         self.system.start(seeds, None if mask.all() else lanes)
         self.interface.task.start(drawn, lanes)
         self._sample[lanes] = 0

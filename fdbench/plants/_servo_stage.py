@@ -84,9 +84,8 @@ class StagePlant(Plant):
         setup.noise.check_only(readings, self.name)
         deviations = np.array([getattr(setup.noise, reading) for reading in readings])
         period_s, substeps = setup.timing.sampling_time_s, setup.timing.substeps
-        forces, velocities = setup.unmodelled, setup.start.velocities(len(axes))
-        limits = self.table_limits
-        return StageSystem(axes, limits, reference, period_s, substeps, deviations, forces, n_lanes, velocities)
+        forces, limits = setup.unmodelled, self.table_limits
+        return StageSystem(axes, limits, reference, period_s, substeps, deviations, forces, n_lanes, setup.start)
 
 
 @final

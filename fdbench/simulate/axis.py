@@ -76,10 +76,8 @@ class Axis(System):
         self.timing = setup.timing
         self.effects = tuple(effects)
         self.reference = np.ascontiguousarray(setup.reference())
-        self.commanded = {
-            "reference_position_m": self.reference[:, 0],
-            "reference_velocity_m_per_s": self.reference[:, 1],
-        }
+        commanded = setup.start.displaced(self.reference)
+        self.commanded = {"reference_position_m": commanded[:, 0], "reference_velocity_m_per_s": commanded[:, 1]}
         self._kinds = tuple(type(effect) for effect in effects)
         self._side_by_side = SIDE_BY_SIDE if n_lanes >= SIDE_BY_SIDE // 4 else 1
         n_uniform = max(1, sum(kind.random for kind in self._kinds))
@@ -94,8 +92,9 @@ class Axis(System):
         self._initial = Blocks(self._kinds, n_lanes, width)
         self._initial.set_mechanics(mechanics, setup.timing.substep_s)
         self._initial.set_scalars({**controller, **_noises(setup.noise, logged_per_N), "LOGGED_PER_N": logged_per_N})
-        (velocity,) = setup.start.velocities(1).tolist()
-        self._initial.place(float(self.reference[0, 0]), velocity, setup.timing.sampling_time_s)
+        (displacement,), (velocity,) = setup.start.positions(1).tolist(), setup.start.velocities(1).tolist()
+        self._initial.set_scalars({"DISPLACEMENT": displacement})
+        self._initial.place(float(commanded[0, 0]), velocity, setup.timing.sampling_time_s)
         for number, effect in enumerate(self.effects):
             self._initial.set_effect(number, effect, self._applies(type(effect)))
         self._now = copy.deepcopy(self._initial)
@@ -140,7 +139,7 @@ class Axis(System):
         """Return the largest magnitude of each column, and what is logged at the start of the reference."""
         limit, rest = np.zeros(layout.OUT_COLUMNS), np.zeros(layout.OUT_COLUMNS)
         positions = [layout.OUT_REFERENCE_POSITION, layout.OUT_MOTOR, layout.OUT_TABLE]
-        limit[positions], rest[positions] = mechanics.position_limit_m, self.reference[0, 0]
+        limit[positions], rest[positions] = mechanics.position_limit_m, self.commanded["reference_position_m"][0]
         limit[[layout.OUT_REFERENCE_VELOCITY, layout.OUT_VELOCITY]] = mechanics.velocity_limit_m_per_s
         limit[layout.OUT_FORCE] = command_limit
         rest[[layout.OUT_REFERENCE_VELOCITY, layout.OUT_VELOCITY]] = self.reference[0, 1], velocity
@@ -160,6 +159,11 @@ class Axis(System):
         named = zip(NOISE_STREAMS, deviations, strict=True)
         noises = [RandomSource(stream=name, column=n) for n, (name, deviation) in enumerate(named) if deviation > 0.0]
         return noises + [RandomSource(stream=name, column=n, normal=False) for n, name in enumerate(random_effects)]
+
+    @property
+    def initial(self) -> FloatArray:
+        """What lanes begin with, (n_blocks, n_rows, width)."""
+        return self._initial.values
 
     def slots(self) -> tuple[Slot, ...]:
         """Return where each effect lies in a block."""

@@ -175,7 +175,7 @@ def advance(blocks, first, n_samples, substeps, period, calls, first_calls, refe
             # Loops that touch other arrays stand alone: lanes of the others run as vectors.
             for i in range(LANES):
                 row = int(w[INDEX + i] + w[FIRST_ROW + i])
-                w[COMMANDED_X + i] = reference[row, 0]
+                w[COMMANDED_X + i] = reference[row, 0] + w[DISPLACEMENT + i]
                 w[COMMANDED_V + i] = reference[row, 1]
                 w[COMMANDED_A + i] = reference[row, 2]
             for place in range(NORMAL_COLUMNS * LANES):

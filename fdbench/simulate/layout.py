@@ -21,9 +21,10 @@ ROWS: tuple[str, ...] = (
     # Scalars of the plant, limits, standard deviations of the noises.
     *("STIFFNESS", "DAMPING", "RIGID", "POSITION_LIMIT", "VELOCITY_LIMIT", "LOGGED_PER_N"),
     *("NOISE_MOTOR", "NOISE_TABLE", "NOISE_VELOCITY", "NOISE_EQUATION", "NOISE_COMMAND"),
-    # Controller, and the row of the reference with which a lane begins.
-    *("FIRST_ROW", "USE_TABLE", "DIFFERENCE_SPAN", "POSITION_GAIN", "VELOCITY_FEEDFORWARD"),
-    *("VELOCITY_REFERENCE_DELAY", "VELOCITY_GAIN", "INTEGRAL_GAIN", "ACCELERATION_FEEDFORWARD", "FORCE_LIMIT"),
+    # Row of the reference with which a lane begins, and how far its positions are displaced; controller.
+    *("FIRST_ROW", "DISPLACEMENT", "USE_TABLE", "DIFFERENCE_SPAN", "POSITION_GAIN"),
+    *("VELOCITY_FEEDFORWARD", "VELOCITY_REFERENCE_DELAY", "VELOCITY_GAIN", "INTEGRAL_GAIN"),
+    *("ACCELERATION_FEEDFORWARD", "FORCE_LIMIT"),
     # Action: deviation from the scenario's own command.
     *("ACTION_POSITION", "ACTION_VELOCITY", "ACTION_FORCE"),
     # Scratch of one substep.

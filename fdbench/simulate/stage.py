@@ -12,7 +12,10 @@ from fdbench.simulate.axis import SIDE_BY_SIDE, compiled
 from fdbench.simulate.exponential import exponential, product
 from fdbench.simulate.random import RandomNumbers, RandomSource
 from fdbench.simulate.stage_stepper import ROWS, Pattern, compose
+from fdbench.simulate.start import Start
 from fdbench.simulate.system import FloatArray, System
+
+AT_REST = Start()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,14 +76,19 @@ class StageSystem(System):
     limits : pair of float
         Travel (m) and velocity (m/s) of the table.
     reference : (n_samples, 3 n_axes) array
-        Commanded position, velocity and acceleration of each axis.
+        Commanded position, velocity and acceleration of each axis, before the start displaces them.
     period_s, substeps : sampling time, integration substeps in it
     deviations : (n_axes,) array
         Standard deviation of each reading, m.
     effects : sequence of Effect
     n_lanes : int
-    velocities : (n_axes,) array, optional
-        With which the axes begin; at rest by default.
+    start : Start
+        Where the axes begin and how fast; at rest at the start of the reference by default.
+
+    Attributes
+    ----------
+    initial : (n_blocks, n_axes, n_rows, width) array
+        What lanes begin with.
     """
 
     def __init__(
@@ -93,7 +101,7 @@ class StageSystem(System):
         deviations: FloatArray,
         effects: Sequence[Effect] = (),
         n_lanes: int = 1,
-        velocities: FloatArray | None = None,
+        start: Start = AT_REST,
     ) -> None:
         prefixes, responses = list(axes), list(axes.values())
         sources = [
@@ -106,16 +114,17 @@ class StageSystem(System):
         names = ("reference_position_m", "reference_velocity_m_per_s", "position_m")
         self.columns = tuple(prefix + name for prefix in prefixes for name in names)
         self.truth_columns = (*(f"{prefix}disturbance_N" for prefix in prefixes), "diverged")
+        commanded = start.displaced(reference)
         self.commanded = {
-            prefix + name: reference[:, 3 * axis + place]
+            prefix + name: commanded[:, 3 * axis + place]
             for axis, prefix in enumerate(prefixes)
             for place, name in enumerate(names[:2])
         }
         travel, velocity = limits
         self.limits = dict(zip(self.columns, (travel, velocity, travel) * len(axes), strict=True))
-        start = reference[0].reshape(-1, 3)[:, [0, 1, 0]]
-        start[:, 2] *= [response.C @ response.rest for response in responses]
-        self.at_rest = start.ravel()
+        first = commanded[0].reshape(-1, 3)[:, [0, 1, 0]]
+        first[:, 2] *= [response.C @ response.rest for response in responses]
+        self.at_rest = first.ravel()
         self._kinds = tuple(type(effect) for effect in effects)
         self._pattern, coefficients = _sums(responses, period_s / substeps)
         self._settings = (
@@ -127,13 +136,19 @@ class StageSystem(System):
             np.ascontiguousarray(reference),
             np.array([value for effect in effects for value in effect.values()]),
         )
-        self._first = np.stack([response.rest for response in responses]) * start[:, :1]
-        if velocities is not None and velocities.any():
-            self._first += np.stack([response.motion for response in responses]) * velocities[:, None]
-        self._n_states = self._first.shape[1]
+        state, velocities = (
+            np.stack([response.rest for response in responses]) * first[:, :1],
+            start.velocities(len(axes)),
+        )
+        if velocities.any():
+            state += np.stack([response.motion for response in responses]) * velocities[:, None]
+        self._n_states = state.shape[1]
         n_rows = len(ROWS) + self._n_states + sum(len(kind.states) for kind in self._kinds)
         self._n_blocks = -(-n_lanes // self._side_by_side)
         self._blocks = np.zeros((self._n_blocks, len(axes), n_rows, self._side_by_side))
+        self.initial = np.zeros_like(self._blocks)
+        self.initial[:, :, len(ROWS) : len(ROWS) + self._n_states] = state[..., None]
+        self.initial[:, :, ROWS.index("DISPLACEMENT")] = start.positions(len(axes))[:, None]
         self._of_lanes = np.zeros((len(axes), self._n_blocks * self._side_by_side))
         self._every_axis = 0 if len(axes) == 1 else slice(None)  # a place is written faster than a slice
         self._out = np.empty((self._n_blocks, 1, len(self.columns) + len(self.truth_columns), self._side_by_side))
@@ -149,12 +164,10 @@ class StageSystem(System):
         self._stepper = compiled(stepper, (self._flat, 0, *self._fixed, self._out))
 
     def _reset(self, lanes: NDArray[np.intp], seeds: Sequence[int]) -> None:
-        """Put lanes to the first commanded position, and those that only fill the last block."""
+        """Put lanes back to their initial state, and those that only fill the last block."""
         filling = np.arange(self.n_lanes, self._n_blocks * self._side_by_side)
         blocks, places = np.divmod(np.concatenate((lanes, filling)), self._side_by_side)
-        self._blocks[blocks, :, :, places] = 0.0
-        first = len(ROWS)
-        self._blocks[blocks, :, first : first + self._n_states, places] = self._first
+        self._blocks[blocks, :, :, places] = self.initial[blocks, :, :, places]
 
     def _act(self, action: FloatArray | None) -> None:
         """Keep the action of each axis, which is added to its commanded position."""
@@ -162,7 +175,7 @@ class StageSystem(System):
             self._actions[:] = 0.0
             return
         self._of_lanes[..., : self.n_lanes] = action
-        self._actions[:] = self._of_lanes.reshape(len(self._first), self._n_blocks, -1).swapaxes(0, 1)
+        self._actions[:] = self._of_lanes.reshape(len(self._of_lanes), self._n_blocks, -1).swapaxes(0, 1)
 
     def _advance(self, rows: FloatArray) -> None:
         n = len(rows)

@@ -17,9 +17,10 @@ from fdbench.effects import Effect
 from fdbench.simulate.compose import load
 
 # One axis of a block of lanes: last three forces and the weight of their differences, sample number, flag, action,
-# command of the sample, scratch of a substep. Behind them the response's state and the effects' states.
+# displacement of the motion, command of the sample, scratch of a substep. Behind them the states of the response and
+# those of the effects.
 ROWS = (
-    *("FORCE_0", "FORCE_1", "FORCE_2", "WEIGHT", "INDEX", "DIVERGED", "ACTION"),
+    *("FORCE_0", "FORCE_1", "FORCE_2", "WEIGHT", "INDEX", "DIVERGED", "ACTION", "DISPLACEMENT"),
     *("X_0", "V_0", "C_2", "C_3", "T", "X", "V", "COMMANDED_V", "U", "AHEAD", "FORCE", "SLOPE", "PROCESS"),
     "PROCESS_SUM",
 )
@@ -64,13 +65,14 @@ def measure(w, c, axis, k, period, limits, deviation, reference, normal, out):
         row = int(w[INDEX + i])
         after = min(row + 1, len(reference) - 1)
         v_0, v_1 = reference[row, 3 * axis + 1], reference[after, 3 * axis + 1]
-        mean = (reference[after, 3 * axis] - reference[row, 3 * axis]) / period
-        w[X_0 + i] = reference[row, 3 * axis] + w[ACTION + i]
+        x_0 = reference[row, 3 * axis] + w[DISPLACEMENT + i]
+        mean = (reference[after, 3 * axis] + w[DISPLACEMENT + i] - x_0) / period
+        w[X_0 + i] = x_0 + w[ACTION + i]
         w[V_0 + i] = v_0
         w[C_2 + i] = (3.0 * mean - 2.0 * v_0 - v_1) / period
         w[C_3 + i] = (v_0 + v_1 - 2.0 * mean) / period**2
         w[PROCESS_SUM + i] = 0.0
-        out[k, 3 * axis, i] = reference[row, 3 * axis]
+        out[k, 3 * axis, i] = x_0
         out[k, 3 * axis + 1, i] = v_0
     for i in range(LANES):
         u_0, u_1 = w[X_0 + i], w[V_0 + i]

@@ -37,6 +37,10 @@ class Start:
         moved[:, ::3] += self.position_m
         return moved
 
+    def positions(self, n_axes: int) -> NDArray[np.float64]:
+        """Return how far the motion of each axis is displaced, (n_axes,)."""
+        return np.array(self.position_m or [0.0] * n_axes)
+
     def velocities(self, n_axes: int) -> NDArray[np.float64]:
         """Return the velocity of each axis, (n_axes,)."""
         return np.array(self.velocity_m_per_s or [0.0] * n_axes)

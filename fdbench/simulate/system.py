@@ -99,8 +99,8 @@ class Setup:
     start: Start = field(default_factory=Start)
 
     def reference(self) -> FloatArray:
-        """Return the motion from the start, (n_samples, 3 n_axes); for plants that have one."""
-        return self.start.displaced(self.motion.reference(self.timing.sampling_time_s, self.timing.n_samples))
+        """Return the motion before the start displaces it, (n_samples, 3 n_axes); for plants that have one."""
+        return self.motion.reference(self.timing.sampling_time_s, self.timing.n_samples)
 
 
 @dataclass(frozen=True, eq=False)

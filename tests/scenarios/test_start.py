@@ -1,7 +1,9 @@
 """Drawn starts: another one for every seed, where the reference begins too, and refused where a plant has none."""
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -110,23 +112,87 @@ def test_an_environment_begins_as_the_record_does(draw: Uniform) -> None:
             assert np.array_equal(rows[:, column], record[name][:20])
 
 
-def test_lanes_begin_with_velocities_of_their_own() -> None:
-    scenario = beginning("BallScrewAxis-v0", VELOCITY)
-    envs, env = DriveVectorEnv(scenario, 3), DriveEnv(scenario)
+def compare_lanes(scenario: Scenario, task: str, n_lanes: int, compared: Sequence[int]) -> None:
+    """Step lanes beyond the end of their first episodes, and some of them alone beside that, with the same actions."""
+    envs: Any = gymnasium.make_vec(
+        "fdbench/BallScrewAxis-v0",
+        num_envs=n_lanes,
+        scenario=scenario,
+        task=task,
+    )
+    alone = {lane: DriveEnv(scenario, task=task) for lane in compared}
+    envs.action_space.seed(0)
     first, _ = envs.reset(seed=5)
-    rows = [envs.step(np.zeros((3, 1), dtype=np.float32))[0] for _ in range(10)]
-    for lane in range(3):
+    for lane, env in alone.items():
         assert np.array_equal(first[lane], env.reset(seed=5 + lane)[0])
-        assert all(np.array_equal(row[lane], env.step(ZERO)[0]) for row in rows)
+    assert len(np.unique(first, axis=0)) == n_lanes
+    for _ in range(envs.system.n_samples + 20):
+        actions = envs.action_space.sample()
+        observations, rewards, terminated, truncated, infos = envs.step(actions)
+        for lane, env in alone.items():
+            observation, reward, *ended, info = env.step(actions[lane])
+            assert np.array_equal(observations[lane], observation)
+            assert rewards[lane] == reward
+            assert [terminated[lane], truncated[lane]] == ended
+            assert {name: infos["truth"][name][lane] for name in info["truth"]} == info["truth"]
+        over = terminated | truncated
+        if over.any():
+            observations, _ = envs.reset(options={"reset_mask": over})
+            for lane in np.flatnonzero(over).tolist():
+                if lane in alone:
+                    assert np.array_equal(observations[lane], alone[lane].reset()[0])
 
 
-def test_lanes_with_a_reference_each_are_stepped_in_turns() -> None:
-    scenario = beginning("BallScrewAxis-v0", POSITION)
-    with pytest.raises(SpecError, match=r"draws where it begins, start\.position_m.*'sync'"):
-        DriveVectorEnv(scenario, 3)
+@pytest.mark.parametrize("n_lanes", [3, 70])
+@pytest.mark.parametrize(
+    ("name", "task"),
+    [
+        ("BallScrewAxis-v0", "tracking"),
+        ("BallScrewAxis-v0", "pre_compensation"),
+        ("ShakerConstant-v0", "disturbance_rejection"),
+        ("ShakerConstant-v0", "identification"),
+        ("ServoStaircase-v0", "tracking"),
+        ("ServoSpiral-v0", "tracking"),
+        ("ServoSpiral-v0", "pre_compensation"),
+    ],
+)
+def test_lanes_begin_where_their_seeds_say(name: str, task: str, n_lanes: int) -> None:
+    position = dataclasses.replace(POSITION, low=-0.005, high=0.005)
+    scenario = beginning(name, position, VELOCITY, duration_s=0.05)
+    compare_lanes(scenario, task, n_lanes, (0, n_lanes - 1))
+
+
+def test_lanes_begin_elsewhere_from_a_start_that_is_given() -> None:
+    scenario = beginning("ServoSpiral-v0", dataclasses.replace(POSITION, low=0.001, high=0.002), duration_s=0.05)
+    scenario = dataclasses.replace(scenario, start=Start(position_m=(0.0, 0.003), velocity_m_per_s=(0.01, -0.01)))
+    compare_lanes(scenario, "tracking", 3, (0, 2))
+
+
+def test_lanes_of_drawn_machines_begin_elsewhere() -> None:
+    drawn = beginning("ShakerConstant-v2", POSITION, duration_s=0.05)
+    machines = load_scenario("ShakerConstant-v2").draw
+    compare_lanes(dataclasses.replace(drawn, draw=(*machines, POSITION)), "disturbance_rejection", 3, (0, 2))
+
+
+def test_lanes_reset_by_gymnasium_begin_elsewhere_again() -> None:
+    scenario = beginning("BallScrewAxis-v0", POSITION, duration_s=0.05)
     envs = gymnasium.vector.SyncVectorEnv([lambda: DriveEnv(scenario)] * 2)
-    observations, _ = envs.reset(seed=0)
-    assert observations[0, 0] != observations[1, 0]
+    first, _ = envs.reset(seed=0)
+    truncated = np.zeros(2, dtype=np.bool_)
+    while not truncated.all():
+        _, _, _, truncated, _ = envs.step(np.zeros((2, 1), dtype=np.float32))
+    second = envs.step(np.zeros((2, 1), dtype=np.float32))[0]
+    alone = DriveEnv(scenario)
+    assert np.array_equal(first[1], alone.reset(seed=1)[0])
+    assert np.array_equal(second[1], alone.reset()[0])
+    assert len({*first[:, 0].tolist(), *second[:, 0].tolist()}) == 4
+
+
+def test_a_stage_whose_machine_is_drawn_too_is_stepped_in_turns() -> None:
+    machines = load_scenario("ServoSpiral-v1").draw
+    scenario = dataclasses.replace(beginning("ServoSpiral-v0", POSITION), draw=(POSITION, *machines))
+    with pytest.raises(SpecError, match=r"one xy_stage.*another for each seed, by 'plant\..*'sync'"):
+        DriveVectorEnv(scenario, 3)
 
 
 FILE = """extends = "{base}"

@@ -1,6 +1,6 @@
 """Rewards that are squared deviations of readings from a series."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,18 +21,37 @@ def per_unit(column: str) -> float:
 
 
 class SquaredDeviation(Task):
-    """Minus the sum of squared deviations; a subclass fills ``targets`` with factor, series, and place in a row."""
+    """Minus the sum of squared deviations of readings; what is wanted of them is filled in by a subclass.
+
+    Attributes
+    ----------
+    targets : sequence of (float, Series, int)
+        Factor, series that is wanted, and place of the reading in a row.
+    logged : sequence of (float, int, int)
+        Factor, place in a row of what is wanted, such as a reference that each lane has elsewhere, and of the reading.
+    """
 
     def __init__(self, machines: Machines, system: System, n_lanes: int | None) -> None:
         super().__init__(machines, system, n_lanes)
         self.targets: Sequence[tuple[float, Any, int]] = ()
+        self.logged: Sequence[tuple[float, int, int]] = ()
 
     def reward(self, k: Any, row: Any, action: Any) -> Any:
         reward = 0.0
         for factor, series, place in self.targets:
             error = factor * (series[k] - row[place])
             reward -= error * error
+        for factor, wanted, place in self.logged:
+            error = factor * (row[wanted] - row[place])
+            reward -= error * error
         return reward
+
+    def follow(self, references: Mapping[str, str], factor: float) -> None:
+        """Want readings at their references, which are in the row where the system logs them."""
+        columns, commanded = self.system.columns, self.system.commanded
+        pairs = references.items()
+        self.logged = [(factor, columns.index(b), columns.index(a)) for a, b in pairs if b in columns]
+        self.targets = [self.target(a, commanded[b], factor) for a, b in pairs if b not in columns]
 
     def target(self, column: str, values: FloatArray, factor: float) -> tuple[float, Series, int]:
         """Return a target for `targets`."""

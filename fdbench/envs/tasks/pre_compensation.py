@@ -40,8 +40,7 @@ class PreCompensation(SquaredDeviation):
     >>> c, s = task.tangents[k].tolist()
     >>> row = dict.fromkeys(env.system.columns, 0.0)
     >>> for along, beside in ((0.0, 3e-5), (-3e-5, 0.0)):
-    ...     row["x_position_m"] = env.system.commanded["x_reference_position_m"][k] + along * c - beside * s
-    ...     row["y_position_m"] = env.system.commanded["y_reference_position_m"][k] + along * s + beside * c
+    ...     row["x_position_m"], row["y_position_m"] = along * c - beside * s, along * s + beside * c
     ...     print(f"{-task.reward(k, list(row.values()), [0.0, 0.0]):.6f}")
     900.000000
     0.000000
@@ -51,18 +50,14 @@ class PreCompensation(SquaredDeviation):
 
     def __init__(self, machines: Machines, system: System, n_lanes: int | None) -> None:
         super().__init__(machines, system, n_lanes)
-        pairs = list(rewarded_columns(machines.scenario, system).items())
-        references = [system.commanded[reference] for _, reference in pairs]
-        columns = [column for column, _ in pairs]
-        if len(pairs) == 1:
-            columns = ["table_position_m"] if "table_position_m" in system.columns else columns
-        else:
-            self.tangents = tangents(np.column_stack(references))
-            across = zip((-self.tangents[:, 1], self.tangents[:, 0]), columns, strict=True)
-            self._across = [(self.series(values), system.columns.index(column)) for values, column in across]
-        self.targets = [
-            self.target(column, reference, MICROMETRE) for column, reference in zip(columns, references, strict=True)
-        ]
+        references = rewarded_columns(machines.scenario, system)
+        if len(references) == 1 and "table_position_m" in system.columns:
+            references = {"table_position_m": "reference_position_m"}
+        self.follow(references, MICROMETRE)
+        if len(references) == 2:
+            # Those of the motion before it is displaced: lanes that begin elsewhere have the same, to the bit.
+            self.tangents = tangents(machines.reference[:, ::3])
+            self._across = [self.series(-self.tangents[:, 1]), self.series(self.tangents[:, 0])]
 
     @classmethod
     def unfit(cls, scenario: Scenario, system: System) -> str | None:
@@ -72,11 +67,11 @@ class PreCompensation(SquaredDeviation):
         return None
 
     def reward(self, k: Any, row: Any, action: Any) -> Any:
-        if len(self.targets) == 1:
+        if len(self.logged) == 1:
             return super().reward(k, row, action)
         error = 0.0
-        for (factor, series, place), (across, _) in zip(self.targets, self._across, strict=True):
-            error += across[k] * (factor * (series[k] - row[place]))
+        for (factor, wanted, place), across in zip(self.logged, self._across, strict=True):
+            error += across[k] * (factor * (row[wanted] - row[place]))
         return -(error * error)
 
 

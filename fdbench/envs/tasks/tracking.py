@@ -28,7 +28,7 @@ class Tracking(SquaredDeviation):
     >>> from fdbench.envs.drive_env import DriveEnv
     >>> env = DriveEnv("ShakerControl-v0")
     >>> row = dict.fromkeys(env.system.columns, 0.0)
-    >>> row["velocity_m_per_s"] = float(env.system.commanded["reference_velocity_m_per_s"][400]) + 0.002
+    >>> row |= {"reference_velocity_m_per_s": 0.01, "velocity_m_per_s": 0.012}
     >>> round(env.interface.task.reward(400, list(row.values()), [0.0]), 12)
     -4e-06
     """
@@ -37,8 +37,7 @@ class Tracking(SquaredDeviation):
 
     def __init__(self, machines: Machines, system: System, n_lanes: int | None) -> None:
         super().__init__(machines, system, n_lanes)
-        pairs = rewarded_columns(machines.scenario, system).items()
-        self.targets = [self.target(column, system.commanded[reference], 1.0) for column, reference in pairs]
+        self.follow(rewarded_columns(machines.scenario, system), 1.0)
 
     @classmethod
     def unfit(cls, scenario: Scenario, system: System) -> str | None:
