@@ -1,6 +1,7 @@
 """One drive as a Gymnasium environment."""
 
 from collections import deque
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar, final
 
@@ -98,7 +99,6 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         self.observation_space = self.interface.observation_space
         self.action_space = self.interface.action_space
         self.render_mode = render_mode
-        self._action_scale = self.interface.action_scale
         self._period_s = self.interface.period_s
         self._history: deque[list[float]] | None = None
         if render_mode is not None:
@@ -108,12 +108,12 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
 
     def _bind(self) -> None:
         """Gather what a step needs of the present system."""
-        system = self.system = self.interface.system
-        n = self._n_measured = len(system.columns)
-        self._truths = [(name, n + index) for index, name in enumerate(system.truth_columns)]
-        self._diverged = n + system.truth_columns.index("diverged")
-        self._commanded, self._reward = self.interface.commanded, self.interface.task.reward
-        self._one_action = len(system.action_names) == 1
+        interface, system = self.interface, self.interface.system
+        self.system, self._commanded, n = system, interface.commanded, len(system.columns)
+        self._truths = tuple((name, n + index) for index, name in enumerate(system.truth_columns))
+        diverged = n + system.truth_columns.index("diverged")
+        advance_one = system.advance_one if len(system.action_names) == 1 else None
+        self._needed = advance_one, interface.action_scale, interface.task.reward, diverged, self._truths
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -139,7 +139,9 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         k = self._sample
         if k >= self._n_samples:
             raise ResetNeeded(f"{self.scenario.id}: no episode is running; call reset() before step().")
-        if self._one_action:
+        advance_one, scale, reward_of, diverged, truths = self._needed
+        deviation: Sequence[float]
+        if advance_one is not None:
             try:
                 (value,) = action.tolist()
                 valid = type(value) is float and -1.0 <= value <= 1.0
@@ -147,26 +149,25 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
                 valid = False
             if not valid:
                 (value,) = self._checked(action).tolist()
-            deviation = [value * self._action_scale]
-            row = self.system.advance_one(deviation[0])
+            deviation = (value * scale,)
+            observation, row = advance_one(deviation[0])
         else:
-            scaled = self._checked(action) * self._action_scale
-            deviation = scaled.tolist()
-            row = self.system.advance(1, scaled[:, None]).ravel()
-        values = row.tolist()
-        reward = self._reward(k, values, deviation)
-        terminated = values[self._diverged] > 0.5
-        self._sample = self._n_samples if terminated else k + 1
+            scaled = self._checked(action) * scale
+            deviation, whole = scaled.tolist(), self.system.advance(1, scaled[:, None]).ravel()
+            observation, row = whole[: len(self.system.columns)], whole.tolist()
+        reward = reward_of(k, row, deviation)
+        terminated = row[diverged] > 0.5
         if self._history is not None:
-            self._history.append([k, *values])
-        observation = row[: self._n_measured]
+            self._history.append([k, *row])
         if self._commanded is not None:
             observation = np.concatenate((self._commanded[k], observation))
         truth = {}
-        for name, place in self._truths:  # a comprehension would be a call
-            truth[name] = values[place]
+        for name, place in truths:  # a comprehension would be a call
+            truth[name] = row[place]
         info = {"truth": truth, "time_s": k * self._period_s}
-        return observation, reward, terminated, k + 1 == self._n_samples, info
+        k += 1
+        self._sample = self._n_samples if terminated else k
+        return observation, reward, terminated, k == self._n_samples, info
 
     def _checked(self, action: ActionArray) -> FloatArray:
         return checked_action(self.scenario.id, action, self.action_space.shape)

@@ -13,6 +13,7 @@ from fdbench.errors import SpecError
 from fdbench.simulate import layout
 from fdbench.simulate.block import MECHANICS_ROWS, ROW, Blocks, Mechanics
 from fdbench.simulate.compose import Shared, Slot, compose
+from fdbench.simulate.direct import Direct
 from fdbench.simulate.random import CHUNK, RandomNumbers, RandomSource
 from fdbench.simulate.system import FloatArray, Noise, Setup, System
 
@@ -115,11 +116,12 @@ class Axis(System):
         normal = self._numbers.normal
         random = normal.reshape(*normal.shape[:2], -1), self._numbers.uniform
         self._settings = (*clock, *stepper.calls(self._active), self.reference, *random)
-        self._step = compiled(stepper.advance, (self._flat_blocks, 0, 1, *self._settings, self._out))
+        self._stepper = stepper.advance
+        self._step = compiled(self._stepper, (self._flat_blocks, 0, 1, *self._settings, self._out))
+        self._alone: tuple[Any, ...] = ()
         first = lane // width * blocks[0].size + lane % width
         self._actions = blocks.reshape(-1), first + self._action_row * width
         self._flags = blocks.reshape(-1), first + ROW["DIVERGED"] * width
-        self._only_lane = blocks[0, self._action_row], self._out.reshape(-1)
 
     def _whole_numbers(self) -> Shared:
         """Return the parameters that are whole numbers and that lanes side by side have alike."""
@@ -257,19 +259,26 @@ class Axis(System):
         picked = columns.transpose(1, 2, 0, 3)[:, self._pick]
         rows[:] = picked.reshape(n, len(self._pick), -1)[:, :, : self.n_lanes]
 
-    def advance_one(self, action: float) -> FloatArray:
+    def advance_one(self, action: float) -> tuple[FloatArray, Sequence[float]]:
         """Advance the only lane by one sample; see `System.advance_one`."""
-        numbers = self._numbers
-        if self._clock >= self._end or numbers.position == CHUNK:
+        numbers, run, address, out, logged = self._alone or self._gather_alone()
+        position, clock = numbers.position, self._clock
+        if position == CHUNK or clock >= self._end:
             self._check_end(1)
             numbers.refill()
-        place, out = self._only_lane
-        place[0] = action
-        self._step(self._flat_blocks, numbers.position, 1, *self._settings, self._out)
-        self._clock += 1
-        numbers.position += 1
-        row: FloatArray = out[self._pick]
-        return row
+            position = 0
+        row = run(address, position, action)
+        self._clock = clock + 1
+        numbers.position = position + 1
+        return out[logged], row
+
+    def _gather_alone(self) -> tuple[Any, ...]:
+        """Return what `advance_one` needs; many systems are never asked for a sample alone."""
+        action, out = self._now.values[0, self._action_row], self._out.reshape(-1)
+        arguments = self._flat_blocks, 0, 1, *self._settings, self._out
+        direct = self._direct = Direct(self._stepper, arguments, 1, action, out, self._pick.tolist())
+        self._alone = self._numbers, direct.run, direct.address, out, self._pick[: len(self.columns)]
+        return self._alone
 
     @property
     def diverged(self) -> NDArray[np.bool_]:
@@ -279,7 +288,7 @@ class Axis(System):
         return flags
 
     def __getstate__(self) -> dict[str, Any]:
-        bound = {"_step", "_settings", "_flat_blocks", "_actions", "_flags", "_only_lane"}
+        bound = {"_step", "_stepper", "_direct", "_alone", "_settings", "_flat_blocks", "_actions", "_flags"}
         return {key: value for key, value in vars(self).items() if key not in bound}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -189,14 +189,15 @@ class StageSystem(System):
         flags = self._blocks[:, :, ROWS.index("DIVERGED")].max(axis=1).reshape(-1)[: self.n_lanes]
         return np.asarray(flags > 0.5)
 
-    def advance_one(self, action: float) -> FloatArray:
+    def advance_one(self, action: float) -> tuple[FloatArray, Sequence[float]]:
         """Advance the only lane by one sample; see `System.advance_one`."""
         self._check_end(1)
         self._only_action[self._every_axis] = action
         self._next_numbers(1)
         self._stepper(self._flat, self._numbers.position, *self._fixed, self._out)
         self._pass(1)
-        return self._out[0, 0, :, 0].copy()
+        row = self._out[0, 0, :, 0]
+        return row[: len(self.columns)].copy(), row.tolist()
 
     def __getstate__(self) -> dict[str, Any]:
         bound = {"_actions", "_fixed", "_flat", "_only_action", "_stepper"}

@@ -203,9 +203,18 @@ class System(ABC):
             done += n
         return rows
 
-    def advance_one(self, action: float) -> FloatArray:
-        """Advance a system of one lane by one sample and return its new (n_columns + n_truth_columns,) row."""
-        return self.advance(1, np.array([action])).ravel()
+    def advance_one(self, action: float) -> tuple[FloatArray, Sequence[float]]:
+        """Advance a system of one lane by one sample.
+
+        Returns
+        -------
+        logged : (n_columns,) array
+            A new one.
+        row : sequence of float
+            The same, and behind it what only a simulation knows.
+        """
+        row = self.advance(1, np.array([action])).ravel()
+        return row[: len(self.columns)], row.tolist()
 
     @property
     def diverged(self) -> NDArray[np.bool_]:

@@ -161,7 +161,7 @@ def test_lanes_have_the_bits_of_a_single_one(scenario: Scenario, n_lanes: int) -
         np.testing.assert_array_equal(rows[:, :, lane], np.concatenate(expected)[:, :, 0])
     several.start([8], np.array([1]))
     single.start([8])
-    one_by_one = [single.advance_one(0.0) for _ in range(300)]
+    one_by_one = [single.advance_one(0.0)[1] for _ in range(300)]
     np.testing.assert_array_equal(several.advance(300)[:, :, 1], one_by_one)
     assert not several.diverged.any()
 
@@ -185,7 +185,7 @@ def test_each_axis_has_an_action_of_its_own() -> None:
     np.testing.assert_array_equal(rows["common"][:, :3], own[:, :3][:, :, [0, 1, 0, 1]])
     one = SPIRAL.system()
     one.start([9])
-    np.testing.assert_array_equal([one.advance_one(1e-4) for _ in range(300)], rows["common"][:, :, 1])
+    np.testing.assert_array_equal([one.advance_one(1e-4)[1] for _ in range(300)], rows["common"][:, :, 1])
 
 
 def test_actions_move_the_table_and_not_the_reference() -> None:

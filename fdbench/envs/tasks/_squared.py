@@ -35,8 +35,13 @@ class SquaredDeviation(Task):
         super().__init__(machines, system, n_lanes)
         self.targets: Sequence[tuple[float, Any, int]] = ()
         self.logged: Sequence[tuple[float, int, int]] = ()
+        self._only: tuple[float, int, int] | None = None
 
     def reward(self, k: Any, row: Any, action: Any) -> Any:
+        if self._only is not None:  # most drives, of which every step asks
+            factor, wanted, place = self._only
+            error = factor * (row[wanted] - row[place])
+            return 0.0 - error * error
         reward = 0.0
         for factor, series, place in self.targets:
             error = factor * (series[k] - row[place])
@@ -52,6 +57,7 @@ class SquaredDeviation(Task):
         pairs = references.items()
         self.logged = [(factor, columns.index(b), columns.index(a)) for a, b in pairs if b in columns]
         self.targets = [self.target(a, commanded[b], factor) for a, b in pairs if b not in columns]
+        self._only = self.logged[0] if len(self.logged) == len(pairs) == 1 else None
 
     def target(self, column: str, values: FloatArray, factor: float) -> tuple[float, Series, int]:
         """Return a target for `targets`."""

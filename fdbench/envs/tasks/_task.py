@@ -54,9 +54,9 @@ class Task(ABC):
         ----------
         k : int or (n_lanes,) array of int
             Sample.
-        row : list of float or (n_columns + n_truth_columns, n_lanes) array
+        row : sequence of float or (n_columns + n_truth_columns, n_lanes) array
             What was read at the sample, and what only the simulation knows.
-        action : list of float or (n_actions, n_lanes) array
+        action : sequence of float or (n_actions, n_lanes) array
             Deviation from the command that is held from the sample on, in the command's unit.
         """
 
