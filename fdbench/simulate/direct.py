@@ -25,7 +25,7 @@ class Direct:
     Parameters
     ----------
     function : Dispatcher
-        Of numba; it raises nothing.
+        Of numba.
     arguments : tuple of arrays, float and int
         Kept, since machine code reads and writes them.
     number : int
@@ -69,7 +69,7 @@ def _words(argument: Any) -> list[int]:
 @lru_cache(maxsize=64)
 def _caller(signature: tuple[types.Type, ...], number: int, read: tuple[int, ...]) -> Any:
     """Return machine code that takes the address of words as above, the number and the value, and returns floats."""
-    result = types.UniTuple(types.float64, len(read))
+    result: Any = types.UniTuple(types.float64, len(read))  # type: ignore[no-untyped-call]
 
     @intrinsic
     def call(typing: Any, address: Any, given: Any, value: Any) -> Any:
@@ -90,7 +90,9 @@ def _caller(signature: tuple[types.Type, ...], number: int, read: tuple[int, ...
             arguments[number] = given
             builder.store(value, pointer(to_value, value.type))
             function = pointer(code, context.call_conv.get_function_type(types.none, signature))
-            context.call_conv.call_function(builder, function, types.none, signature, arguments)
+            status, _ = context.call_conv.call_function(builder, function, types.none, signature, arguments)
+            with builder.if_then(status.is_error, likely=False):
+                context.call_conv.return_status_propagate(builder, status)
             floats = [builder.load(pointer(after(written, n * WORD), value.type)) for n in read]
             return context.make_tuple(builder, result, floats)
 
@@ -98,6 +100,6 @@ def _caller(signature: tuple[types.Type, ...], number: int, read: tuple[int, ...
 
     @njit([result(types.intp, types.intp, types.float64)])
     def run(address, given, value):  # type: ignore[no-untyped-def]
-        return call(address, given, value)
+        return call(address, given, value)  # type: ignore[call-arg]
 
     return run.get_overload(run.signatures[0])
