@@ -1,11 +1,10 @@
 """One feed axis, or many side by side: the composed stepper with its blocks, random numbers and limits."""
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numba import typeof
 from numpy.typing import NDArray
 
 from fdbench.effects import Effect
@@ -13,7 +12,7 @@ from fdbench.errors import SpecError
 from fdbench.simulate import layout
 from fdbench.simulate.block import MECHANICS_ROWS, ROW, Blocks, Mechanics
 from fdbench.simulate.compose import Shared, Slot, compose
-from fdbench.simulate.direct import Direct
+from fdbench.simulate.direct import Direct, compiled
 from fdbench.simulate.random import CHUNK, RandomNumbers, RandomSource
 from fdbench.simulate.system import FloatArray, Noise, Setup, System
 
@@ -29,14 +28,6 @@ NOISE_STREAMS = (
     "equation_noise",
     "motor_current_noise",
 )
-
-
-def compiled(stepper: Any, arguments: tuple[Any, ...]) -> Callable[..., None]:
-    """Return the machine code for arguments of these types: a call looks up no types, which takes 0.2 us."""
-    signature = tuple(typeof(argument) for argument in arguments)  # type: ignore[no-untyped-call]
-    stepper.compile(signature)
-    code: Callable[..., None] = stepper.get_overload(signature)
-    return code
 
 
 class Axis(System):

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.effects import Effect
-from fdbench.simulate.axis import SIDE_BY_SIDE, compiled
+from fdbench.simulate.axis import SIDE_BY_SIDE
+from fdbench.simulate.direct import compiled
 from fdbench.simulate.exponential import exponential, product
 from fdbench.simulate.random import RandomNumbers, RandomSource
 from fdbench.simulate.stage_stepper import ROWS, Pattern, compose
