@@ -1,5 +1,6 @@
 """Input estimation by the Rauch-Tung-Striebel smoother: the force of a plant in state space, from the whole record."""
 
+import math
 from dataclasses import replace
 from typing import Any, ClassVar, final
 
@@ -14,6 +15,7 @@ from fdbench_baselines._steady_smoother import SteadyFiltered, filtered
 
 FORCE = -1
 FIRST_STEPS, CLOSE = (3.0, 5.0), 0.05  # of logarithms of densities
+NOISE_DOUBT = math.log(100.0)  # deviation of the logarithm of a variance: a sheet's noise holds within a factor of ten
 
 
 @final
@@ -30,7 +32,9 @@ class RtsSmoother(BatchEstimator):
     nothing of what comes; the smoother (`_steady_smoother`) has no lag. The density q of w is that of greatest
     likelihood, with it a factor on the process noise of the plant, where it has one, and a factor on all variances.
     Without the second a plant that differs from its data sheet, such as by friction, passes for exact, and what its
-    states integrate over the record is taken for force.
+    states integrate over the record is taken for force. The last factor is near 1 beforehand, its logarithm within
+    log 100: in a record so quiet that only what the plant is off by is left, no readings' noise is likely as well,
+    and q without bound.
 
     ``disturbance_N`` of a row is the mean of the smoothed force at its two ends, with the variance of one of them.
 
@@ -103,7 +107,8 @@ class RtsSmoother(BatchEstimator):
         simplex = np.vstack((start, start + np.diag(FIRST_STEPS)[:sought, :sought]))
 
         def loss(logarithms: FloatArray) -> float:
-            return -run(logarithms).log_likelihood
+            likely = run(logarithms)
+            return 0.5 * (math.log(likely.scale) / NOISE_DOUBT) ** 2 - likely.log_likelihood
 
         options: Any = {"initial_simplex": simplex, "xatol": CLOSE, "fatol": 10.0 * CLOSE}
         found = minimize(loss, start, method="Nelder-Mead", options=options)

@@ -1,5 +1,7 @@
 """The smoother is the conditional mean of a Gaussian process, and better than the filters that cannot look ahead."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from disturbance_found import error_of
@@ -66,6 +68,13 @@ def test_who_looks_ahead_sees_more(name: str, filtering: Estimator) -> None:
     seeds = (101, 102, 103)
     smoothing = np.mean([error_of(RtsSmoother(), name, seed) for seed in seeds])
     assert smoothing < 0.8 * np.mean([error_of(filtering, name, seed) for seed in seeds])
+
+
+@pytest.mark.parametrize("quieter", ["e-8", "e-10"])
+def test_a_record_without_visible_noise_is_smoothed(quieter: str, tmp_path: Path) -> None:
+    path = tmp_path / "QuietStep.toml"
+    path.write_text(f'extends = "SpindleStep-v0"\n[reality.noise]\ndisplacement_m = 4.813463447437164{quieter}\n')
+    assert error_of(RtsSmoother(), str(path), 0) < 0.02
 
 
 @pytest.mark.parametrize("argument", ["q_N2_per_s", "process_factor", "initial_force_N"])
