@@ -2,7 +2,8 @@
 
 `python benchmarks/killed_runs.py --kills 1000` prints how many kills there were and each defect once: other results
 than without a kill, a command that ends with an error, processes that outlive their parent by more than `PATIENCE_S`.
-Exits with 1 where there is one. Needs Linux.
+Exits with 1 where there is one. A kill within a write leaves an unfinished file beside its place, which a run removes
+an hour later; these are counted. Needs Linux.
 
 One start in twenty is the command line. The others are forks of this process, which has imported fdbench and loaded its
 compiled code: they call what the command line calls, with its arguments, in a session of their own. Of such a start
@@ -39,6 +40,7 @@ from pandas.testing import assert_frame_equal
 
 from fdbench import cli
 from fdbench.benchmark import job
+from fdbench.files import UNFINISHED
 from fdbench.sandbox import launch, server
 
 PATIENCE_S = 10.0
@@ -217,7 +219,7 @@ def left_alive() -> int:
 
 
 def tables(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
-    """Return scores and parameters without what varies from run to run, in one order, and the names of all files."""
+    """Return scores and parameters without what varies from run to run, in one order, and the names of finished files."""
     results = folder / "results"
     scores, parameters = (pd.read_parquet(results / f"{name}.parquet") for name in ("scores", "parameters"))
     scores.loc[scores.metric == VARYING_METRIC, "value"] = 0.0
@@ -228,7 +230,11 @@ def tables(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
             (parameters, ["scenario", "estimator", "seed", "parameter"]),
         )
     ]
-    files = sorted(str(path.relative_to(results)) for path in results.rglob("*") if path.is_file())
+    files = sorted(
+        str(path.relative_to(results))
+        for path in results.rglob("*")
+        if path.is_file() and not path.name.endswith(UNFINISHED)
+    )
     return found[0], found[1], files
 
 
@@ -253,7 +259,7 @@ class Attack:
 
     def __init__(self, place: Path, seed: int) -> None:
         self.place, self.random = place, random.Random(seed)
-        self.kills, self.runs, self.starts, self.by_command_line = 0, 0, 0, 0
+        self.kills, self.runs, self.starts, self.by_command_line, self.unfinished = 0, 0, 0, 0, 0
         self.defects = Counter[str]()
         self.lasts_s: dict[Callable[[Path], int], float] = {}
 
@@ -268,6 +274,11 @@ class Attack:
             if found := difference(folder, self.place / "reference 0"):
                 raise SystemExit(f"{start.__name__}, without a kill: {found}")
         return folder
+
+    def note(self, defect: str) -> None:
+        """Count a defect, and print it."""
+        self.defects[defect] += 1
+        print(f"DEFECT {defect}", flush=True)
 
     def folder(self, name: str) -> Path:
         folder = self.place / name
@@ -287,13 +298,13 @@ class Attack:
             code = ended(pid, self.random.uniform(0.0, (1.0 + 0.1 * before) * self.lasts_s[start]))
             if code is not None:
                 if code:
-                    self.defects[f"exit {code}: {(folder / 'output.txt').read_text()[-LONGEST_TEXT:]}"] += 1
+                    self.note(f"exit {code}: {(folder / 'output.txt').read_text()[-LONGEST_TEXT:]}")
                 return
             os.kill(pid, signal.SIGKILL)
             os.waitpid(pid, 0)
             self.kills += 1
             if number := left_alive():
-                self.defects[f"{number} processes outlive a killed run by {PATIENCE_S:g} s"] += 1
+                self.note(f"{number} processes outlive a killed run by {PATIENCE_S:g} s")
 
 
 def main() -> int:
@@ -313,12 +324,13 @@ def main() -> int:
         while attack.kills < given.kills:
             folder = attack.folder(str(attack.runs))
             attack.until_it_ends(folder)
+            attack.unfinished += len(list(folder.rglob(f"*{UNFINISHED}")))
             if found := difference(folder, reference):
-                attack.defects[found] += 1
+                attack.note(f"run {attack.runs}: {found}")
             attack.runs += 1
             print(
                 f"{attack.kills} kills, {attack.runs} runs, {attack.starts} starts ({attack.by_command_line} by the "
-                f"command line), {attack.defects.total()} defects, {time.monotonic() - begin:.0f} s",
+                f"command line), {attack.unfinished} unfinished files left, {attack.defects.total()} defects, {time.monotonic() - begin:.0f} s",
                 flush=True,
             )
     for defect, times in attack.defects.items():

@@ -4,6 +4,7 @@ import ast
 import os
 import re
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -14,6 +15,9 @@ from fdbench.errors import FdbenchError
 LONGEST_NAME = 100
 PLAIN_NAME = re.compile(rf"\w[\w .-]{{0,{LONGEST_NAME - 1}}}")
 VARIANT_NAME = re.compile(rf"{PLAIN_NAME.pattern}(\[[\w.,=+-]{{1,200}}\])?")  # of an estimator with arguments
+
+UNFINISHED = ".partial"  # ends the name of a file that is being written
+FORGOTTEN_S = 3600.0  # without a change to it, after which its writer is held to have been killed
 
 # Folders of devices and of what is open already, such as standard output.
 DEVICES = {Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd")}
@@ -50,7 +54,7 @@ def replaced(path: str | Path, error: type[FdbenchError] = FdbenchError, *, fold
         raise error(f"{path}: the name is not UTF-8. Give another one.")
     is_special = path.parent in DEVICES or (path.exists() and not path.is_file() and not path.is_dir())
     place = path.resolve() if path.is_symlink() and not is_special else path
-    beside = place.with_name(f".{place.name}.{os.getpid()}.{threading.get_native_id()}.partial")
+    beside = place.with_name(f".{place.name}.{os.getpid()}.{threading.get_native_id()}{UNFINISHED}")
     partial = path if is_special else beside
     try:
         if folders:
@@ -64,6 +68,14 @@ def replaced(path: str | Path, error: type[FdbenchError] = FdbenchError, *, fold
         if not is_special:
             with suppress(OSError):  # what went wrong before says more
                 partial.unlink()
+
+
+def remove_forgotten(folder: Path) -> None:
+    """Remove what writers that were killed have left in a folder and below: files that `replaced` had begun."""
+    for unfinished in folder.rglob(f".*{UNFINISHED}"):
+        with suppress(OSError):  # its writer was quicker
+            if time.time() - unfinished.stat().st_mtime > FORGOTTEN_S:
+                unfinished.unlink()
 
 
 def write_text(path: str | Path, text: str, error: type[FdbenchError] = FdbenchError, *, folders: bool = False) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from fdbench.errors import FdbenchError, SpecError
-from fdbench.files import replaced, write_text
+from fdbench.files import remove_forgotten, replaced, write_text
 
 resource = pytest.importorskip("resource", reason="limits of the size of files are of POSIX")
 
@@ -96,3 +96,15 @@ def test_links_stay_links_and_what_is_no_file_is_written_to(tmp_path: Path) -> N
     write_text(os.devnull, "nothing")
     assert Path(os.devnull).exists()
     assert not Path(os.devnull).is_file()
+
+
+def test_what_a_killed_writer_left_is_removed_and_what_is_being_written_stays(tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    left, finished = tmp_path / "runs" / ".0.json.7.7.partial", tmp_path / "0.json"
+    for file in (left, finished):
+        file.write_text("{}")
+        os.utime(file, (0.0, 0.0))
+    with replaced(tmp_path / "scores.parquet") as partial:
+        partial.write_text("half")
+        remove_forgotten(tmp_path)
+        assert sorted(tmp_path.rglob("*.*")) == sorted([partial, finished])

@@ -18,6 +18,7 @@ from fdbench.cluster import in_processes
 from fdbench.convergence import integration_doubt
 from fdbench.errors import FdbenchError, MissingData, SpecError, did_you_mean
 from fdbench.estimator import estimators as registry
+from fdbench.files import remove_forgotten
 from fdbench.nonce import check_nonce
 from fdbench.reading import measured_file
 from fdbench.sandbox import WorkerLimits, confinement
@@ -166,6 +167,7 @@ def run(
     contents = {scenario.id: scenario.content_digest for _, scenario in selected}
     selection = {"scenarios": contents, "estimators": list(names)}
     options = {"seeds": seeds, "first_seed": first_seed, "keep_estimates": keep_estimates}
+    remove_forgotten(store.folder)
     store.write_selection({**selection, **options, **origin})
     wanting = {scenario.id: _wanting(scenario) for _, scenario in selected}
     waiting = [job for job in (_unfinished(job, store, wanting[job.scenario]) for job in plan) if job.choices]
