@@ -219,7 +219,7 @@ def left_alive() -> int:
 
 
 def tables(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
-    """Return scores and parameters without what varies from run to run, in one order, and the names of finished files."""
+    """Return scores and parameters without what varies from run to run, in one order, and names of finished files."""
     results = folder / "results"
     scores, parameters = (pd.read_parquet(results / f"{name}.parquet") for name in ("scores", "parameters"))
     scores.loc[scores.metric == VARYING_METRIC, "value"] = 0.0
@@ -330,7 +330,8 @@ def main() -> int:
             attack.runs += 1
             print(
                 f"{attack.kills} kills, {attack.runs} runs, {attack.starts} starts ({attack.by_command_line} by the "
-                f"command line), {attack.unfinished} unfinished files left, {attack.defects.total()} defects, {time.monotonic() - begin:.0f} s",
+                f"command line), {attack.unfinished} unfinished files left, {attack.defects.total()} defects, "
+                f"{time.monotonic() - begin:.0f} s",
                 flush=True,
             )
     for defect, times in attack.defects.items():
