@@ -204,18 +204,24 @@ def ended(pid: int, within_s: float) -> int | None:
         time.sleep(min(2e-3, max(end - time.monotonic(), 0.0)))
 
 
-def left_alive() -> int:
-    """Return how many processes there are, beside this one, after `PATIENCE_S`."""
+def left_alive() -> list[str]:
+    """Return the commands of the processes that there are, beside this one, after `PATIENCE_S`, and end them."""
     end = time.monotonic() + PATIENCE_S
     while True:
         try:
             while os.waitpid(-1, os.WNOHANG) != (0, 0):
                 pass
         except ChildProcessError:
-            return 0
+            return []
         if time.monotonic() > end:
-            return len(Path(f"/proc/self/task/{os.getpid()}/children").read_text().split())
+            break
         time.sleep(5e-3)
+    left = [int(pid) for pid in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()]
+    commands = [Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode() for pid in left]
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+    return commands
 
 
 def tables(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
@@ -303,8 +309,8 @@ class Attack:
             os.kill(pid, signal.SIGKILL)
             os.waitpid(pid, 0)
             self.kills += 1
-            if number := left_alive():
-                self.note(f"{number} processes outlive a killed run by {PATIENCE_S:g} s")
+            if commands := left_alive():
+                self.note(f"outlive a killed run ({start.__name__}) by {PATIENCE_S:g} s: {'; '.join(commands)}")
 
 
 def main() -> int:
