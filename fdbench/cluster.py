@@ -1,6 +1,7 @@
 """Work in processes of this machine, or on the workers of a Dask scheduler, which need not share a folder with it."""
 
 import atexit
+import os
 import shutil
 import tempfile
 import threading
@@ -26,6 +27,8 @@ CONNECT_S = 20.0
 
 REFRESH_S = 1.0
 
+WATCHED_S = 1.0  # how often a worker looks whether the process that started it lives
+
 
 def in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int) -> Iterator[Result]:
     """Yield the results of tasks as they come from processes on this machine.
@@ -38,7 +41,8 @@ def in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], jobs
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import BrokenProcessPool
 
-    parallel = Parallel(n_jobs=min(jobs, max(len(tasks), 2)), return_as="generator_unordered")
+    ends: Any = {"initializer": _end_with, "initargs": (os.getpid(),)}
+    parallel = Parallel(n_jobs=min(jobs, max(len(tasks), 2)), return_as="generator_unordered", **ends)
     try:
         yield from parallel(delayed(function)(task) for task in tasks)
     except BrokenProcessPool as error:
@@ -46,6 +50,17 @@ def in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], jobs
             "a worker process died, by a crash in compiled code or for want of memory. What was finished is kept; "
             "start again with --jobs 1 to see where it is."
         ) from error
+
+
+def _end_with(parent: int) -> None:
+    """End this process soon after the one that started it: where that is killed, a queue's pipe may never end."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(WATCHED_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def results(
