@@ -104,7 +104,7 @@ class ModelSettings:
     usual_speed_span: float = number(30.0, "the same for the speed of a linear axis", zero=1.0)
     smallest_ratio: float = number(0.05, "of the nominal mass or gain, below which re-calibration does not go")
     freedom: float = number(3.0, "degrees of freedom of Student's t of a nominal parameter: a few are far off")
-    most_form: float = number(3.0, "deviations by which friction at low speed may exceed its nominal form, and no more")
+    most_form: float = number(1.5, "deviations by which friction at low speed may exceed its nominal form, and no more")
     most_lag: float = number(3.0, "deviations by which the force may follow its command late, and no more")
     most_delay: float = number(2.0, "deviations by which the velocity's reference may be late or early, and no more")
     far_fetched: float = number(5.0, "deviations of a nominal parameter beyond which it stands in for an effect")
@@ -249,6 +249,7 @@ class JudgeSettings:
     smallest_size: float = number(1e-3, "of an effect, where its logarithm is a feature", LEARNED)
     smallest_misfit: float = number(0.3, "where its logarithm is a feature", LEARNED)
     smallest_distance: float = number(0.1, "standard deviations, where their logarithm is a feature", LEARNED)
+    smallest_strain: float = number(1.0, "twice a log prior, where its logarithm is a feature", LEARNED)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -73,12 +73,12 @@ def claims(features: Mapping[str, Mapping[str, Features]], truth: Mapping[str, A
 def fitted(found: Sequence[Claim], prior: ProbabilityModel | None = None) -> ProbabilityModel:
     """Return the logistic model of claims of one kind: penalised maximum likelihood by Newton's method.
 
-    The bias is not penalised, unless a model is learned further: then ``prior`` gives the features, and the mean of
-    bias and weights; what speaks for a name is always near that of ``prior``, or zero. See Bishop (2006), Pattern
-    Recognition and Machine Learning, section 4.3.3.
+    The bias is not penalised, unless a model is learned further: then ``prior`` is the mean of bias and weights, and
+    zero that of a feature which it lacks; what speaks for a name is always near that of ``prior``, or zero. See Bishop
+    (2006), Pattern Recognition and Machine Learning, section 4.3.3.
     """
-    features = _spread(found) if prior is None else prior.features
-    known = {} if prior is None else prior.names
+    learned, known = ({}, {}) if prior is None else (prior.features, prior.names)
+    features = {**_spread(found), **learned}
     names = sorted({*known, *(name for claim in found for name in claim.names)})
     design = [
         [
@@ -95,13 +95,13 @@ def fitted(found: Sequence[Claim], prior: ProbabilityModel | None = None) -> Pro
             *(known.get(name, 0.0) for name in names),
         ]
     )
-    trust = np.array([1e-6, *[RIDGE] * len(features)] if prior is None else [TRUST] * (1 + len(features)))
+    trust = [1e-6 if prior is None else TRUST, *(TRUST if name in learned else RIDGE for name in features)]
     weights = newton(
         np.array(design),
         np.array([float(claim.right) for claim in found]),
         np.array([claim.weight for claim in found]),
         before,
-        np.concatenate((trust, np.full(len(names), RIDGE))),
+        np.array([*trust, *[RIDGE] * len(names)]),
     ).tolist()
     of_features, of_names = weights[1 : 1 + len(features)], weights[1 + len(features) :]
     return ProbabilityModel(
@@ -160,7 +160,7 @@ def write_models(found: Sequence[Claim], output: Path, source: str, further: Pro
     for kind in KINDS:
         own = [claim for claim in found if claim.kind == kind]
         before = None if further is None else getattr(further, kind)
-        before = before if before is not None and before.features.keys() == own[0].features.keys() else None
+        before = before if before is not None and before.features.keys() <= own[0].features.keys() else None
         model = fitted(balanced(own, UNLISTED) if kind == "unknown" else own, before)
         lines += ["", f"[{kind}]", f"bias = {model.bias:.4f}", f"claims = {model.claims}", f"right = {model.right}", ""]
         lines += [f"[{kind}.features]"]

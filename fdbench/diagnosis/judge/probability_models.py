@@ -127,7 +127,7 @@ def value_features(distance: float, closed: float, misfit: float) -> dict[str, f
     }
 
 
-def unknown_features(misfit: float, worst: float) -> dict[str, float]:
+def unknown_features(misfit: float, worst: float, strain: float) -> dict[str, float]:
     """Return the features of an unknown cause.
 
     Parameters
@@ -136,14 +136,18 @@ def unknown_features(misfit: float, worst: float) -> dict[str, float]:
         Weighted misfit that is left beside all effects that were found.
     worst : float
         Mean squared gap that is left in the stretch of time where that is most, in units of the noise within a run.
+    strain : float
+        Minus twice the log prior of the nominal parameters beside those effects, relative to where it is greatest:
+        they may stand in for a cause that nothing else can.
     """
     return {
         "misfit": math.log(max(misfit, JUDGE.smallest_misfit)),
         "worst": math.log(max(worst, JUDGE.smallest_misfit)),
+        "strain": math.log(max(strain, JUDGE.smallest_strain)),
     }
 
 
-def no_gap_features(misfit: float, moved: float, size: float) -> dict[str, float]:
+def no_gap_features(misfit: float, moved: float, size: float, strain: float) -> dict[str, float]:
     """Return the features of no gap.
 
     Parameters
@@ -154,9 +158,12 @@ def no_gap_features(misfit: float, moved: float, size: float) -> dict[str, float
         Largest distance of a nominal parameter, in standard deviations.
     size : float
         Of the largest effect that was found or nearly so: see `fdbench.diagnosis.search.search.Rival`.
+    strain : float
+        As in `unknown_features`, after re-calibration.
     """
     return {
         "misfit": math.log(max(misfit, JUDGE.smallest_misfit)),
         "moved": math.log(max(moved, JUDGE.smallest_distance)),
         "size": math.log10(max(size, JUDGE.smallest_size)),
+        "strain": math.log(max(strain, JUDGE.smallest_strain)),
     }

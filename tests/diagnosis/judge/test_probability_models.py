@@ -134,18 +134,23 @@ def test_the_shipped_models_read_the_features_that_are_given() -> None:
     models = confidence.models()
     given = {
         "value": confidence.value_features(3.0, 1.0, 1.0),
-        "unknown": confidence.unknown_features(2.0, 9.0),
-        "none": confidence.no_gap_features(1.0, 0.5, 0.1),
+        "unknown": confidence.unknown_features(2.0, 9.0, 5.0),
+        "none": confidence.no_gap_features(1.0, 0.5, 0.1, 3.0),
     }
     for kind, features in given.items():
         model: ProbabilityModel = getattr(models, kind)
         assert set(model.features) == set(features)
         assert 0.0 < model.probability(features) < 1.0
     assert {field.name for field in dataclasses.fields(models)} == {*learn.KINDS, "source"}
-    assert models.unknown.probability(confidence.unknown_features(8.0, 60.0)) > models.unknown.probability(
-        confidence.unknown_features(1.0, 2.0)
-    )
-    assert models.none.probability(given["none"]) > models.none.probability(confidence.no_gap_features(8.0, 5.0, 10.0))
+    small, large = confidence.unknown_features(1.0, 2.0, 5.0), confidence.unknown_features(8.0, 60.0, 5.0)
+    assert models.unknown.probability(large) > models.unknown.probability(small)
+    strained = confidence.unknown_features(1.0, 2.0, 40.0)
+    assert models.unknown.probability(strained) > models.unknown.probability(small)
+    for worse in (
+        confidence.no_gap_features(8.0, 5.0, 10.0, 3.0),
+        confidence.no_gap_features(1.0, 0.5, 0.1, 40.0),
+    ):
+        assert models.none.probability(given["none"]) > models.none.probability(worse)
 
 
 def test_claims_are_judged_by_the_truth() -> None:
