@@ -17,6 +17,7 @@ from pathlib import Path
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import IO, Any, cast
 
+import llvmlite.binding as llvm
 import numba
 import numpy as np
 from numba.core import types
@@ -31,6 +32,7 @@ try:
 except ImportError:  # on Windows each process compiles for itself
     fcntl = None  # type: ignore[assignment]
 
+INTERLEAVE = "-force-vector-interleave"  # of LLVM; 0: as it sees fit
 LONGEST_WAIT_S, LOOK_AGAIN_S = 60.0, 0.02
 
 FIXED = {"_operator", "builtins", "cmath", "math", "numba", "numpy", "operator"}
@@ -80,21 +82,27 @@ def kept(dispatcher: Any) -> Any:
     return dispatcher
 
 
-def lightly_optimised(dispatcher: Any, level: int = 1) -> Any:
-    """Compile a function at a lower level of LLVM than numba's 3, where that suits long straight code better."""
+def optimised(dispatcher: Any, level: int, interleaved: int = 0) -> Any:
+    """Compile a function at a level of LLVM other than numba's 3, and with loops interleaved as often as told.
+
+    A lower level suits long straight code better. A chain of divisions and polynomials that depend on each other waits
+    for each; where vectors of several turns of a loop take theirs at once, they wait together. No sum is reordered.
+    """
     if isinstance(dispatcher, Dispatcher):
         compiler = cast(Any, dispatcher)._compiler
         compile_fully = compiler.compile
 
-        def compile_lightly(arguments: Any, returned: Any) -> Any:
+        def compile_so(arguments: Any, returned: Any) -> Any:
             config = cast(Any, numba.config)
             usual, config.OPT = config.OPT, type(config.OPT)(level)
+            llvm.set_option("fdbench", f"{INTERLEAVE}={interleaved}")
             try:
                 return compile_fully(arguments, returned)
             finally:
                 config.OPT = usual
+                llvm.set_option("fdbench", f"{INTERLEAVE}=0")
 
-        compiler.compile = compile_lightly
+        compiler.compile = compile_so
     return dispatcher
 
 

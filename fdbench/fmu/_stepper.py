@@ -10,7 +10,7 @@ from fdbench.fmu._translate import Translator
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.simulate import integrator, layout
 from fdbench.simulate.block import Blocks
-from fdbench.simulate.compose import PORT_ARGUMENTS, Slot
+from fdbench.simulate.ports import PORT_ARGUMENTS, Slot
 
 # Functions of the integrator, with their arguments in C.
 INTEGRATOR = {

@@ -24,7 +24,7 @@ _CALLED = {
     **{"atan2": "atan2(%s)", "arctan2": "atan2(%s)", "fmod": "fmod(%s)", "isnan": "isnan(%s)"},
     **{"float": "(double)(%s)", "int": "(long long)(%s)", "int64": "(long long)(%s)"},
 }
-LEFT_OUT = ("calls", "first_calls", "uniform")  # arguments of ports
+LEFT_OUT = ("calls", "first_calls", "ahead", "uniform")  # arguments of ports
 _TO_WHOLE = ("int", "int64")
 
 

@@ -11,8 +11,9 @@ from fdbench.effects import Effect
 from fdbench.errors import SpecError
 from fdbench.simulate import layout
 from fdbench.simulate.block import MECHANICS_ROWS, ROW, Blocks, Mechanics
-from fdbench.simulate.compose import Shared, Slot, compose
+from fdbench.simulate.compose import compose, room_ahead
 from fdbench.simulate.direct import Direct, compiled
+from fdbench.simulate.ports import Shared, Slot
 from fdbench.simulate.random import CHUNK, RandomNumbers, RandomSource
 from fdbench.simulate.system import FloatArray, Noise, Setup, System
 
@@ -92,7 +93,7 @@ class Axis(System):
         self._now = copy.deepcopy(self._initial)
         width = self._side_by_side
         self._idle = slice((n_lanes - 1) % self._side_by_side + 1, None)
-        self._out = np.zeros((self._n_blocks, 1, layout.OUT_COLUMNS * width))
+        self._out = np.zeros((1, len(self._pick), self._n_blocks, width))
         self.limits, self.at_rest = self._ranges(mechanics, velocity, controller["FORCE_LIMIT"] * logged_per_N)
         self._bind()
 
@@ -106,7 +107,9 @@ class Axis(System):
         clock = self.timing.substeps, self.timing.sampling_time_s
         normal = self._numbers.normal
         random = normal.reshape(*normal.shape[:2], -1), self._numbers.uniform
-        self._settings = (*clock, *stepper.calls(self._active), self.reference, *random)
+        calls = stepper.calls(self._active)
+        ahead = room_ahead(len(calls[0]), self.timing.substeps)
+        self._settings = (*clock, *calls, ahead, self.reference, self._pick, *random)
         self._stepper = stepper.advance
         self._step = compiled(self._stepper, (self._flat_blocks, 0, 1, *self._settings, self._out))
         self._alone: tuple[Any, ...] = ()
@@ -243,12 +246,12 @@ class Axis(System):
         blocks[places] = 0.0 if action is None else action
 
     def _advance(self, rows: FloatArray) -> None:
-        n = len(rows)
-        raw = self._out if n == 1 else np.empty((self._n_blocks, n, layout.OUT_COLUMNS * self._side_by_side))
-        self._step(self._flat_blocks, self._numbers.position, n, *self._settings, raw)
-        columns = raw.reshape(self._n_blocks, n, layout.OUT_COLUMNS, self._side_by_side)
-        picked = columns.transpose(1, 2, 0, 3)[:, self._pick]
-        rows[:] = picked.reshape(n, len(self._pick), -1)[:, :, : self.n_lanes]
+        whole = self.n_lanes == self._n_blocks * self._side_by_side
+        shape = *rows.shape[:2], self._n_blocks, self._side_by_side
+        raw = rows.reshape(shape) if whole else np.empty(shape)
+        self._step(self._flat_blocks, self._numbers.position, len(rows), *self._settings, raw)
+        if not whole:
+            rows[:] = raw.reshape(*rows.shape[:2], -1)[:, :, : self.n_lanes]
 
     def advance_one(self, action: float) -> tuple[FloatArray, Sequence[float]]:
         """Advance the only lane by one sample; see `System.advance_one`."""
@@ -267,8 +270,8 @@ class Axis(System):
         """Return what `advance_one` needs; many systems are never asked for a sample alone."""
         action, out = self._now.values[0, self._action_row], self._out.reshape(-1)
         arguments = self._flat_blocks, 0, 1, *self._settings, self._out
-        direct = self._direct = Direct(self._stepper, arguments, 1, action, out, self._pick.tolist())
-        self._alone = self._numbers, direct.run, direct.address, out, self._pick[: len(self.columns)]
+        direct = self._direct = Direct(self._stepper, arguments, 1, action, out, range(len(self._pick)))
+        self._alone = self._numbers, direct.run, direct.address, out, np.arange(len(self.columns))
         return self._alone
 
     @property

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from fdbench.effects import Effect
 from fdbench.simulate import layout
-from fdbench.simulate.compose import block_rows, slots
 from fdbench.simulate.exponential import exponential
+from fdbench.simulate.ports import block_rows, slots
 from fdbench.simulate.system import FloatArray
 
 ROW = {name: index for index, name in enumerate(layout.ROWS)}

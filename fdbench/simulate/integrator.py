@@ -68,7 +68,7 @@ def measure_and_control(w, calls, first_calls, period, uniform):
         w[LAST_FORCE + i] = last_force if held else force
 
 
-def integrate_substep(w, calls, first_calls, time_in_period, period, h, uniform):
+def integrate_substep(w, calls, first_calls, time_in_period, period, h, ahead, uniform):
     r"""Advance the drive by one substep.
 
     With the state s = (x_m, v_m, x_t, v_t), exact propagators over a full and a half substep and forces f held over
@@ -119,9 +119,9 @@ def integrate_substep(w, calls, first_calls, time_in_period, period, h, uniform)
         w[S_T + i] = 0.0
         w[ADDED_MASS + i] = 0.0
         w[PROCESS + i] = 0.0
-    motor_force(w, calls, first_calls, h, MID_X_M, MID_V_M, DELIVERED, F_M, S_M, uniform)
-    table_force(w, calls, first_calls, h, MID_X_T, MID_V_T, TRANSMITTED, F_T, S_T, uniform)
-    table_inertia(w, calls, first_calls, h, MID_X_T, MID_V_T, ACCELERATION_AHEAD, F_T, ADDED_MASS, uniform)
+    motor_force(w, calls, first_calls, h, MID_X_M, MID_V_M, DELIVERED, F_M, S_M, ahead, uniform)
+    table_force(w, calls, first_calls, h, MID_X_T, MID_V_T, TRANSMITTED, F_T, S_T, ahead, uniform)
+    table_inertia(w, calls, first_calls, h, MID_X_T, MID_V_T, ACCELERATION_AHEAD, F_T, ADDED_MASS, ahead, uniform)
     for i in range(LANES):
         w[S_T + i] += w[ADDED_MASS + i] * (2.0 / h)
         d_m = w[F_M + i] - w[U + i] - w[AHEAD_MOTOR + i]
@@ -147,7 +147,9 @@ def integrate_substep(w, calls, first_calls, time_in_period, period, h, uniform)
         w[PROCESS_SUM + i] += w[PROCESS + i]
 
 
-def advance(blocks, first, n_samples, substeps, period, calls, first_calls, reference, normal, uniform, out):
+def advance(
+    blocks, first, n_samples, substeps, period, calls, first_calls, ahead, reference, logged, normal, uniform, out
+):
     """Advance every lane of every block by ``n_samples`` control periods.
 
     Parameters
@@ -161,12 +163,16 @@ def advance(blocks, first, n_samples, substeps, period, calls, first_calls, refe
         Effects that any lane has, by port: case, first row of parameters and of internal states, random number.
     first_calls : (n_ports + 1,) array of int
         Where those of each port begin.
+    ahead : (n_calls, 3, n) array, written
+        Value and slope of forces of time alone at the n >= substeps of a sample, and 1 where lanes have them alike.
     reference : (n_reference, 3) array
         Commanded position (m), velocity (m/s) and acceleration (m/s^2); a lane's own begin at its first row.
+    logged : (n_columns,) array of int
+        What is handed out of the rows from COMMANDED_X on.
     normal : (n_blocks, n_random, NORMAL_COLUMNS * LANES) array
     uniform : (n_blocks, n_random, n, LANES) array
         Random numbers of each sample.
-    out : (n_blocks, n_samples, OUT_COLUMNS * LANES) array, written
+    out : (n_samples, n_columns, n_blocks, LANES) array, written
     """
     h = period / substeps
     for block in range(blocks.shape[0]):
@@ -182,8 +188,9 @@ def advance(blocks, first, n_samples, substeps, period, calls, first_calls, refe
                 w[NORMAL_MOTOR + place] = normal[block, first + k, place]
             flat = uniform[block, first + k]
             measure_and_control(w, calls, first_calls, period, flat)
+            look_ahead(w, calls, period, h, ahead)
             for step in range(substeps):
-                integrate_substep(w, calls, first_calls, (step + 0.5) * h, period, h, flat)
+                integrate_substep(w, calls, first_calls, (step + 0.5) * h, period, h, ahead[:, :, step], flat)
             for i in range(LANES):
                 kick = w[NOISE_EQUATION + i] * w[NORMAL_EQUATION + i]
                 w[V_M + i] += kick
@@ -193,5 +200,8 @@ def advance(blocks, first, n_samples, substeps, period, calls, first_calls, refe
                 inside = (abs(w[X_M + i]) <= w[POSITION_LIMIT + i]) & (abs(w[V_M + i]) <= w[VELOCITY_LIMIT + i])
                 diverged = w[DIVERGED + i]
                 w[DIVERGED + i] = diverged if inside else 1.0
-            for place in range(OUT_COLUMNS * LANES):
-                out[block, k, place] = w[COMMANDED_X + place]
+            for column in range(len(logged)):
+                place = COMMANDED_X + logged[column] * LANES
+                values = w[place : place + LANES]
+                for i in range(LANES):
+                    out[k, column, block, i] = values[i]

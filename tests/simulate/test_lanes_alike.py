@@ -5,7 +5,7 @@ import numpy as np
 from fdbench.effects import effects
 from fdbench.scenario import load_scenario
 from fdbench.simulate.axis import Axis
-from fdbench.simulate.compose import of_time_alone
+from fdbench.simulate.ports import of_time_alone
 
 N_LANES = 20  # enough to lie side by side, and not a whole block
 

@@ -18,7 +18,7 @@ from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 from fdbench.simulate import layout
 from fdbench.simulate.block import Blocks, Mechanics
-from fdbench.simulate.compose import compose, core_effects
+from fdbench.simulate.compose import compose, core_effects, room_ahead
 
 Lanes = WeakKeyDictionary["Variant", dict[float, tuple[FloatArray, NDArray[np.bool_]]]]
 
@@ -242,9 +242,11 @@ class Replay:
             blocks.place(*lane.run.start, cycle, np.array([place]))
             blocks.set_scalars({"FIRST_ROW": first_rows[id(lane.run)]}, np.array([place]))
         active = np.logical_or.reduce([own for _, own in made])
-        out = np.empty((1, PIECE, layout.OUT_COLUMNS * WIDTH))
-        columns = out[0].reshape(PIECE, layout.OUT_COLUMNS, WIDTH)[::n_loops].transpose(1, 2, 0)
+        logged = np.arange(layout.OUT_COLUMNS)
+        out = np.empty((PIECE, len(logged), 1, WIDTH))
+        columns = out[::n_loops, :, 0].transpose(1, 2, 0)
         calls = self._stepper.calls(active)
+        ahead = room_ahead(len(calls[0]), self._steps_of_a_loop)
         motor, scale = layout.OUT_MOTOR, layout.OUT_TABLE
         read_from = {
             "motor_force_N": layout.OUT_FORCE,
@@ -253,9 +255,8 @@ class Replay:
         piece = PIECE // n_loops * n_loops
         for start in range(0, longest, piece):
             n = min(piece, longest - start)
-            self._stepper.advance(
-                blocks.flat, 0, n, self._steps_of_a_loop, cycle, *calls, reference, *self._no_noise, out
-            )
+            settings = self._steps_of_a_loop, cycle, *calls, ahead, reference, logged
+            self._stepper.advance(blocks.flat, 0, n, *settings, *self._no_noise, out)
             first = start // n_loops
             for name in lanes[0].channels:
                 found = columns[motor] - columns[scale] if name == DEFLECTION else columns[read_from[name]]
