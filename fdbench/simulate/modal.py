@@ -59,17 +59,23 @@ def adder(kernel: Any) -> Callable[..., None]:
         ``first`` is the sample with which each lane goes on, ``feed`` the deviation from the commanded feedrate.
         """
         h = period / substeps
-        n_lanes = force.shape[1]
+        n_lanes, others = force.shape[1], 0
         start, x, v = np.empty(n_lanes), np.empty(n_lanes), np.empty(n_lanes)
+        for i in range(n_lanes):
+            others += 1 if first[i] != first[0] else 0
         for k in range(force.shape[0] // substeps):
             for i in range(n_lanes):
                 row = first[i] + k
                 start[i], x[i], v[i] = row * period, reference[row, 0], reference[row, 1] + feed[i]
             for step in range(substeps):
                 f = force[k * substeps + step]
-                for i in range(n_lanes):
-                    result = kernel(start[i] + (step + 0.5) * h, h, x[i], v[i], 0.0, *values)
-                    f[i] += result[0]
+                if others == 0:  # what follows from the time is then computed once for all lanes
+                    t, position = start[0] + (step + 0.5) * h, x[0]
+                    for i in range(n_lanes):
+                        f[i] += kernel(t, h, position, v[i], 0.0, *values)[0]
+                else:
+                    for i in range(n_lanes):
+                        f[i] += kernel(start[i] + (step + 0.5) * h, h, x[i], v[i], 0.0, *values)[0]
 
     return add_force
 

@@ -152,7 +152,7 @@ class StageSystem(System):
         self.initial[:, :, ROWS.index("DISPLACEMENT")] = start.positions(len(axes))[:, None]
         self._of_lanes = np.zeros((len(axes), self._n_blocks * self._side_by_side))
         self._every_axis = 0 if len(axes) == 1 else slice(None)  # a place is written faster than a slice
-        self._out = np.empty((self._n_blocks, 1, len(self.columns) + len(self.truth_columns), self._side_by_side))
+        self._out = np.empty((1, len(self.columns) + len(self.truth_columns), self._n_blocks, self._side_by_side))
         self._bind()
 
     def _bind(self) -> None:
@@ -179,10 +179,12 @@ class StageSystem(System):
         self._actions[:] = self._of_lanes.reshape(len(self._of_lanes), self._n_blocks, -1).swapaxes(0, 1)
 
     def _advance(self, rows: FloatArray) -> None:
-        n = len(rows)
-        raw = self._out if n == 1 else np.empty((self._n_blocks, n, *self._out.shape[2:]))
+        whole = self.n_lanes == self._n_blocks * self._side_by_side
+        shape = *rows.shape[:2], self._n_blocks, self._side_by_side
+        raw = rows.reshape(shape) if whole else np.empty(shape)
         self._stepper(self._flat, self._numbers.position, *self._fixed, raw)
-        rows[:] = raw.transpose(1, 2, 0, 3).reshape(n, rows.shape[1], -1)[:, :, : self.n_lanes]
+        if not whole:
+            rows[:] = raw.reshape(*rows.shape[:2], -1)[:, :, : self.n_lanes]
 
     @property
     def diverged(self) -> NDArray[np.bool_]:
@@ -197,7 +199,7 @@ class StageSystem(System):
         self._next_numbers(1)
         self._stepper(self._flat, self._numbers.position, *self._fixed, self._out)
         self._pass(1)
-        row = self._out[0, 0, :, 0]
+        row = self._out[0, :, 0, 0]
         return row[: len(self.columns)].copy(), row.tolist()
 
     def __getstate__(self) -> dict[str, Any]:

@@ -29,11 +29,11 @@ _HEADER = '''"""Generated stepper of a servo stage with {names}, {lanes} lane(s)
 
 from numba import njit
 
-from fdbench.compilation import kept
+from fdbench.compilation import kept, optimised
 
 
 def compiled(function):
-    return kept(njit(error_model="numpy")(function))
+    return optimised(kept(njit(error_model="numpy")(function)), {level}, {interleaved})
 
 
 inlined = njit(error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, no_rewrites=True)
@@ -59,27 +59,37 @@ def parabola(force, first, second, s, h):
     return force + s * (first + 0.5 * (s + 1.0) * second), (first + (s + 0.5) * second) / h, second / h**2
 
 
-def measure(w, c, axis, k, period, limits, deviation, reference, normal, out):
+def cubic(reference, row, axis, displacement, period):
+    """Return commanded position and velocity of a sample, and the coefficients of the cubic that leads to the next."""
+    after = min(row + 1, len(reference) - 1)
+    v_0, v_1 = reference[row, 3 * axis + 1], reference[after, 3 * axis + 1]
+    x = reference[row, 3 * axis] + displacement
+    mean = (reference[after, 3 * axis] + displacement - x) / period
+    return x, v_0, (3.0 * mean - 2.0 * v_0 - v_1) / period, (v_0 + v_1 - 2.0 * mean) / period**2
+
+
+def measure(w, c, axis, period, limits, deviation, reference, normal, out):
     """Log one row of an axis, and fit the command of the coming period."""
+    others = 0
     for i in range(LANES):
-        row = int(w[INDEX + i])
-        after = min(row + 1, len(reference) - 1)
-        v_0, v_1 = reference[row, 3 * axis + 1], reference[after, 3 * axis + 1]
-        x_0 = reference[row, 3 * axis] + w[DISPLACEMENT + i]
-        mean = (reference[after, 3 * axis] + w[DISPLACEMENT + i] - x_0) / period
-        w[X_0 + i] = x_0 + w[ACTION + i]
-        w[V_0 + i] = v_0
-        w[C_2 + i] = (3.0 * mean - 2.0 * v_0 - v_1) / period
-        w[C_3 + i] = (v_0 + v_1 - 2.0 * mean) / period**2
+        others += 1 if w[INDEX + i] != w[INDEX] or w[DISPLACEMENT + i] != w[DISPLACEMENT] else 0
+    if others == 0:  # lanes of one clock and start have one command
+        x, v, second, third = cubic(reference, int(w[INDEX]), axis, w[DISPLACEMENT], period)
+        for i in range(LANES):
+            w[X_0 + i], w[V_0 + i], w[C_2 + i], w[C_3 + i] = x + w[ACTION + i], v, second, third
+            out[3 * axis, i], out[3 * axis + 1, i] = x, v
+    else:
+        for i in range(LANES):
+            x, v, second, third = cubic(reference, int(w[INDEX + i]), axis, w[DISPLACEMENT + i], period)
+            w[X_0 + i], w[V_0 + i], w[C_2 + i], w[C_3 + i] = x + w[ACTION + i], v, second, third
+            out[3 * axis, i], out[3 * axis + 1, i] = x, v
+    for i in range(LANES):
         w[PROCESS_SUM + i] = 0.0
-        out[k, 3 * axis, i] = x_0
-        out[k, 3 * axis + 1, i] = v_0
-    for i in range(LANES):
         u_0, u_1 = w[X_0 + i], w[V_0 + i]
         position, velocity = POSITION, VELOCITY
         inside = abs(position) <= limits[0] and abs(velocity) <= limits[1]
         w[DIVERGED + i] = w[DIVERGED + i] if inside else 1.0
-        out[k, 3 * axis + 2, i] = position + deviation[axis] * normal[axis, i]
+        out[3 * axis + 2, i] = position + deviation[axis] * normal[axis, i]
 
 
 def predict(w, c, period, tau, h):
@@ -145,27 +155,27 @@ def advance(blocks, first, period, substeps, coefficients, limits, deviation, re
         Those of all effects.
     normal : (n_blocks, n_random, n_axes, LANES) array
         Standard normal numbers.
-    out : (n_blocks, n_samples, 4 n_axes + 1, LANES) array, written
+    out : (n_samples, 4 n_axes + 1, n_blocks, LANES) array, written
         Reference position and velocity, and reading, for each axis; mean process force of each axis; diverged.
     """
     n_axes = blocks.shape[1]
     h = period / substeps
     for block in range(blocks.shape[0]):
-        for k in range(out.shape[1]):
+        for k in range(out.shape[0]):
             for i in range(LANES):
-                out[block, k, 4 * n_axes, i] = 0.0
+                out[k, 4 * n_axes, block, i] = 0.0
             for axis in range(n_axes):
                 w, c = blocks[block, axis], coefficients[axis]
                 gauss = normal[block, first + k]
-                measure(w, c, axis, k, period, limits, deviation, reference, gauss, out[block])
+                measure(w, c, axis, period, limits, deviation, reference, gauss, out[k, :, block])
                 for step in range(substeps):
                     predict(w, c, period, step * h, h)
                     table_force(w, h, parameters)
                     correct(w, c, step * h, h)
                 for i in range(LANES):
                     w[INDEX + i] += 1.0
-                    out[block, k, 3 * n_axes + axis, i] = w[PROCESS_SUM + i] / substeps
-                    out[block, k, 4 * n_axes, i] = max(out[block, k, 4 * n_axes, i], w[DIVERGED + i])
+                    out[k, 3 * n_axes + axis, block, i] = w[PROCESS_SUM + i] / substeps
+                    out[k, 4 * n_axes, block, i] = max(out[k, 4 * n_axes, block, i], w[DIVERGED + i])
 
 
 def _call(number: int, effect: type[Effect], parameter: int, state: int, lanes: int) -> list[str]:
@@ -221,11 +231,14 @@ def compose(effects: tuple[type[Effect], ...], pattern: Pattern, n_states: int, 
         state += len(effect.states)
     names = ", ".join(effect.name for effect in effects) or "no effects"
     after = [f"z_{n} = NEXT_{n}" for n in range(n_states)] + [f"w[Q_{n} + i] = z_{n}" for n in range(n_states)]
-    text = [f"@inlined\n{inspect.getsource(function)}" for function in (command, parabola)]
+    text = [f"@inlined\n{inspect.getsource(function)}" for function in (command, parabola, cubic)]
     for function in (measure, predict, correct):
         source = inspect.getsource(function).replace("NEXT_STATE", "\n        ".join(after))
         text.append("@inlined\n" + _sums(source, pattern))
     text.append("\n".join(["@inlined", "def table_force(w, h, parameters):", *calls, "    return"]))
     text.append(f"@compiled\n{inspect.getsource(advance)}")
-    header = _HEADER.format(names=names, lanes=lanes, constants="\n".join(constants))
+    # As measured: level 2 is faster for lanes, level 3 for one, and more loops at once have too few registers.
+    level, interleaved = (3, 0) if lanes == 1 else (2, 2)
+    settings = {"level": level, "interleaved": interleaved, "constants": "\n".join(constants)}
+    header = _HEADER.format(names=names, lanes=lanes, **settings)
     return load("\n\n".join([header, *text]), effects).advance

@@ -44,7 +44,9 @@ class SquaredDeviation(Task):
             return 0.0 - error * error
         reward = 0.0
         for factor, series, place in self.targets:
-            error = factor * (series[k] - row[place])
+            error = series[k] - row[place]
+            if factor != 1.0:
+                error = factor * error
             reward -= error * error
         for factor, wanted, place in self.logged:
             error = factor * (row[wanted] - row[place])
