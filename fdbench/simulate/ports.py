@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from fdbench.effects import Effect, Port
+from fdbench.effects._effect import LEADING_ARGUMENTS
 from fdbench.simulate import layout
 
 Shared = tuple[tuple[int, int, float], ...]  # number of the effect, index of the parameter, value
@@ -60,11 +61,14 @@ def of_time_alone(effect: type[Effect]) -> bool:
     """Return whether a force follows from time, command and parameters: its kernel reads nothing else of the axis."""
     if not effect.port.is_force or effect.states or effect.random:
         return False
-    kernel = effect.kernel.py_func
-    position, velocity, entering = kernel.__code__.co_varnames[2:5]
-    own = {position, entering} if effect.follows_command else {position, velocity, entering}
-    read = ast.walk(ast.parse(textwrap.dedent(inspect.getsource(kernel))))
-    return own.isdisjoint(node.id for node in read if isinstance(node, ast.Name))
+    return not arguments_read(effect) & ({"x", "u"} if effect.follows_command else {"x", "v", "u"})
+
+
+@lru_cache(maxsize=256)
+def arguments_read(effect: type[Effect]) -> frozenset[str]:
+    """Return which of t, h, x, v and u the kernel reads."""
+    read = ast.walk(ast.parse(textwrap.dedent(inspect.getsource(effect.kernel.py_func))))
+    return frozenset(LEADING_ARGUMENTS) & {node.id for node in read if isinstance(node, ast.Name)}
 
 
 def ports(effects: Sequence[type[Effect]], lanes: int, shared: Shared) -> dict[str, str]:

@@ -15,6 +15,7 @@ from functools import lru_cache
 
 from fdbench.effects import Effect
 from fdbench.simulate.compose import load
+from fdbench.simulate.ports import arguments_read
 
 # One axis of a block of lanes: last three forces and the weight of their differences, sample number, flag, action,
 # displacement of the motion, command of the sample, scratch of a substep. Behind them the states of the response and
@@ -33,10 +34,10 @@ from fdbench.compilation import kept, optimised
 
 
 def compiled(function):
-    return optimised(kept(njit(error_model="numpy")(function)), {level}, {interleaved})
+    return optimised(kept(njit(error_model="numpy", _nrt=False)(function)), {level}, {interleaved})
 
 
-inlined = njit(error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, no_rewrites=True)
+inlined = njit(error_model="numpy", _nrt=False, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, no_rewrites=True)
 LANES = {lanes}
 {constants}
 '''
@@ -68,7 +69,7 @@ def cubic(reference, row, axis, displacement, period):
     return x, v_0, (3.0 * mean - 2.0 * v_0 - v_1) / period, (v_0 + v_1 - 2.0 * mean) / period**2
 
 
-def measure(w, c, axis, period, limits, deviation, reference, normal, out):
+def measure(w, c, axis, period, limits, deviation, reference, normal, block, out):
     """Log one row of an axis, and fit the command of the coming period."""
     others = 0
     for i in range(LANES):
@@ -77,19 +78,19 @@ def measure(w, c, axis, period, limits, deviation, reference, normal, out):
         x, v, second, third = cubic(reference, int(w[INDEX]), axis, w[DISPLACEMENT], period)
         for i in range(LANES):
             w[X_0 + i], w[V_0 + i], w[C_2 + i], w[C_3 + i] = x + w[ACTION + i], v, second, third
-            out[3 * axis, i], out[3 * axis + 1, i] = x, v
+            out[3 * axis, block, i], out[3 * axis + 1, block, i] = x, v
     else:
         for i in range(LANES):
             x, v, second, third = cubic(reference, int(w[INDEX + i]), axis, w[DISPLACEMENT + i], period)
             w[X_0 + i], w[V_0 + i], w[C_2 + i], w[C_3 + i] = x + w[ACTION + i], v, second, third
-            out[3 * axis, i], out[3 * axis + 1, i] = x, v
+            out[3 * axis, block, i], out[3 * axis + 1, block, i] = x, v
     for i in range(LANES):
         w[PROCESS_SUM + i] = 0.0
         u_0, u_1 = w[X_0 + i], w[V_0 + i]
         position, velocity = POSITION, VELOCITY
         inside = abs(position) <= limits[0] and abs(velocity) <= limits[1]
         w[DIVERGED + i] = w[DIVERGED + i] if inside else 1.0
-        out[3 * axis + 2, i] = position + deviation[axis] * normal[axis, i]
+        out[3 * axis + 2, block, i] = position + deviation[axis] * normal[axis, i]
 
 
 def predict(w, c, period, tau, h):
@@ -167,7 +168,7 @@ def advance(blocks, first, period, substeps, coefficients, limits, deviation, re
             for axis in range(n_axes):
                 w, c = blocks[block, axis], coefficients[axis]
                 gauss = normal[block, first + k]
-                measure(w, c, axis, period, limits, deviation, reference, gauss, out[k, :, block])
+                measure(w, c, axis, period, limits, deviation, reference, gauss, block, out[k])
                 for step in range(substeps):
                     predict(w, c, period, step * h, h)
                     table_force(w, h, parameters)
@@ -231,9 +232,13 @@ def compose(effects: tuple[type[Effect], ...], pattern: Pattern, n_states: int, 
         state += len(effect.states)
     names = ", ".join(effect.name for effect in effects) or "no effects"
     after = [f"z_{n} = NEXT_{n}" for n in range(n_states)] + [f"w[Q_{n} + i] = z_{n}" for n in range(n_states)]
+    # A row that no kernel reads is not computed: each takes as many products as there are states and inputs.
+    read = frozenset[str]().union(*map(arguments_read, effects))
+    unread = tuple(f"w[{name.upper()} + i] = " for name in ("t", "x", "u") if name not in read)
     text = [f"@inlined\n{inspect.getsource(function)}" for function in (command, parabola, cubic)]
     for function in (measure, predict, correct):
         source = inspect.getsource(function).replace("NEXT_STATE", "\n        ".join(after))
+        source = "".join(line for line in source.splitlines(keepends=True) if not line.lstrip().startswith(unread))
         text.append("@inlined\n" + _sums(source, pattern))
     text.append("\n".join(["@inlined", "def table_force(w, h, parameters):", *calls, "    return"]))
     text.append(f"@compiled\n{inspect.getsource(advance)}")
