@@ -53,6 +53,7 @@ LANES = {lanes}
 
 MOST_EFFECTS = 64  # on one axis
 
+
 def cache_folder() -> Path:
     """Return the folder of generated modules: ``FDBENCH_CACHE``, else the user's cache folder, else a temporary one.
 

@@ -10,7 +10,6 @@ from functools import lru_cache
 import numpy as np
 
 from fdbench.effects import Effect, Port
-from fdbench.effects._effect import LEADING_ARGUMENTS
 from fdbench.simulate import layout
 
 Shared = tuple[tuple[int, int, float], ...]  # number of the effect, index of the parameter, value
@@ -68,7 +67,7 @@ def of_time_alone(effect: type[Effect]) -> bool:
 def arguments_read(effect: type[Effect]) -> frozenset[str]:
     """Return which of t, h, x, v and u the kernel reads."""
     read = ast.walk(ast.parse(textwrap.dedent(inspect.getsource(effect.kernel.py_func))))
-    return frozenset(LEADING_ARGUMENTS) & {node.id for node in read if isinstance(node, ast.Name)}
+    return frozenset(effect.arguments()[:5]) & {node.id for node in read if isinstance(node, ast.Name)}
 
 
 def ports(effects: Sequence[type[Effect]], lanes: int, shared: Shared) -> dict[str, str]:

@@ -37,7 +37,8 @@ def compiled(function):
     return optimised(kept(njit(error_model="numpy", _nrt=False)(function)), {level}, {interleaved})
 
 
-inlined = njit(error_model="numpy", _nrt=False, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, no_rewrites=True)
+lean = dict(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, no_rewrites=True)  # counts no references
+inlined = njit(error_model="numpy", forceinline=True, **lean)
 LANES = {lanes}
 {constants}
 '''
