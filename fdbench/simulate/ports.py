@@ -18,9 +18,9 @@ Shared = tuple[tuple[int, int, float], ...]  # number of the effect, index of th
 PORT_ARGUMENTS = {
     Port.COMMAND: "u",
     Port.TRANSMISSION: "u, total",
-    Port.MOTOR_FORCE: "u, force, slope, ahead",
-    Port.TABLE_FORCE: "u, force, slope, ahead",
-    Port.TABLE_INERTIA: "u, force, slope, ahead",
+    Port.MOTOR_FORCE: "u, force, slope",
+    Port.TABLE_FORCE: "u, force, slope",
+    Port.TABLE_INERTIA: "u, force, slope",
     Port.MOTOR_ENCODER: "u",
     Port.TABLE_SCALE: "u",
     Port.LOGGING: "u",
@@ -190,6 +190,7 @@ def _cases(found: Sequence[tuple[int, list[str]]]) -> str:
 def _port(place: int, calls: Sequence[_Call], lanes: int) -> str:
     """Return the function of a port."""
     port, arguments = list(PORT_ARGUMENTS.items())[place]
+    arguments += ", ahead" if port.is_force else ""
     head = f"@inlined\ndef {port.value}(w, calls, first_calls, h, x, v, {arguments}, uniform):\n"
     loop = f"    for n in range(first_calls[{place}], first_calls[{place + 1}]):\n"
     cases = _cases([(call.number, call.case()) for call in calls])
