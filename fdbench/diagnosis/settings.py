@@ -249,7 +249,6 @@ class JudgeSettings:
     smallest_size: float = number(1e-3, "of an effect, where its logarithm is a feature", LEARNED)
     smallest_misfit: float = number(0.3, "where its logarithm is a feature", LEARNED)
     smallest_distance: float = number(0.1, "standard deviations, where their logarithm is a feature", LEARNED)
-    smallest_strain: float = number(1.0, "twice a log prior, where its logarithm is a feature", LEARNED)
 
 
 @dataclass(frozen=True, kw_only=True)

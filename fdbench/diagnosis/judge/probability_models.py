@@ -137,17 +137,16 @@ def unknown_features(misfit: float, worst: float, strain: float) -> dict[str, fl
     worst : float
         Mean squared gap that is left in the stretch of time where that is most, in units of the noise within a run.
     strain : float
-        Minus twice the log prior of the nominal parameters beside those effects, relative to where it is greatest:
-        they may stand in for a cause that nothing else can.
+        Of nominal parameters beside them, see `Hypothesis.strain`: they may stand in for what nothing else can.
     """
     return {
         "misfit": math.log(max(misfit, JUDGE.smallest_misfit)),
         "worst": math.log(max(worst, JUDGE.smallest_misfit)),
-        "strain": math.log(max(strain, JUDGE.smallest_strain)),
+        "strain": math.log1p(strain),
     }
 
 
-def no_gap_features(misfit: float, moved: float, size: float, strain: float) -> dict[str, float]:
+def no_gap_features(misfit: float, moved: float, size: float) -> dict[str, float]:
     """Return the features of no gap.
 
     Parameters
@@ -158,12 +157,9 @@ def no_gap_features(misfit: float, moved: float, size: float, strain: float) -> 
         Largest distance of a nominal parameter, in standard deviations.
     size : float
         Of the largest effect that was found or nearly so: see `fdbench.diagnosis.search.search.Rival`.
-    strain : float
-        As in `unknown_features`, after re-calibration.
     """
     return {
         "misfit": math.log(max(misfit, JUDGE.smallest_misfit)),
         "moved": math.log(max(moved, JUDGE.smallest_distance)),
         "size": math.log10(max(size, JUDGE.smallest_size)),
-        "strain": math.log(max(strain, JUDGE.smallest_strain)),
     }

@@ -141,8 +141,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     deviating = deviating_parameters(search, found.weighed, corrected, models)
     before = search.compared(found.base, [(Effect, found.final, True)])
     left = gather(search.readings, search.split, found.final, ())
-    strain = found.weighed.prior_penalty()
-    unknown = confidence.unknown_features(before.rivals[0].misfit, left.worst(), strain)
+    unknown = confidence.unknown_features(before.rivals[0].misfit, left.worst(), found.final.strain)
     # What is left of the gap and a gain that is not as set speak for an unknown cause independently of each other.
     unknown_probability = max(
         1.0 - (1.0 - models.unknown.probability(unknown)) * (1.0 - deviating.nameless), 1.0 - discount
@@ -186,8 +185,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
     suspects, suspect_features_of = suspected(found, models, discount, {cause.effect for cause in causes})
     rivals = [rival.size for stage in (*found.contests, *found.stages[-1:]) for rival in stage.rivals[:1]]
-    size = max(rivals, default=0.0)
-    none = confidence.no_gap_features(before.misfit, deviating.furthest, size, found.base.prior_penalty())
+    none = confidence.no_gap_features(before.misfit, deviating.furthest, max(rivals, default=0.0))
     surest = max((cause.probability for cause in causes), default=0.0)
     claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": deviating.features}
     within_noise = noise_alone(float(reductions.mean()[0]))

@@ -117,6 +117,20 @@ class Hypothesis:
         )
         return sum(max(0.0, _penalty(shift) - _penalty(MODEL.far_fetched)) for shift in stated)
 
+    @property
+    def strain(self) -> float:
+        """Part of the prior penalty: of nominal parameters that are not both in a data sheet and an effect's size.
+
+        The form of friction, gains of the controller and the like can stand in for a cause, and nobody else names them.
+        """
+        scale = nominal_parameters(self.nominal)
+        own = (
+            shift
+            for item, shift in zip(scale, self.shifts, strict=True)
+            if not (item.stated and item.cause(self.nominal))
+        )
+        return sum(map(_penalty, own))
+
     def on_one_side(self) -> "list[Hypothesis]":
         """Return it with a far-fetched change on both sides of a screw put on either side alone, if there is one.
 
