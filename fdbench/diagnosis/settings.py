@@ -104,7 +104,11 @@ class ModelSettings:
     usual_speed_span: float = number(30.0, "the same for the speed of a linear axis", zero=1.0)
     smallest_ratio: float = number(0.05, "of the nominal mass or gain, below which re-calibration does not go")
     freedom: float = number(3.0, "degrees of freedom of Student's t of a nominal parameter: a few are far off")
-    most_form: float = number(1.5, "deviations by which friction at low speed may exceed its nominal form, and no more")
+    most_form: float = number(
+        1.5,
+        "deviations by which friction at low speed may exceed its nominal form, and no more",
+        "between axes without a cause and with Stribeck friction, of 76 opened ones of tier G",
+    )
     most_lag: float = number(3.0, "deviations by which the force may follow its command late, and no more")
     most_delay: float = number(2.0, "deviations by which the velocity's reference may be late or early, and no more")
     far_fetched: float = number(5.0, "deviations of a nominal parameter beyond which it stands in for an effect")
