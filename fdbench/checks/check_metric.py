@@ -72,7 +72,7 @@ def says_what_it_is(case: CheckedMetric) -> None:
     """Require a unit, a track, and different values of a perfect estimate and of a failure."""
     cls = case.cls
     misses = []
-    if cls.unit not in {"", *UNITS.values(), "%", "us"}:
+    if cls.unit not in {"", *UNITS.values(), "%", "us", "mm"}:
         misses.append(f"unit '{cls.unit}' is none of fdbench/units.py.")
     if cls.track not in TRACKS:
         misses.append(f"track '{cls.track}' is none of {', '.join(TRACKS)}.")

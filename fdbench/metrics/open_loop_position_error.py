@@ -30,6 +30,8 @@ class OpenLoopPositionError(Metric):
     Validity: EMPS is scored so, in millimetres, by nonlinearbenchmark.org, on the record of the fit and on a second
     one; here on the first. Published for it: 6.74 mm by least squares, 2.76 mm by a fit to this very error.
 
+    No ranking rests on it: nobody knows parameters that have no error.
+
     ``worst`` is what a drive that runs away, or one without mass or friction, counts for.
 
     Source: Janot, Gautier, Brunot (2019), Data Set and Reference Models of EMPS, simulation in open loop.
@@ -48,7 +50,6 @@ class OpenLoopPositionError(Metric):
     unit = "mm"
     worst = 1000.0
     track = "output"
-    primary = True
 
     def skip(self, outcome: Outcome) -> str | None:
         validation = outcome.scenario.validation
