@@ -6,12 +6,13 @@ from typing import final
 import numpy as np
 
 from fdbench.metrics._metric import Metric, Outcome
+from fdbench.plants._inverse_dynamics import NAMES_OF
 from fdbench.plants.feed_drive import FeedDrive, LinearMotor, OpenLoop
 from fdbench.record import FloatArray
 from fdbench.simulate.system import Sampled, Setup, Timing
 from fdbench.statistics import rms
 
-PARAMETERS = ("mass_kg", "viscous_friction_N_s_per_m", "coulomb_friction_N", "offset_N")
+PARAMETERS = NAMES_OF["inverse_dynamics"]
 LEVELS = ("known_effects", "force_offset")  # what the nominal effects are calibrated as
 SUBSTEPS = 10
 FAR = 1e3  # m and m/s: only a drive that runs away gets there

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fdbench.effects import Effect
 from fdbench.errors import SpecError
 from fdbench.simulate import layout
-from fdbench.simulate.block import MECHANICS_ROWS, ROW, Blocks, Mechanics
+from fdbench.simulate.block import MECHANICS_ROWS, ROW, Blocks, Mechanics, by_blocks
 from fdbench.simulate.compose import compose, room_ahead
 from fdbench.simulate.direct import Direct, compiled
 from fdbench.simulate.ports import Shared, Slot
@@ -246,12 +246,10 @@ class Axis(System):
         blocks[places] = 0.0 if action is None else action
 
     def _advance(self, rows: FloatArray) -> None:
-        whole = self.n_lanes == self._n_blocks * self._side_by_side
-        shape = *rows.shape[:2], self._n_blocks, self._side_by_side
-        raw = rows.reshape(shape) if whole else np.empty(shape)
-        self._step(self._flat_blocks, self._numbers.position, len(rows), *self._settings, raw)
-        if not whole:
-            rows[:] = raw.reshape(*rows.shape[:2], -1)[:, :, : self.n_lanes]
+        def step(raw: FloatArray) -> None:
+            self._step(self._flat_blocks, self._numbers.position, len(rows), *self._settings, raw)
+
+        by_blocks(step, rows, self._n_blocks, self._side_by_side)
 
     def advance_one(self, action: float) -> tuple[FloatArray, Sequence[float]]:
         """Advance the only lane by one sample; see `System.advance_one`."""

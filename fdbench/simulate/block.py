@@ -1,6 +1,6 @@
 """Blocks of instances of an axis: the rows of `layout`, and behind them flags, parameters and states of its effects."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -102,3 +102,14 @@ class Blocks:
         now, step = position_m, period_s * velocity_m_per_s
         state = {"X_M": now, "X_T": now, "V_M": velocity_m_per_s, "V_T": velocity_m_per_s, "BACK_1": now - step}
         self.set_scalars({**state, "BACK_2": now - 2.0 * step, "LAST_MOTOR": now, "LAST_TABLE": now}, lanes)
+
+
+def by_blocks(step: Callable[[FloatArray], None], rows: FloatArray, n_blocks: int, width: int) -> None:
+    """Fill rows (n, n_columns, n_lanes) by a step that writes (n, n_columns, n_blocks, width), full blocks in place."""
+    shape, n_lanes = (*rows.shape[:2], n_blocks, width), rows.shape[2]
+    if n_lanes == n_blocks * width:
+        step(rows.reshape(shape))
+        return
+    raw = np.empty(shape)
+    step(raw)
+    rows[:] = raw.reshape(*rows.shape[:2], -1)[:, :, :n_lanes]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fdbench.effects import Effect
 from fdbench.simulate.axis import SIDE_BY_SIDE
+from fdbench.simulate.block import by_blocks
 from fdbench.simulate.direct import compiled
 from fdbench.simulate.exponential import exponential, product
 from fdbench.simulate.random import RandomNumbers, RandomSource
@@ -137,10 +138,7 @@ class StageSystem(System):
             np.ascontiguousarray(reference),
             np.array([value for effect in effects for value in effect.values()]),
         )
-        state, velocities = (
-            np.stack([response.rest for response in responses]) * first[:, :1],
-            start.velocities(len(axes)),
-        )
+        state, velocities = np.stack([item.rest for item in responses]) * first[:, :1], start.velocities(len(axes))
         if velocities.any():
             state += np.stack([response.motion for response in responses]) * velocities[:, None]
         self._n_states = state.shape[1]
@@ -179,12 +177,10 @@ class StageSystem(System):
         self._actions[:] = self._of_lanes.reshape(len(self._of_lanes), self._n_blocks, -1).swapaxes(0, 1)
 
     def _advance(self, rows: FloatArray) -> None:
-        whole = self.n_lanes == self._n_blocks * self._side_by_side
-        shape = *rows.shape[:2], self._n_blocks, self._side_by_side
-        raw = rows.reshape(shape) if whole else np.empty(shape)
-        self._stepper(self._flat, self._numbers.position, *self._fixed, raw)
-        if not whole:
-            rows[:] = raw.reshape(*rows.shape[:2], -1)[:, :, : self.n_lanes]
+        def step(raw: FloatArray) -> None:
+            self._stepper(self._flat, self._numbers.position, *self._fixed, raw)
+
+        by_blocks(step, rows, self._n_blocks, self._side_by_side)
 
     @property
     def diverged(self) -> NDArray[np.bool_]:

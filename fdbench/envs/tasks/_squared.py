@@ -44,9 +44,7 @@ class SquaredDeviation(Task):
             return 0.0 - error * error
         reward = 0.0
         for factor, series, place in self.targets:
-            error = series[k] - row[place]
-            if factor != 1.0:
-                error = factor * error
+            error = factor * (series[k] - row[place])
             reward -= error * error
         for factor, wanted, place in self.logged:
             error = factor * (row[wanted] - row[place])
