@@ -1,5 +1,6 @@
 """What several parts compute alike: the root mean square, and the seeded bootstrap with the interval that follows."""
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -38,9 +39,14 @@ def drawn_counts(groups: NDArray[Any], n_resamples: int, seed: int = 0) -> Float
     [[1.0, 1.0, 1.0], [2.0, 2.0, 0.0]]
     """
     names, place = np.unique(groups, return_inverse=True)
-    n = len(names)
+    return _drawn(len(names), n_resamples, seed)[:, place]
+
+
+@lru_cache(maxsize=4)
+def _drawn(n: int, n_resamples: int, seed: int) -> FloatArray:
+    """Return how often each of n groups is drawn, (n_resamples, n)."""
     counts = np.random.default_rng(seed).multinomial(n, np.full(n, 1.0 / n), size=n_resamples)
-    return np.asarray(counts[:, place], dtype=np.float64)
+    return counts.astype(np.float64)
 
 
 def drawn_rows(strata: NDArray[Any], n_resamples: int, seed: int = 0) -> NDArray[np.intp]:

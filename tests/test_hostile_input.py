@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from fdbench.convergence import integration_doubt
 from fdbench.effects import effects
 from fdbench.errors import FdbenchError, RecordError, SpecError
 from fdbench.plants._linear_system import continuous
+from fdbench.plants.feed_drive import FeedDrive
 from fdbench.reading import read_record
 from fdbench.reading.formats.mdf import Mdf
 from fdbench.reading.formats.sinumerik_trace import SinumerikTrace
@@ -422,6 +424,15 @@ def test_a_damaged_calibration_is_refused(tmp_path: Path) -> None:
 def test_a_machine_that_cannot_be_computed_with_is_refused() -> None:
     with pytest.raises(SpecError, match="too large or too small to compute with"):
         continuous(np.array([[np.nan]]), np.array([[1.0]]), np.array([[1.0]]), ["force_N"], ["position_m"], 1e-3)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_mass_that_cannot_be_divided_by_is_refused() -> None:
+    plant = load_scenario("ShakerConstant-v0").plant
+    assert isinstance(plant, FeedDrive)
+    light = replace(plant, motor=replace(plant.motor, mass_kg=5e-324))
+    with pytest.raises(SpecError, match=r"plant: the values of this machine are too large or too small"):
+        light.check_loop(1e-3)
 
 
 def test_an_answer_without_a_nominal_gap_is_shown(tmp_path: Path) -> None:

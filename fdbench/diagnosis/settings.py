@@ -200,7 +200,9 @@ class SearchSettings:
     )
     converged: float = number(3e-4, "fall of the objective, relative to its excess over noise, that ends a refinement")
     smallest_fall: float = number(2.0, "fall of the objective that is no evidence of anything")
-    dampings: tuple[float, ...] = number((0.0, 0.03, 0.3, 3.0), "of the diagonal of the normal matrix, tried together")
+    dampings: tuple[float, ...] = number(
+        (0.03, 0.3, 3.0), "of the diagonal of the normal matrix, tried together where a step without promises too much"
+    )
     further_dampings: tuple[float, ...] = number((30.0, 300.0, 3000.0), "tried where none of those falls as promised")
     reviews: int = number(3, "rounds in which effects may be replaced by rivals or go")
     loops: tuple[int, ...] = number((2, 4), "cycles of the controller in a sampling time that are tried")

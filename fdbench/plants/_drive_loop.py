@@ -7,6 +7,7 @@ from typing import final
 import numpy as np
 
 from fdbench.effects import Effect, LinearPart, Port
+from fdbench.errors import SpecError
 from fdbench.plants._friction_curve import friction_line
 from fdbench.plants._linear_system import LinearSystem
 from fdbench.record import FloatArray
@@ -86,7 +87,14 @@ def drive_plant(
     effects : sequence of Effect
         Of the nominal model; each enters by its `Effect.linear_part`, a friction without one by its slope.
     velocity_limit_m_per_s : float
+
+    Raises
+    ------
+    SpecError
+        If masses and stiffnesses are too large or too small to compute with.
     """
+    if not (np.isfinite(mechanics.A).all() and np.isfinite(mechanics.B).all()):
+        raise SpecError("plant: the values of this machine are too large or too small to compute with.")
     n = 2 if mechanics.rigid else 4
     table = n - 2  # a rigid axis has one pair of states for both sides
     A, B = mechanics.A[:n, :n].copy(), mechanics.B[:n].copy()

@@ -66,8 +66,8 @@ def check_substep(effects: Sequence[Effect], mass_of: dict[Port, float], period_
 
 
 def spectral_radius(A: FloatArray) -> float:
-    """Return the largest magnitude of an eigenvalue of a matrix (n, n)."""
-    return float(np.abs(np.linalg.eigvals(A)).max())
+    """Return the largest magnitude of an eigenvalue of a matrix (n, n); inf where it is not finite."""
+    return math.inf if not np.isfinite(A).all() else float(np.abs(np.linalg.eigvals(A)).max())
 
 
 def is_stable(A: FloatArray) -> bool:
@@ -125,6 +125,8 @@ def check_loop(A: FloatArray, B: FloatArray, C: FloatArray, period_s: float) -> 
         Sampling time.
     """
     closed = A - np.outer(B, C)
+    if not np.isfinite(closed).all():
+        raise SpecError("plant: the values of this machine are too large or too small to compute with.")
     if is_stable(closed):
         return
     poles = np.linalg.eigvals(closed)

@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +23,12 @@ class Evidence:
     Attributes
     ----------
     products : (n_segments, n_columns, n_columns) array
-        Weighted by :math:`w = 1 / (1 + \kappa (g - 1) + \kappa_0 (g_0 - 1))` with the segment's gap g in units of the
-        floor, and that of the model without effects: an error of the responses in proportion to the gap, or of
-        effects in proportion to what they explain, is not read as evidence.
-    gaps : (n_segments,) array
-        Squared gap without weights.
     counts : (n_segments,) array
         Samples.
     weights : (n_segments,) array
+        :math:`w = 1 / (1 + \kappa (g - 1) + \kappa_0 (g_0 - 1))` with the segment's gap g in units of the floor, and
+        that of the model without effects: an error of the responses in proportion to the gap, or of effects in
+        proportion to what they explain, is not read as evidence.
     held_out : (n_segments,) array of bool
     group : (n_segments,) array of int
         The same stretch of time has one group over all channels, for the bootstrap.
@@ -38,7 +37,6 @@ class Evidence:
     """
 
     products: FloatArray
-    gaps: FloatArray
     counts: FloatArray
     weights: FloatArray
     held_out: NDArray[np.bool_]
@@ -56,11 +54,26 @@ class Evidence:
         part = self.held_out == held_out
         return misfit(self.squares()[part].sum(axis=0), self.weights[part], self.counts[part])
 
-    def squares(self) -> FloatArray:
-        """Return the weighted squared gap of the base and of each variant, (n_segments, n_columns)."""
+    @property
+    def gaps(self) -> FloatArray:
+        """Squared gap of the base, (n_segments,)."""
+        return self.products[:, 0, 0]
+
+    def squared_gaps(self) -> FloatArray:
+        """Return the squared gap of the base and of each variant, (n_segments, n_columns)."""
         own = np.diagonal(self.products, axis1=1, axis2=2).copy()
         own[:, 1:] += self.products[:, :1, 0] - 2.0 * self.products[:, 0, 1:]
         return own
+
+    def squares(self) -> FloatArray:
+        """Return the same, weighted."""
+        return self.squared_gaps() * self.weights[:, None]
+
+    @cached_property
+    def sums(self) -> FloatArray:
+        """Weighted products summed over the training and over the held-out segments, (2, n_columns, n_columns)."""
+        parts = np.stack([~self.held_out, self.held_out]) * self.weights
+        return np.tensordot(parts, self.products, 1)
 
     def of_run(self, place: int) -> "Evidence":
         """Return the evidence of one run, by its place in the split."""
@@ -76,7 +89,7 @@ class Evidence:
         """Return the mean square of each column in the run where that is most, in units of what repeats differ by."""
         within = np.array([(floor.rms / floor.total) ** 2 for floor in split.noise_models.values()])[self.channel]
         repeats = np.array([run.repeats for run in split.runs])[self.run]
-        squares = np.diagonal(self.products, axis1=1, axis2=2) * (within / self.weights / repeats)[:, None]
+        squares = np.diagonal(self.products, axis1=1, axis2=2) * (within / repeats)[:, None]
         runs, place = np.unique(self.run, return_inverse=True)
         sums = np.zeros((len(runs), squares.shape[1]))
         np.add.at(sums, place, squares)
@@ -114,34 +127,33 @@ def gather(
     place_of = {id(base): 0} | {id(item): place for place, item in enumerate(origins, 1 + len(variants))}
     counted_from = [place_of[id(item)] for item in about or [base] * len(variants)]
     lanes = [base, *variants, *origins]
-    products, counts, outs, groups, owners, channels, known = [], [], [], [], [], [], []
-    offset = 0
     numbers = range(len(split.runs)) if places is None else places
-    for number, simulated in zip(numbers, readings.each(numbers, lanes, [base, *keep], lent=True), strict=True):
-        run, out = split.runs[number], split.held_out[number]
-        count = segment_counts(run)
-        starts = np.arange(len(count)) * segment_length(run)
-        for place, (name, own) in enumerate(
-            zip(run.channels, segment_products(split, number, simulated, counted_from), strict=True)
-        ):
-            products.append(own)
+    segments = [segment_counts(split.runs[number]) for number in numbers]
+    n_columns, n_channels = 1 + len(variants), len(split.noise_models)
+    products = np.empty((n_channels * sum(map(len, segments)), n_columns, n_columns))
+    counts, outs, groups, owners, channels, known = [], [], [], [], [], []
+    first = offset = 0
+    simulated = readings.each(numbers, lanes, [base, *keep], lent=True)
+    for number, count, own in zip(numbers, segments, simulated, strict=True):
+        run, out, n = split.runs[number], split.held_out[number], len(count)
+        last = first + n_channels * n
+        segment_products(
+            split, number, own, counted_from, products[first:last].reshape(n_channels, n, n_columns, n_columns)
+        )
+        for place, name in enumerate(run.channels):
             counts.append(count)
-            outs.append(out[starts])
-            groups.append(offset + np.arange(len(count)))
-            owners.append(np.full(len(count), number))
-            channels.append(np.full(len(count), place))
+            outs.append(out[:: segment_length(run)])
+            groups.append(offset + np.arange(n))
+            owners.append(np.full(n, number))
+            channels.append(np.full(n, place))
             known.append(split.explained[number][name] if split.explained else count)
-        offset += len(count)
-    summed = np.concatenate(products)
-    gap, count = summed[:, 0, 0].copy(), np.concatenate(counts)
-    excess, explained = (np.maximum(item / count - 1.0, 0.0) for item in (gap, np.concatenate(known)))
-    weight = 1.0 / (1.0 + EVIDENCE.model_error * excess + EVIDENCE.explained_error * explained)
-    summed *= weight[:, None, None]
+        first, offset = last, offset + n
+    every = np.concatenate(counts)
+    excess, explained = (np.maximum(item / every - 1.0, 0.0) for item in (products[:, 0, 0], np.concatenate(known)))
     return Evidence(
-        products=summed,
-        gaps=gap,
-        counts=count,
-        weights=weight,
+        products=products,
+        counts=every,
+        weights=1.0 / (1.0 + EVIDENCE.model_error * excess + EVIDENCE.explained_error * explained),
         held_out=np.concatenate(outs),
         group=np.concatenate(groups),
         run=np.concatenate(owners),

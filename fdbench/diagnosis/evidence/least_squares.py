@@ -45,7 +45,7 @@ class Scores:
     ) -> None:
         self.priors, self.limits = dict(priors), dict(limits)
         inside = ~evidence.held_out
-        self.train, self.test = evidence.products[inside].sum(axis=0), evidence.products[~inside].sum(axis=0)
+        self.train, self.test = evidence.sums
         self._parts = [(evidence.weights[part], evidence.counts[part]) for part in (inside, ~inside)]
 
     def fit(self, columns: Sequence[int], damping: float = 0.0) -> Fit:

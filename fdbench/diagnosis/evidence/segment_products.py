@@ -31,9 +31,9 @@ def segment_counts(run: RecordedRun) -> FloatArray:
 
 
 def segment_products(
-    split: Split, number: int, readings: Mapping[str, FloatArray], counted_from: Sequence[int]
-) -> list[FloatArray]:
-    r"""Return for each channel of a run the products of its gap and of responses, (n_segments, n_columns, n_columns).
+    split: Split, number: int, readings: Mapping[str, FloatArray], counted_from: Sequence[int], products: FloatArray
+) -> None:
+    r"""Fill in the products of the gap of a run and of responses, for each channel and segment.
 
     Parameters
     ----------
@@ -44,6 +44,7 @@ def segment_products(
         Each channel as the base and variants read it, (at least n_columns, n_samples).
     counted_from : sequence of int
         Row of the readings from which the response of each variant is counted; one that diverges has none.
+    products : (n_channels, n_segments, n_columns, n_columns) array, written
 
     Notes
     -----
@@ -54,30 +55,28 @@ def segment_products(
     .. math:: y y^T - A (U^T y^T) - (y U) A^T + A (U^T U) A^T.
     """
     run, change = split.runs[number], split.changes[number] if split.changes else None
-    found = []
+    n_columns = 1 + len(counted_from)
+    n_rows = n_columns + len(change.directions) if change else n_columns
+    # Directions stand beside the columns until these are whitened by them.
+    found = np.empty((*products.shape[:2], n_rows, n_rows)) if change else products
     for place, (name, measured) in enumerate(run.channels.items()):
         directions = change.directions[:, place] if change else np.empty((0, run.n_samples))
-        found.append(
-            _products(
-                readings[name], measured, counted_from, split.per_unit(number, name), directions, segment_length(run)
-            )
-        )
-    n_columns = 1 + len(counted_from)
-    squares = [np.diagonal(own, axis1=1, axis2=2)[:, :n_columns].sum(axis=0) for own in found]
-    lost = ~np.logical_and.reduce([own < HUGE**2 for own in squares])
-    if lost.any():
-        for own in found:
-            own[:, np.flatnonzero(lost)] = 0.0
-            own[:, :, np.flatnonzero(lost)] = 0.0
+        per_unit = split.per_unit(number, name)
+        _fill(found[place], readings[name], measured, counted_from, per_unit, directions, segment_length(run))
+    squares = np.diagonal(found, axis1=2, axis2=3)[:, :, :n_columns].sum(axis=1)
+    lost = np.flatnonzero(~(squares < HUGE**2).all(axis=0))
+    if len(lost):
+        found[:, :, lost] = 0.0
+        found[:, :, :, lost] = 0.0
     if change:
         _whiten(found, n_columns, change)
-    if lost[0]:
-        for own in found:
-            own[:, 0, 0] = DIVERGED**2 * segment_counts(run)
-    return [own[:, :n_columns, :n_columns] for own in found]
+        products[:] = found[:, :, :n_columns, :n_columns]
+    if 0 in lost:
+        products[:, :, 0, 0] = DIVERGED**2 * segment_counts(run)
 
 
-def _products(
+def _fill(
+    products: FloatArray,
     readings: FloatArray,
     measured: FloatArray,
     counted_from: Sequence[int],
@@ -85,12 +84,11 @@ def _products(
     directions: FloatArray,
     length: int,
 ) -> FloatArray:
-    """Return the products of a channel's gap, responses and directions, (n_segments, n_rows, n_rows)."""
+    """Fill in the products of a channel's gap, responses and directions, (n_segments, n_rows, n_rows)."""
     n_columns, n_samples = 1 + len(counted_from), len(measured)
     n_rows = n_columns + len(directions)
     origins = np.array(counted_from, dtype=np.intp)
     at_once = length * max(1, PIECE // length)
-    products = np.empty((-(-n_samples // length), n_rows, n_rows))
     buffer = np.empty((n_rows, at_once))
     for first in range(0, n_samples, at_once):
         n = min(at_once, n_samples - first)
@@ -105,12 +103,11 @@ def _products(
         if n > whole * length:
             rest = signals[:, whole * length :]
             np.matmul(rest, rest.T, out=products[-1])
-    return products
 
 
-def _whiten(found: Sequence[FloatArray], n_columns: int, change: Change) -> None:
+def _whiten(found: FloatArray, n_columns: int, change: Change) -> None:
     """Whiten the products of columns, in place."""
-    along = sum(own[:, :n_columns, n_columns:].sum(axis=0) for own in found) * change.shrinkage
+    along = found[:, :, :n_columns, n_columns:].sum(axis=(0, 1)) * change.shrinkage
     for own in found:
         half = along @ (own[:, n_columns:, :n_columns] - 0.5 * own[:, n_columns:, n_columns:] @ along.T)
         own[:, :n_columns, :n_columns] -= half

@@ -183,9 +183,8 @@ class Forecaster:
         self.n_shifts = len(shifted)
         self.variants = [*shifted, *(rival.hypothesis for rival in self.stage.rivals)]
         evidence = gather(readings, split, stage.base, self.variants, split.fitted)
-        inside = ~evidence.held_out
-        self.known = evidence.products[inside].sum(axis=0)
-        self.count = float(evidence.counts[inside].sum())
+        self.known, _ = evidence.sums
+        self.count = float(evidence.counts[~evidence.held_out].sum())
         self.changes = evidence.sizes(split)[self._columns]
         self.alone, now = self._fits(self.known)
         # What would have shown at its typical size is smaller, if it is there.

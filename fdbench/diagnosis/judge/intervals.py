@@ -26,10 +26,10 @@ def intervals(search: Search, final: Hypothesis) -> list[dict[str, Pair]]:
     inside = ~evidence.held_out
     n, n_all = len(numbers), len(numbers) + len(others)
     prior = np.r_[[float(item.prior) for item in numbers], np.full(len(others), JUDGE.hidden**-2)]
-    normal = evidence.products[inside].sum(axis=0)[1:, 1:] + np.diag(prior)
+    normal = evidence.sums[0, 1:, 1:] + np.diag(prior)
     groups, place = np.unique(evidence.group[inside], return_inverse=True)
     sums = np.zeros((len(groups), n_all))
-    np.add.at(sums, place, evidence.products[inside, 0, 1:])
+    np.add.at(sums, place, evidence.weights[inside, None] * evidence.products[inside, 0, 1:])
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
     inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
     spread = sums.T @ sums * len(groups) / max(len(groups) - n, 1)

@@ -89,7 +89,7 @@ def channel_gaps(readings: Readings, split: Split, hypotheses: Sequence[Hypothes
     """Return the mean squared held-out gap of each channel in units of the floor, (n_hypotheses, n_channels)."""
     evidence = gather(readings, split, hypotheses[0], hypotheses[1:], split.judged)
     out = evidence.held_out
-    squares = (evidence.squares() / evidence.weights[:, None])[out]
+    squares = evidence.squared_gaps()[out]
     inside = evidence.channel[out] == np.arange(len(split.noise_models))[:, None]
     return np.asarray((inside @ squares / np.maximum(inside @ evidence.counts[out], 1.0)[:, None]).T)
 
@@ -106,7 +106,7 @@ def reductions_of(readings: Readings, split: Split, base: Hypothesis, final: Hyp
     shifted = final.moved_in_turn()
     evidence = gather(readings, split, variants[0], [*variants, *shifted], keep=[final, *shifted])
     outside = evidence.held_out
-    train = evidence.products[~outside].sum(axis=0)
+    judged, (train, _) = evidence.products[outside], evidence.sums
     n, m = len(subsets), len(shifted)
     responses = np.zeros((m, 1 + n + m))
     responses[:, 1 + n :] = np.eye(m)
@@ -118,8 +118,7 @@ def reductions_of(readings: Readings, split: Split, base: Hypothesis, final: Hyp
         normal = responses @ train @ responses.T + np.eye(m)
         right = responses @ train @ residual - np.asarray(variant.shifts)
         combined = residual if variant in (base, final) else residual - np.linalg.solve(normal, right) @ responses
-        squares = np.einsum("i,sij,j->s", combined, evidence.products[outside], combined)
-        gaps.append(squares / evidence.weights[outside])
+        gaps.append(np.einsum("i,sij,j->s", combined, judged, combined))
     return Reductions(
         subsets=subsets,
         by_segment=np.array(gaps).T,

@@ -152,7 +152,10 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         alone = tuple(other for other in everything if other != index)
         same = indistinguishable(contest, type(effect))
         features = confidence.effect_features(contest, type(effect), same)
-        removed = force_balances_removed(search.readings, search.split, contest)
+        fitted = [rival for rival in contest.rivals if rival.refined or rival.kind is type(effect)]
+        removed = force_balances_removed(
+            search.readings, search.split, dataclasses.replace(contest, rivals=tuple(fitted))
+        )
         effect_features_of[OR.join((effect.name, *same))] = features
         odds = divided(contest, type(effect), same, models.effect.probability(features, [effect.name, *same]))
         # What the written model is no better with, beside all others, is not named.

@@ -37,11 +37,14 @@ class Calibrated:
     cost: float
 
     @classmethod
-    def of(cls, ready: Aligned) -> "Calibrated":
-        """Re-calibrate the nominal parameters of a model."""
+    def of(cls, ready: Aligned, near: Hypothesis | None = None) -> "Calibrated":
+        """Re-calibrate the nominal parameters of a model, in one refinement where they are known to lie near others."""
         given = start(ready.nominal)
         refinement = Refinement(ready.readings.coarsened(given, ready.split.noise_models), ready.split)
-        found = refinement.calibrate(given)
+        if near is None:
+            found = refinement.calibrate(given)
+        else:
+            found = refinement.refine(dataclasses.replace(given, shifts=near.shifts))
         evidence = gather(refinement.readings, ready.split, found, ())
         inside = ~evidence.held_out
         counts = float((evidence.weights * evidence.counts)[inside].sum())
@@ -63,8 +66,11 @@ def at_likely_rate(ready: Aligned) -> Calibrated:
     for loops in SEARCH.loops:
         if best.misfit < SEARCH.noise_alone:
             break
-        tried = Calibrated.of(_at_rate(ready, loops))
-        if tried.cost > best.cost - 2.0 * math.log(len(ready.nominal.library)):
+        at_rate, enough = _at_rate(ready, loops), best.cost - 2.0 * math.log(len(ready.nominal.library))
+        if Calibrated.of(at_rate, near=best.hypothesis).cost > enough:
+            break
+        tried = Calibrated.of(at_rate)
+        if tried.cost > enough:
             break
         best = tried
     return best

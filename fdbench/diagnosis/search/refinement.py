@@ -94,11 +94,12 @@ class Refinement:
     def refine(self, given: Hypothesis, fixed: Collection[str] = (), *, tempered: bool = True) -> Hypothesis:
         """Fit all numbers of a hypothesis but fixed ones on the training segments in closed loop.
 
-        What is minimised are the weighted squares and, `prior_weight` times, the prior penalty, by damped Gauss-Newton
-        steps (Levenberg 1944, Marquardt 1963): the normal matrix has its diagonal raised by several factors at once,
-        all of these steps are simulated together, and the best is taken. The responses to the numbers serve for further
-        steps as long as steps keep what they promise (chords: Shamanskii 1967), and are simulated anew otherwise. What
-        is to predict best, and is compared with nothing, is fitted by all samples as they are, not ``tempered``.
+        What is minimised are the weighted squares and, `prior_weight` times, the prior penalty, by Gauss-Newton steps.
+        Where one does not keep what it promises, steps of which the normal matrix has its diagonal raised by several
+        factors (Levenberg 1944, Marquardt 1963) are simulated together, and the best is taken. The responses to the
+        numbers serve for further steps as long as steps keep what they promise (chords: Shamanskii 1967), and are
+        simulated anew otherwise. What is to predict best, and is compared with nothing, is fitted by all samples as
+        they are, not ``tempered``.
         """
         hypothesis, tangent = given, self.tangent(given)
         moving = [place for place, item in enumerate(adjustables_of(given)) if item.name not in fixed]
@@ -115,15 +116,17 @@ class Refinement:
             if promise < enough:
                 break
             start, fell, fresh = hypothesis, 0.0, tangent.is_about(hypothesis)
-            for dampings in (SEARCH.dampings, SEARCH.further_dampings):
+            tried = [start]
+            for dampings in ((0.0,), SEARCH.dampings, SEARCH.further_dampings):
                 trials = steps.damped(dampings)
                 after = _objectives(self._squares(start, trials)[1:], trials, weight)
                 best = int(np.argmin(after))
-                if after[best] < before:
+                if before - after[best] > fell:
                     hypothesis, fell = trials[best], before - after[best]
-                self._fitted_readings.forget([item for item in (start, *trials) if item not in (given, hypothesis)])
-                if fell > 0.0 or not fresh:
+                tried += trials
+                if fell >= SEARCH.kept_promise * promise or (dampings[0] > 0.0 and (fell > 0.0 or not fresh)):
                     break
+            self._fitted_readings.forget([item for item in tried if item not in (given, hypothesis)])
             if fresh and fell < enough:
                 break
             if fell < SEARCH.kept_promise * promise:

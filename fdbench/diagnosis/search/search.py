@@ -185,8 +185,7 @@ class Search:
         alone = float(evidence.squares()[inside, 0].sum())
         priors, room = base.priors(prior_weight(alone)), base.room()
         scores = Scores(evidence, dict(enumerate(priors, start=1)), dict(enumerate(room, start=1)))
-        squares = np.diagonal(evidence.products[inside].sum(axis=0))
-        deviations = np.sqrt(squares / float(evidence.counts[inside].sum()))
+        deviations = np.sqrt(np.diagonal(scores.train) / float(evidence.counts[inside].sum()))
         return _Screened(
             alone=scores.fit(nuisances),
             fits=[_within_bounds(item, scores, nuisances, own) for item, own in zip(every, columns, strict=True)],

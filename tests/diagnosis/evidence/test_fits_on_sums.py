@@ -13,7 +13,6 @@ def evidence_of(gap: np.ndarray, columns: np.ndarray) -> Evidence:
     one, zero = np.ones(1), np.zeros(1, dtype=np.intp)
     return Evidence(
         products=(signals @ signals.T)[None],
-        gaps=np.array([gap @ gap]),
         counts=np.array([float(len(gap))]),
         weights=one,
         held_out=np.zeros(1, dtype=np.bool_),
