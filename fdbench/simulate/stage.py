@@ -137,6 +137,7 @@ class StageSystem(System):
             deviations,
             np.ascontiguousarray(reference),
             np.array([value for effect in effects for value in effect.values()]),
+            np.empty((len(self._kinds), 2, substeps)),
         )
         state, velocities = np.stack([item.rest for item in responses]) * first[:, :1], start.velocities(len(axes))
         if velocities.any():
@@ -222,7 +223,7 @@ def _sums(responses: Sequence[Response], h: float) -> tuple[Pattern, FloatArray]
         "POSITION": (state, np.stack([response.C for response in responses])),
         "VELOCITY": ([*state, "u_0", "u_1"], table[:, 1]),
         **{f"MIDDLE_{name}": ([*state, *inputs, "x_0", "v_0"], middle[:, row]) for row, name in enumerate("XVU")},
-        "MOBILITY": (["1.0"], -middle[:, 1, n + 4, None]),
+        "STIFFNESS": (["w[SLOPE + i]"], -middle[:, 1, n + 4, None]),
         **{f"NEXT_{row}": ([*state, *inputs], full[:, row]) for row in range(n)},
     }
     pattern, coefficients = [], []

@@ -71,7 +71,7 @@ def cubic(reference, row, axis, displacement, period):
 
 
 def measure(w, c, axis, period, limits, deviation, reference, normal, block, out):
-    """Log one row of an axis, and fit the command of the coming period."""
+    """Log one row of an axis, fit the coming command, and return whether lanes have it alike but for actions."""
     others = 0
     for i in range(LANES):
         others += 1 if w[INDEX + i] != w[INDEX] or w[DISPLACEMENT + i] != w[DISPLACEMENT] else 0
@@ -92,6 +92,16 @@ def measure(w, c, axis, period, limits, deviation, reference, normal, block, out
         inside = abs(position) <= limits[0] and abs(velocity) <= limits[1]
         w[DIVERGED + i] = w[DIVERGED + i] if inside else 1.0
         out[3 * axis + 2, block, i] = position + deviation[axis] * normal[axis, i]
+    return others == 0
+
+
+def look_ahead(w, c, period, h, parameters, ahead):
+    """Compute the forces of a sample that follow from time and velocity, where lanes have both alike."""
+    for step in range(ahead.shape[2]):
+        middle = step * h + 0.5 * h
+        _, v_0, _, _ = command(middle, w[X_0], w[V_0], w[C_2], w[C_3])
+        t = w[INDEX] * period + middle
+        KNOWN_FORCES
 
 
 def predict(w, c, period, tau, h):
@@ -116,7 +126,7 @@ def predict(w, c, period, tau, h):
 def correct(w, c, tau, h):
     """Advance the state over a substep under the force that the effects have at its middle."""
     for i in range(LANES):
-        stiffness = w[SLOPE + i] * MOBILITY
+        stiffness = STIFFNESS
         f_1, f_2 = w[FORCE_0 + i], w[FORCE_1 + i]
         force = w[AHEAD + i] + (w[FORCE + i] - w[AHEAD + i]) / (1.0 + stiffness)
         weight = 1.0 / (1.0 + 16.0 * (stiffness * stiffness))
@@ -127,7 +137,9 @@ def correct(w, c, tau, h):
         w[PROCESS_SUM + i] += w[PROCESS + i]
 
 
-def advance(blocks, first, period, substeps, coefficients, limits, deviation, reference, parameters, normal, out):
+def advance(
+    blocks, first, period, substeps, coefficients, limits, deviation, reference, parameters, ahead, normal, out
+):
     r"""Advance every lane of every block by the samples of ``out``.
 
     Between samples the command u is the cubic through its positions and velocities. Over a substep h the force f is the
@@ -155,6 +167,8 @@ def advance(blocks, first, period, substeps, coefficients, limits, deviation, re
     reference : (n_reference, 3 n_axes) array
     parameters : (n_parameters,) array
         Those of all effects.
+    ahead : (n_effects, 2, substeps) array, written
+        Force and slope of those effects that lanes may have alike.
     normal : (n_blocks, n_random, n_axes, LANES) array
         Standard normal numbers.
     out : (n_samples, 4 n_axes + 1, n_blocks, LANES) array, written
@@ -169,10 +183,12 @@ def advance(blocks, first, period, substeps, coefficients, limits, deviation, re
             for axis in range(n_axes):
                 w, c = blocks[block, axis], coefficients[axis]
                 gauss = normal[block, first + k]
-                measure(w, c, axis, period, limits, deviation, reference, gauss, block, out[k])
+                alike = measure(w, c, axis, period, limits, deviation, reference, gauss, block, out[k])
+                if alike:
+                    look_ahead(w, c, period, h, parameters, ahead)
                 for step in range(substeps):
                     predict(w, c, period, step * h, h)
-                    table_force(w, h, parameters)
+                    table_force(w, h, parameters, alike, ahead[:, :, step])
                     correct(w, c, step * h, h)
                 for i in range(LANES):
                     w[INDEX + i] += 1.0
@@ -180,22 +196,44 @@ def advance(blocks, first, period, substeps, coefficients, limits, deviation, re
                     out[k, 4 * n_axes, block, i] = max(out[k, 4 * n_axes, block, i], w[DIVERGED + i])
 
 
-def _call(number: int, effect: type[Effect], parameter: int, state: int, lanes: int) -> list[str]:
-    """Return the loop over lanes that adds one effect; its internal states begin at row ``state``."""
-    values = [f"parameters[{place}]" for place in range(parameter, parameter + len(effect.parameters()))]
+def _call(number: int, effect: type[Effect], parameter: int, state: int, lanes: int, known: bool) -> list[str]:
+    """Return the loop over lanes that adds one effect; its internal states begin at row ``state``.
+
+    One that is ``known`` ahead is not computed again where lanes are alike.
+    """
+    names = [f"p_{n}" for n in range(len(effect.parameters()))]
     internal = [f"w[{row * lanes} + i]" for row in range(state, state + len(effect.states))]
     velocity = "w[COMMANDED_V + i]" if effect.follows_command else "w[V + i]"
-    given = ["w[T + i]", "h", "w[X + i]", velocity, "w[U + i]", *[f"p_{n}" for n in range(len(values))], *internal]
-    kept = [f"z_{n}" for n in range(len(internal))]
-    return [
-        *(f"    p_{n} = {value}" for n, value in enumerate(values)),
-        "    for i in range(LANES):",
-        f"        {', '.join(['value', 'steep', *kept])} = kernel_{number}({', '.join(given)})",
-        "        w[FORCE + i] += value",
-        "        w[SLOPE + i] += steep",
-        *(["        w[PROCESS + i] += value"] if effect.adds_to_disturbance() else []),
-        *(f"        {place} = {name}" for place, name in zip(internal, kept, strict=True)),
+    given = ["w[T + i]", "h", "w[X + i]", velocity, "w[U + i]", *names, *internal]
+    found = ["value", "steep", *(f"z_{n}" for n in range(len(internal)))]
+    added = [
+        "w[FORCE + i] += value",
+        "w[SLOPE + i] += steep",
+        *(["w[PROCESS + i] += value"] if effect.adds_to_disturbance() else []),
+        *(f"{place} = {name}" for place, name in zip(internal, found[2:], strict=True)),
     ]
+    lines = _each("for i in range(LANES):", [f"{', '.join(found)} = kernel_{number}({', '.join(given)})", *added])
+    if known:
+        alike = [f"value, steep = ahead[{number}, 0], ahead[{number}, 1]", *_each("for i in range(LANES):", added)]
+        lines = [*_each("if alike:", alike), *_each("else:", lines)]
+    return [*(f"{name} = parameters[{parameter + n}]" for n, name in enumerate(names)), *lines]
+
+
+def _known_force(number: int, effect: type[Effect], parameter: int) -> str:
+    """Return the line that computes one effect ahead."""
+    values = [f"parameters[{place}]" for place in range(parameter, parameter + len(effect.parameters()))]
+    given = ["t", "h", "0.0", "v_0" if effect.follows_command else "MIDDLE_V", "0.0", *values]
+    return f"ahead[{number}, 0, step], ahead[{number}, 1, step] = kernel_{number}({', '.join(given)})"
+
+
+def _each(head: str, lines: list[str]) -> list[str]:
+    """Return lines under a head."""
+    return [head, *(f"    {line}" for line in lines)]
+
+
+def _without(text: str, beginnings: tuple[str, ...]) -> str:
+    """Return the lines of a text that begin otherwise."""
+    return "\n".join(line for line in text.split("\n") if not line.lstrip().startswith(beginnings))
 
 
 def _sums(text: str, pattern: Pattern) -> str:
@@ -224,24 +262,30 @@ def compose(effects: tuple[type[Effect], ...], pattern: Pattern, n_states: int, 
     """
     rows = [*ROWS, *(f"Q_{n}" for n in range(n_states))]
     constants = [f"{name} = {row * lanes}" for row, name in enumerate(rows)]
-    calls, parameter, state = [], 0, len(rows)
+    sums = dict(pattern)
+    calls, known_forces, parameter, state = [], [], 0, len(rows)
     for number, effect in enumerate(effects):
         effect.check_signature()
         constants.append(f"kernel_{number} = KERNELS[{number}]")
-        calls += _call(number, effect, parameter, state, lanes)
+        commanded = effect.follows_command or sums["MIDDLE_V"] == ("v_0",)
+        told = {"t", "h", "v"} if commanded else {"t", "h"}
+        known = lanes > 1 and arguments_read(effect) <= told and not effect.states
+        calls += _call(number, effect, parameter, state, lanes, known)
+        known_forces += [_known_force(number, effect, parameter)] * known
         parameter += len(effect.parameters())
         state += len(effect.states)
     names = ", ".join(effect.name for effect in effects) or "no effects"
     after = [f"z_{n} = NEXT_{n}" for n in range(n_states)] + [f"w[Q_{n} + i] = z_{n}" for n in range(n_states)]
-    # A row that no kernel reads is not computed: each takes as many products as there are states and inputs.
-    read = frozenset[str]().union(*map(arguments_read, effects))
-    unread = tuple(f"w[{name.upper()} + i] = " for name in ("t", "x", "u") if name not in read)
+    # A row that nothing reads is not computed: each takes as many products as there are states and inputs.
+    read = frozenset[str]().union(*map(arguments_read, effects)) | ({"slope"} if sums["STIFFNESS"] else set())
+    unread = tuple(f"w[{name.upper()} + i] " for name in ("t", "x", "u", "slope") if name not in read)
     text = [f"@inlined\n{inspect.getsource(function)}" for function in (command, parabola, cubic)]
-    for function in (measure, predict, correct):
+    for function in (measure, look_ahead, predict, correct):
         source = inspect.getsource(function).replace("NEXT_STATE", "\n        ".join(after))
-        source = "".join(line for line in source.splitlines(keepends=True) if not line.lstrip().startswith(unread))
-        text.append("@inlined\n" + _sums(source, pattern))
-    text.append("\n".join(["@inlined", "def table_force(w, h, parameters):", *calls, "    return"]))
+        source = source.replace("KNOWN_FORCES", "\n        ".join(known_forces))
+        text.append("@inlined\n" + _sums(_without(source, unread), pattern))
+    force = _each("def table_force(w, h, parameters, alike, ahead):", [*calls, "return"])
+    text.append(_without("\n".join(["@inlined", *force]), unread))
     text.append(f"@compiled\n{inspect.getsource(advance)}")
     # As measured: level 2 is faster for lanes, level 3 for one, and more loops at once have too few registers.
     level, interleaved = (3, 0) if lanes == 1 else (2, 2)

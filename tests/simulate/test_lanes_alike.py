@@ -1,18 +1,19 @@
 """A force that all lanes have alike is computed once for them, and is the same to the bit where they differ."""
 
 import numpy as np
+import pytest
 
 from fdbench.effects import effects
 from fdbench.scenario import load_scenario
 from fdbench.simulate.axis import Axis
 from fdbench.simulate.ports import of_time_alone
+from fdbench.simulate.system import System
 
 N_LANES = 20  # enough to lie side by side, and not a whole block
 
 
-def started() -> Axis:
-    system = load_scenario("MillingUpDown-v0").system(N_LANES)
-    assert isinstance(system, Axis)
+def started(name: str) -> System:
+    system = load_scenario(name).system(N_LANES)
     system.start(list(range(N_LANES)))
     return system
 
@@ -32,7 +33,8 @@ def test_forces_of_time_alone_are_told_by_what_their_kernels_read() -> None:
 
 
 def test_one_lane_with_another_force_leaves_the_others_their_bits() -> None:
-    alike, mixed = started(), started()
+    alike, mixed = started("MillingUpDown-v0"), started("MillingUpDown-v0")
+    assert isinstance(mixed, Axis)
     force = next(n for n, effect in enumerate(mixed.effects) if effect.name == "tooth_passing_force")
     other = np.array(mixed.effects[force].values())
     other[2] *= 2.0  # depth of cut
@@ -44,8 +46,9 @@ def test_one_lane_with_another_force_leaves_the_others_their_bits() -> None:
     assert not np.array_equal(found[:, :, 7], expected[:, :, 7])
 
 
-def test_a_lane_that_begins_later_leaves_the_others_their_bits() -> None:
-    alike, mixed = started(), started()
+@pytest.mark.parametrize("name", ["MillingUpDown-v0", "ServoSpiral-v0"])
+def test_a_lane_that_begins_later_leaves_the_others_their_bits(name: str) -> None:
+    alike, mixed = started(name), started(name)
     expected = alike.advance(300)
     first = mixed.advance(100)
     mixed.start([3], np.array([3]))
