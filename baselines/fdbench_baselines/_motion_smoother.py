@@ -5,8 +5,9 @@ r"""Kalman filter and smoother of a motion whose acceleration is linear in coeff
     \theta_j^+ = \rho_j \theta_j + \eta_j, \qquad y_k = x_k + e \;\text{ or }\; v_k + e
 
 in units of a sample and of the reading, so that all states have about the size of y. Parameters of the drive are
-coefficients that stay (:math:`\rho = 1, \eta = 0`), walks drift, amplitudes of waves forget. The smoother is that of
-Rauch, Tung and Striebel in the form of de Jong, which inverts no covariance.
+coefficients that stay (:math:`\rho = 1, \eta = 0`), walks drift, amplitudes of waves forget. A record of positions may
+begin in motion: at its first sample v has the mean square of the record's changes as its variance. The smoother is that
+of Rauch, Tung and Striebel in the form of de Jong, which inverts no covariance.
 
 References
 ----------
@@ -174,8 +175,10 @@ def run_motion(  # type: ignore[no-untyped-def]
     M = m + MOTION
     x, P, K = np.zeros(M), np.zeros((M, M)), np.empty(M)
     x[place] = y[0]
-    # Before the first reading the drive is where it is read, and slower than a reading's deviation in a sample.
+    # A record may begin in motion, and its velocity then is any that it has later.
     P[0, 0] = P[1, 1] = reading
+    if place == 0 and n > 1:
+        P[1, 1] = np.mean((y[1:] - y[:-1]) ** 2)
     for j in range(m):
         P[j + MOTION, j + MOTION] = start[j]
     stored = n + 1 if keep else 1

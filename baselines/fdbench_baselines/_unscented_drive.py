@@ -77,7 +77,10 @@ class Numbers(NamedTuple):
 
 
 class DriveNoise(NamedTuple):
-    """Variances: of a reading, of what a sample adds to each state (N,), at the first (N,); rho; share of the walk."""
+    """Variances: of a reading, of what a sample adds to each state (N,), at the first (N,); rho; share of the walk.
+
+    Of positions, the velocity's at the first is the mean square of the record's changes instead.
+    """
 
     reading: float
     fresh: FloatArray
@@ -230,6 +233,9 @@ def run_unscented(d, signals, noise, rows):  # type: ignore[no-untyped-def]
     x[d.place] = reading[0]
     for i in range(N):
         P[i, i] = start[i]
+    # A record may begin in motion, and its velocity then is any that it has later.
+    if d.place == 0 and n > 1:
+        P[VELOCITY, VELOCITY] = np.mean((reading[1:] - reading[:-1]) ** 2)
     log_likelihood = 0.0
     for k in range(n):
         if not missing[k]:

@@ -92,7 +92,9 @@ class UkfLugre(BatchEstimator):
     The force that is logged must be that of the motor. On axes with friction the mean of a cut goes to the friction,
     and the waves of a cut that turn with the feed are found anew after each reversal. It has no more to go by than the
     smoother ``rts_friction``, which knows what follows and is the more exact; where a shaker starts the waves are late.
-    Stated variances are too small where the friction is of another shape.
+    Stated variances are too small where the friction is of another shape. Where it turns more gradually than the
+    bristle its level comes out too small: on the measured EMPS axis 12 N of 20.4 N, so that the position in open loop
+    errs by 110 mm.
 
     References
     ----------

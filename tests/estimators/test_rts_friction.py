@@ -23,6 +23,8 @@ def dense(motion: ForcedMotion, drift: Drift, sums: FloatArray) -> tuple[FloatAr
     blocks = np.zeros((n, n, M, M))
     x, P = np.zeros(M), np.diag(np.concatenate(([drift.reading] * MOTION, drift.start)))
     x[motion.place] = motion.reading[0]
+    if motion.place == 0:
+        P[1, 1] = np.mean(np.diff(motion.reading) ** 2)
     for k in range(n):
         P = P + np.diag(np.concatenate((np.zeros(MOTION), drift.start * (drift.kept_share < 1.0)))) * motion.shock[k]
         mean[k], blocks[k, k] = x, P
@@ -75,6 +77,43 @@ def test_a_jump_of_a_coefficient_that_forgets_stands_out_where_it_is() -> None:
     shocks = smoothed(motion, drift, passed(motion, drift), wave[:, None]).shocks
     assert abs(int(np.argmax(shocks)) - 200) <= 2
     assert shocks.max() > 36.0
+
+
+def test_a_record_may_begin_in_motion() -> None:
+    """A drive that coasts from the first sample on, at 600 deviations a sample, is under no force."""
+    n, off = 200, np.zeros(200, dtype=np.bool_)
+    reading = 600.0 * np.arange(n) + np.random.default_rng(7).normal(size=n)
+    motion = ForcedMotion(np.zeros(n), np.ones((n, 1)), reading, off, np.zeros(n), off, 0)
+    drift = Drift(1.0, 1e-6, np.ones(1), np.array([1e-6]), np.zeros(1))
+    run = passed(motion, drift)
+    assert np.abs(run.errors / np.sqrt(run.variances)).max() < 5.0
+    assert np.abs(smoothed(motion, drift, run, motion.columns).mean).max() < 0.02
+
+
+def test_friction_that_turns_gradually_is_found_at_its_level_between_reversals() -> None:
+    """Its sheet has it turn within 1 mm/s; here it lags by 10 ms, resists otherwise backwards and ripples."""
+    h, n = 1e-3, 12000
+    angle = 2.0 * np.pi / 3.0 * h * np.arange(n + 1)
+    place = 0.05 * np.sin(angle) + 0.005 * np.sin(5.0 * angle)
+    v = np.diff(place) / h
+    friction, kept = np.full(n, 20.0), np.exp(-h / 0.01)
+    for k in range(1, n):
+        friction[k] = kept * friction[k - 1] + (1.0 - kept) * 20.0 * np.tanh(v[k] / 1e-3)
+    ripple = np.sin(2.0 * np.pi * place[:-1] / 2.5e-3)
+    force = 95.0 * np.diff(v, append=v[-1]) / h + 200.0 * v - 30.0 * np.abs(v) + friction - 3.0 + ripple
+    noise = 2e-8 * np.random.default_rng(1).normal(size=n)
+    read = 5e-8 * np.round((place[:-1] + noise) / 5e-8)
+    columns = dict.fromkeys(("position_m", "motor_position_m", "reference_position_m"), read)
+    record = Record({"time_s": np.linspace(0.0, h * (n - 1), n), **columns, "motor_force_N": force})
+    context = load_scenario("EMPS-v0").context()
+    estimate = RtsFriction().fit(context, record)
+    found, covariance = estimate.parameters, estimate.covariance
+    assert covariance is not None
+    assert found["mass_kg"] == pytest.approx(95.0, rel=0.02)
+    assert found["viscous_friction_N_s_per_m"] == pytest.approx(200.0, rel=0.05)
+    assert found["coulomb_friction_N"] == pytest.approx(20.0, rel=0.05)
+    off = np.array(list(found.values())) - [95.0, 200.0, 20.0, -3.0]
+    assert np.abs(off / np.sqrt(np.diag(covariance))).max() < 2.0
 
 
 def test_bristles_bend_before_the_drive_slides() -> None:
