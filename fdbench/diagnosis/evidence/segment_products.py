@@ -83,7 +83,7 @@ def _fill(
     per_unit: float,
     directions: FloatArray,
     length: int,
-) -> FloatArray:
+) -> None:
     """Fill in the products of a channel's gap, responses and directions, (n_segments, n_rows, n_rows)."""
     n_columns, n_samples = 1 + len(counted_from), len(measured)
     n_rows = n_columns + len(directions)
