@@ -52,7 +52,7 @@ class Evidence:
         so that 1 is noise alone, and nothing exceeds :math:`1 + 1 / \kappa`.
         """
         part = self.held_out == held_out
-        return misfit(self.squares()[part].sum(axis=0), self.weights[part], self.counts[part])
+        return misfit(self.squares(held_out), self.weights[part], self.counts[part])
 
     @property
     def gaps(self) -> FloatArray:
@@ -61,13 +61,11 @@ class Evidence:
 
     def squared_gaps(self) -> FloatArray:
         """Return the squared gap of the base and of each variant, (n_segments, n_columns)."""
-        own = np.diagonal(self.products, axis1=1, axis2=2).copy()
-        own[:, 1:] += self.products[:, :1, 0] - 2.0 * self.products[:, 0, 1:]
-        return own
+        return _squared_gaps(self.products)
 
-    def squares(self) -> FloatArray:
-        """Return the same, weighted."""
-        return self.squared_gaps() * self.weights[:, None]
+    def squares(self, held_out: bool) -> FloatArray:
+        """Return the same, weighted and summed over one part, (n_columns,)."""
+        return _squared_gaps(self.sums[int(held_out)])
 
     @cached_property
     def sums(self) -> FloatArray:
@@ -94,6 +92,13 @@ class Evidence:
         sums = np.zeros((len(runs), squares.shape[1]))
         np.add.at(sums, place, squares)
         return np.asarray((sums / np.bincount(place, self.counts)[:, None]).max(axis=0))
+
+
+def _squared_gaps(products: FloatArray) -> FloatArray:
+    """Return the squared distance of the gap from no response and from each, (..., n_columns), by their products."""
+    own = np.diagonal(products, axis1=-2, axis2=-1).copy()
+    own[..., 1:] += products[..., :1, 0] - 2.0 * products[..., 0, 1:]
+    return own
 
 
 def gather(

@@ -48,7 +48,7 @@ class Calibrated:
         evidence = gather(refinement.readings, ready.split, found, ())
         inside = ~evidence.held_out
         counts = float((evidence.weights * evidence.counts)[inside].sum())
-        misfit = float(evidence.squares()[inside, 0].sum()) / max(counts, 1e-12)
+        misfit = float(evidence.squares(held_out=False)[0]) / max(counts, 1e-12)
         n = min(SEARCH.effective_samples, float(len(np.unique(evidence.group[inside]))))
         cost = n * math.log(max(misfit, 1e-9)) + found.named_penalty()
         return cls(ready=ready, refinement=refinement, hypothesis=found, misfit=misfit, cost=cost)

@@ -106,7 +106,7 @@ class Refinement:
         for _ in range(SEARCH.steps):
             probed = self._gather(hypothesis, tangent.of(moving), [*tangent.about, *tangent.moved], self.split.fitted)
             inside = ~probed.held_out
-            alone = float(probed.squares()[inside, 0].sum())
+            alone = float(probed.squares(held_out=False)[0])
             weight = prior_weight(alone) if tempered else 1.0
             before = alone + weight * hypothesis.prior_penalty()
             excess = alone - float((probed.weights * probed.counts)[inside].sum())
@@ -182,7 +182,7 @@ class Refinement:
         """Return the weighted squares of a base and of trials, with the weights of the base."""
         about = Tangent(about=[base] * len(trials), moved=[*trials])
         evidence = self._gather(base, about, trials, self.split.fitted)
-        squares: list[float] = evidence.squares()[~evidence.held_out].sum(axis=0).tolist()
+        squares: list[float] = evidence.squares(held_out=False).tolist()
         return squares
 
     def _gather(

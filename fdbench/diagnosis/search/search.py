@@ -182,8 +182,7 @@ class Search:
         evidence = self.refinement.responses(base, variants, places)
         nuisances = list(range(1, 1 + len(base.shifts)))
         inside = ~evidence.held_out
-        alone = float(evidence.squares()[inside, 0].sum())
-        priors, room = base.priors(prior_weight(alone)), base.room()
+        priors, room = base.priors(prior_weight(float(evidence.squares(held_out=False)[0]))), base.room()
         scores = Scores(evidence, dict(enumerate(priors, start=1)), dict(enumerate(room, start=1)))
         deviations = np.sqrt(np.diagonal(scores.train) / float(evidence.counts[inside].sum()))
         return _Screened(

@@ -180,7 +180,7 @@ def test_a_step_that_overshoots_is_tried_smaller(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(Scores, "fit", far)
     found = own.refinement.refine(given)
     evidence = gather(own.readings, own.split, given, [plain, found])
-    before, best, reached = evidence.squares()[~evidence.held_out].sum(axis=0)
+    before, best, reached = evidence.squares(held_out=False)
     assert reached - best < 0.5 * (before - best)
 
 
@@ -224,7 +224,7 @@ def test_responses_that_serve_on_lead_to_the_same_minimum(monkeypatch: pytest.Mo
     _, anew, served = lanes
     assert served < 0.8 * anew
     evidence = gather(own.readings, own.split, given, found)
-    before, *after = evidence.squares()[~evidence.held_out].sum(axis=0).tolist()
+    before, *after = evidence.squares(held_out=False).tolist()
     assert abs(after[0] - after[1]) < 1e-3 * (before - min(after))
     assert found[0].effects[0].values() == pytest.approx(found[1].effects[0].values(), rel=0.02, abs=0.01)
 
