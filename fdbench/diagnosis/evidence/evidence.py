@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.diagnosis.evidence.segment_products import segment_counts, segment_length, segment_products
+from fdbench.diagnosis.evidence.segment_products import diagonal, segment_counts, segment_length, segment_products
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
@@ -22,7 +22,10 @@ class Evidence:
 
     Attributes
     ----------
-    products : (n_segments, n_columns, n_columns) array
+    products : (n_segments, n_common, n_columns) array
+        Of the first columns with all.
+    band : (n_segments, n_neighbours, n_columns - n_common) array
+        Of each other column with itself and with those that follow it: what is never fitted together has no product.
     counts : (n_segments,) array
         Samples.
     weights : (n_segments,) array
@@ -37,6 +40,7 @@ class Evidence:
     """
 
     products: FloatArray
+    band: FloatArray
     counts: FloatArray
     weights: FloatArray
     held_out: NDArray[np.bool_]
@@ -61,17 +65,30 @@ class Evidence:
 
     def squared_gaps(self) -> FloatArray:
         """Return the squared gap of the base and of each variant, (n_segments, n_columns)."""
-        return _squared_gaps(self.products)
+        return _squared_gaps(self.diagonal, self.products[:, 0])
 
     def squares(self, held_out: bool) -> FloatArray:
         """Return the same, weighted and summed over one part, (n_columns,)."""
-        return _squared_gaps(self.sums[int(held_out)])
+        sums = self.sums[int(held_out)]
+        return _squared_gaps(np.diagonal(sums), sums[0])
+
+    @property
+    def diagonal(self) -> FloatArray:
+        """Products of each column with itself, (n_segments, n_columns)."""
+        return diagonal(self.products, self.band)
 
     @cached_property
     def sums(self) -> FloatArray:
         """Weighted products summed over the training and over the held-out segments, (2, n_columns, n_columns)."""
         parts = np.stack([~self.held_out, self.held_out]) * self.weights
-        return np.tensordot(parts, self.products, 1)
+        n_common, n_columns = self.products.shape[1:]
+        sums = np.zeros((2, n_columns, n_columns))
+        sums[:, :n_common] = np.tensordot(parts, self.products, 1)
+        sums[:, n_common:, :n_common] = sums[:, :n_common, n_common:].transpose(0, 2, 1)
+        for after, own in enumerate(np.tensordot(parts, self.band, 1).transpose(1, 0, 2)):
+            place = np.arange(n_common, n_columns - after)
+            sums[:, place, place + after] = sums[:, place + after, place] = own[:, : len(place)]
+        return sums
 
     def of_run(self, place: int) -> "Evidence":
         """Return the evidence of one run, by its place in the split."""
@@ -87,17 +104,17 @@ class Evidence:
         """Return the mean square of each column in the run where that is most, in units of what repeats differ by."""
         within = np.array([(floor.rms / floor.total) ** 2 for floor in split.noise_models.values()])[self.channel]
         repeats = np.array([run.repeats for run in split.runs])[self.run]
-        squares = np.diagonal(self.products, axis1=1, axis2=2) * (within / repeats)[:, None]
+        squares = self.diagonal * (within / repeats)[:, None]
         runs, place = np.unique(self.run, return_inverse=True)
         sums = np.zeros((len(runs), squares.shape[1]))
         np.add.at(sums, place, squares)
         return np.asarray((sums / np.bincount(place, self.counts)[:, None]).max(axis=0))
 
 
-def _squared_gaps(products: FloatArray) -> FloatArray:
+def _squared_gaps(squares: FloatArray, with_gap: FloatArray) -> FloatArray:
     """Return the squared distance of the gap from no response and from each, (..., n_columns), by their products."""
-    own = np.diagonal(products, axis1=-2, axis2=-1).copy()
-    own[..., 1:] += products[..., :1, 0] - 2.0 * products[..., 0, 1:]
+    own = squares.copy()
+    own[..., 1:] += with_gap[..., :1] - 2.0 * with_gap[..., 1:]
     return own
 
 
@@ -109,6 +126,8 @@ def gather(
     places: Sequence[int] | None = None,
     keep: Sequence[Hypothesis] = (),
     about: Sequence[Hypothesis] = (),
+    common: int | None = None,
+    neighbours: int = 1,
 ) -> Evidence:
     """Sum the products of the gap of a base and of the responses of its variants over the segments of runs.
 
@@ -127,6 +146,10 @@ def gather(
         Variants whose readings are kept, too.
     about : sequence of Hypothesis, optional
         What the response of each variant is counted from; without, the base.
+    common : int, optional
+        Of the columns, the gap first, those that are fitted together with any other; without, all.
+    neighbours : int
+        Of the others, how many in a row are fitted together.
     """
     origins = list({id(item): item for item in about if item is not base}.values())
     place_of = {id(base): 0} | {id(item): place for place, item in enumerate(origins, 1 + len(variants))}
@@ -135,16 +158,17 @@ def gather(
     numbers = range(len(split.runs)) if places is None else places
     segments = [segment_counts(split.runs[number]) for number in numbers]
     n_columns, n_channels = 1 + len(variants), len(split.noise_models)
-    products = np.empty((n_channels * sum(map(len, segments)), n_columns, n_columns))
+    n_common, n_segments = min(common or n_columns, n_columns), n_channels * sum(map(len, segments))
+    products = np.empty((n_segments, n_common, n_columns))
+    band = np.zeros((n_segments, neighbours, n_columns - n_common))
     counts, outs, groups, owners, channels, known = [], [], [], [], [], []
     first = offset = 0
     simulated = readings.each(numbers, lanes, [base, *keep], lent=True)
     for number, count, own in zip(numbers, segments, simulated, strict=True):
         run, out, n = split.runs[number], split.held_out[number], len(count)
         last = first + n_channels * n
-        segment_products(
-            split, number, own, counted_from, products[first:last].reshape(n_channels, n, n_columns, n_columns)
-        )
+        of_run = (own_part[first:last].reshape(n_channels, n, *own_part.shape[1:]) for own_part in (products, band))
+        segment_products(split, number, own, counted_from, *of_run)
         for place, name in enumerate(run.channels):
             counts.append(count)
             outs.append(out[:: segment_length(run)])
@@ -157,6 +181,7 @@ def gather(
     excess, explained = (np.maximum(item / every - 1.0, 0.0) for item in (products[:, 0, 0], np.concatenate(known)))
     return Evidence(
         products=products,
+        band=band,
         counts=every,
         weights=1.0 / (1.0 + EVIDENCE.model_error * excess + EVIDENCE.explained_error * explained),
         held_out=np.concatenate(outs),

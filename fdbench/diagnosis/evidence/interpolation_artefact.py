@@ -197,7 +197,8 @@ def _strongest(readings: Sequence[FloatArray], turn_m: float | None, bounds: Par
     wavenumber = np.arange(len(power)) * (n_bins / travel / n_padded)
     power[(wavenumber < 1.0 / longest) | (wavenumber > 1.0 / shortest)] = 0.0
     peak = int(np.argmax(power))
-    if power[peak] <= 0.0:
+    # Where the power of a run is P, its halves differ by 1 / sqrt(P) of the wave, root mean square.
+    if power[peak] < 0.5 * len(readings) / EVIDENCE.wave_spread**2:
         return None
     middle, wave = float(wavenumber[peak]), None
     for step in (0.5, 0.125):

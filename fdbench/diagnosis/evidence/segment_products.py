@@ -31,7 +31,12 @@ def segment_counts(run: RecordedRun) -> FloatArray:
 
 
 def segment_products(
-    split: Split, number: int, readings: Mapping[str, FloatArray], counted_from: Sequence[int], products: FloatArray
+    split: Split,
+    number: int,
+    readings: Mapping[str, FloatArray],
+    counted_from: Sequence[int],
+    products: FloatArray,
+    band: FloatArray,
 ) -> None:
     r"""Fill in the products of the gap of a run and of responses, for each channel and segment.
 
@@ -44,7 +49,10 @@ def segment_products(
         Each channel as the base and variants read it, (at least n_columns, n_samples).
     counted_from : sequence of int
         Row of the readings from which the response of each variant is counted; one that diverges has none.
-    products : (n_channels, n_segments, n_columns, n_columns) array, written
+    products : (n_channels, n_segments, n_common, n_columns) array, written
+        Of the first columns, the gap among them, with all.
+    band : (n_channels, n_segments, n_neighbours, n_columns - n_common) array of zeros, written
+        Of each other column with itself and with those that follow it, as far as there are such.
 
     Notes
     -----
@@ -55,28 +63,40 @@ def segment_products(
     .. math:: y y^T - A (U^T y^T) - (y U) A^T + A (U^T U) A^T.
     """
     run, change = split.runs[number], split.changes[number] if split.changes else None
-    n_columns = 1 + len(counted_from)
-    n_rows = n_columns + len(change.directions) if change else n_columns
+    n_common, n_columns = products.shape[2:]
+    n_directions = len(change.directions) if change else 0
     # Directions stand beside the columns until these are whitened by them.
-    found = np.empty((*products.shape[:2], n_rows, n_rows)) if change else products
+    rows, columns = n_common + n_directions, n_columns + n_directions
+    found = np.empty((*products.shape[:2], rows, columns)) if change else products
     for place, (name, measured) in enumerate(run.channels.items()):
         directions = change.directions[:, place] if change else np.empty((0, run.n_samples))
         per_unit = split.per_unit(number, name)
-        _fill(found[place], readings[name], measured, counted_from, per_unit, directions, segment_length(run))
-    squares = np.diagonal(found, axis1=2, axis2=3)[:, :, :n_columns].sum(axis=1)
+        _fill(
+            found[place], band[place], readings[name], measured, counted_from, per_unit, directions, segment_length(run)
+        )
+    squares = diagonal(found[:, :, :n_common, :n_columns], band).sum(axis=1)
     lost = np.flatnonzero(~(squares < HUGE**2).all(axis=0))
     if len(lost):
-        found[:, :, lost] = 0.0
+        found[:, :, lost[lost < n_common]] = 0.0
         found[:, :, :, lost] = 0.0
+        for after in range(band.shape[2]):
+            band[:, :, after, np.isin(np.arange(n_common, n_columns) + after, lost)] = 0.0
+        band[:, :, :, lost[lost >= n_common] - n_common] = 0.0
     if change:
-        _whiten(found, n_columns, change)
-        products[:] = found[:, :, :n_columns, :n_columns]
+        _whiten(found, band, n_common, n_columns, change)
+        products[:] = found[:, :, :n_common, :n_columns]
     if 0 in lost:
         products[:, :, 0, 0] = DIVERGED**2 * segment_counts(run)
 
 
+def diagonal(products: FloatArray, band: FloatArray) -> FloatArray:
+    """Return the products of each column with itself, (..., n_columns)."""
+    return np.concatenate((np.diagonal(products, axis1=-2, axis2=-1), band[..., 0, :]), axis=-1)
+
+
 def _fill(
     products: FloatArray,
+    band: FloatArray,
     readings: FloatArray,
     measured: FloatArray,
     counted_from: Sequence[int],
@@ -84,9 +104,9 @@ def _fill(
     directions: FloatArray,
     length: int,
 ) -> None:
-    """Fill in the products of a channel's gap, responses and directions, (n_segments, n_rows, n_rows)."""
+    """Fill in the products of a channel's gap, responses and directions: those of a run, see `segment_products`."""
     n_columns, n_samples = 1 + len(counted_from), len(measured)
-    n_rows = n_columns + len(directions)
+    n_rows, n_common = n_columns + len(directions), len(products[0]) - len(directions)
     origins = np.array(counted_from, dtype=np.intp)
     at_once = length * max(1, PIECE // length)
     buffer = np.empty((n_rows, at_once))
@@ -99,16 +119,33 @@ def _fill(
         signals[n_columns:] = directions[:, first : first + n]
         whole, segment = n // length, first // length
         stacked = signals[:, : whole * length].reshape(n_rows, whole, length).transpose(1, 0, 2)
-        np.matmul(stacked, stacked.transpose(0, 2, 1), out=products[segment : segment + whole])
+        _multiply(stacked, n_common, n_columns, products[segment : segment + whole], band[segment : segment + whole])
         if n > whole * length:
-            rest = signals[:, whole * length :]
-            np.matmul(rest, rest.T, out=products[-1])
+            _multiply(signals[None, :, whole * length :], n_common, n_columns, products[-1:], band[-1:])
 
 
-def _whiten(found: FloatArray, n_columns: int, change: Change) -> None:
+def _multiply(signals: FloatArray, n_common: int, n_columns: int, products: FloatArray, band: FloatArray) -> None:
+    """Fill in the products of some segments' signals, (n_segments, n_rows, length)."""
+    turned = signals.transpose(0, 2, 1)
+    if n_common == n_columns:
+        np.matmul(signals, turned, out=products)
+        return
+    np.matmul(signals[:, :n_common], turned, out=products[:, :n_common])
+    np.matmul(signals[:, n_columns:], turned, out=products[:, n_common:])
+    for after in range(band.shape[1]):
+        one, other = signals[:, n_common : n_columns - after], signals[:, n_common + after : n_columns]
+        band[:, after, : one.shape[1]] = np.einsum("sit,sit->si", one, other)
+
+
+def _whiten(found: FloatArray, band: FloatArray, n_common: int, n_columns: int, change: Change) -> None:
     """Whiten the products of columns, in place."""
-    along = found[:, :, :n_columns, n_columns:].sum(axis=(0, 1)) * change.shrinkage
-    for own in found:
-        half = along @ (own[:, n_columns:, :n_columns] - 0.5 * own[:, n_columns:, n_columns:] @ along.T)
-        own[:, :n_columns, :n_columns] -= half
-        own[:, :n_columns, :n_columns] -= half.transpose(0, 2, 1)
+    along = found[:, :, n_common:, :n_columns].sum(axis=(0, 1)).T * change.shrinkage
+    for own, beside in zip(found, band, strict=True):
+        across = own[:, n_common:, :n_columns] - 0.5 * own[:, n_common:, n_columns:] @ along.T
+        own[:, :n_common, :n_columns] -= along[:n_common] @ across
+        own[:, :n_common, :n_columns] -= (along @ across[:, :, :n_common]).transpose(0, 2, 1)
+        for after in range(beside.shape[1]):
+            one, other = slice(n_common, n_columns - after), slice(n_common + after, n_columns)
+            half = np.einsum("id,sdi->si", along[one], across[:, :, other])
+            half += np.einsum("id,sdi->si", along[other], across[:, :, one])
+            beside[:, after, : half.shape[1]] -= half

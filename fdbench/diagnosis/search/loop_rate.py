@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdbench.diagnosis.evidence.evidence import gather
+from fdbench.diagnosis.evidence.evidence import Evidence, gather
 from fdbench.diagnosis.evidence.prepare import Aligned
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.readings import Readings
@@ -37,21 +37,32 @@ class Calibrated:
     cost: float
 
     @classmethod
-    def of(cls, ready: Aligned, near: Hypothesis | None = None) -> "Calibrated":
-        """Re-calibrate the nominal parameters of a model, in one refinement where they are known to lie near others."""
-        given = start(ready.nominal)
-        refinement = Refinement(ready.readings.coarsened(given, ready.split.noise_models), ready.split)
-        if near is None:
-            found = refinement.calibrate(given)
-        else:
-            found = refinement.refine(dataclasses.replace(given, shifts=near.shifts))
+    def of(cls, ready: Aligned) -> "Calibrated":
+        """Re-calibrate the nominal parameters of a model."""
+        refinement, given = _refinement(ready)
+        found = refinement.calibrate(given)
         evidence = gather(refinement.readings, ready.split, found, ())
-        inside = ~evidence.held_out
-        counts = float((evidence.weights * evidence.counts)[inside].sum())
-        misfit = float(evidence.squares(held_out=False)[0]) / max(counts, 1e-12)
-        n = min(SEARCH.effective_samples, float(len(np.unique(evidence.group[inside]))))
-        cost = n * math.log(max(misfit, 1e-9)) + found.named_penalty()
+        misfit, cost = _judged(evidence, float(evidence.squares(held_out=False)[0]), found)
         return cls(ready=ready, refinement=refinement, hypothesis=found, misfit=misfit, cost=cost)
+
+
+def promised_cost(ready: Aligned, near: Hypothesis) -> float:
+    """Return the cost of a model that a linear fit about the nominal parameters of another one promises."""
+    refinement, given = _refinement(ready)
+    return _judged(*refinement.promise(dataclasses.replace(given, shifts=near.shifts)))[1]
+
+
+def _refinement(ready: Aligned) -> tuple[Refinement, Hypothesis]:
+    given = start(ready.nominal)
+    return Refinement(ready.readings.coarsened(given, ready.split.noise_models), ready.split), given
+
+
+def _judged(evidence: Evidence, squares: float, hypothesis: Hypothesis) -> tuple[float, float]:
+    """Return the misfit of weighted squares on the training segments, and what the hypothesis costs with it."""
+    inside = ~evidence.held_out
+    misfit = squares / max(float((evidence.weights * evidence.counts)[inside].sum()), 1e-12)
+    n = min(SEARCH.effective_samples, float(len(np.unique(evidence.group[inside]))))
+    return misfit, n * math.log(max(misfit, 1e-9)) + hypothesis.named_penalty()
 
 
 def at_likely_rate(ready: Aligned) -> Calibrated:
@@ -67,7 +78,7 @@ def at_likely_rate(ready: Aligned) -> Calibrated:
         if best.misfit < SEARCH.noise_alone:
             break
         at_rate, enough = _at_rate(ready, loops), best.cost - 2.0 * math.log(len(ready.nominal.library))
-        if Calibrated.of(at_rate, near=best.hypothesis).cost > enough:
+        if promised_cost(at_rate, best.hypothesis) > enough:
             break
         tried = Calibrated.of(at_rate)
         if tried.cost > enough:

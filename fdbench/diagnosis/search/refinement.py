@@ -136,6 +136,14 @@ class Refinement:
         self._forget(tangent.of(range(len(given.shifts), len(tangent.moved))), given, hypothesis)
         return hypothesis
 
+    def promise(self, hypothesis: Hypothesis) -> tuple[Evidence, float, Hypothesis]:
+        """Return the evidence about a hypothesis, the weighted squares that one step promises, and where that ends."""
+        tangent = Tangent.at(hypothesis)
+        probed = self._gather(hypothesis, tangent, (), self.split.fitted)
+        weight = prior_weight(float(probed.squares(held_out=False)[0]))
+        steps = _Steps(hypothesis, probed, range(len(tangent.moved)), weight)
+        return probed, steps.squares, steps.damped((0.0,))[0]
+
     def tangent(self, hypothesis: Hypothesis, *, anew: bool = False) -> Tangent:
         """Return that of a hypothesis: its effects' about itself, its nominal parameters' perhaps about one near it."""
         here = Tangent.at(hypothesis)
@@ -152,6 +160,7 @@ class Refinement:
         places: Sequence[int] | None = None,
         *,
         effects: bool = False,
+        neighbours: int | None = None,
     ) -> Evidence:
         """Return the responses to a step of each nominal parameter, perhaps of each number of effects, and to others.
 
@@ -164,14 +173,25 @@ class Refinement:
             Of runs of which something is fitted, and what is fitted of them alone; without, all runs, whole.
         effects : bool
             Whether numbers of effects are moved, too.
+        neighbours : int, optional
+            How many of the others in a row are fitted together; without, all.
         """
         tangent = self.tangent(base)
         known = tangent if effects else tangent.of(range(len(base.shifts)))
         every = known.followed_by(Tangent(about=[base] * len(others), moved=[*others]))
         keep = [*self.nominal.about, *self.nominal.moved]
-        if places is not None:
-            return self._gather(base, every, keep, places)
-        return gather(self.readings, self.split, base, every.moved, keep=keep, about=every.about)
+        whole = places is None
+        return gather(
+            self.readings if whole else self._fitted_readings,
+            self.split if whole else self._fitted_split,
+            base,
+            every.moved,
+            places,
+            keep=keep,
+            about=every.about,
+            common=None if neighbours is None else 1 + len(known.moved),
+            neighbours=neighbours or 1,
+        )
 
     def better(self, base: Hypothesis, rivals: Sequence[Hypothesis]) -> Hypothesis:
         """Return which of several has the lowest objective, with the weights of a base."""
@@ -220,7 +240,8 @@ class _Steps:
             probed, {column: priors[place] for column, place in known}, {column: room[place] for column, place in known}
         )
         undamped = self.scores.fit(self._columns)
-        self.promised = undamped.squares + weight * self._to(undamped.coefficients).prior_penalty()
+        self.squares = undamped.squares
+        self.promised = self.squares + weight * self._to(undamped.coefficients).prior_penalty()
 
     def damped(self, dampings: Sequence[float]) -> list[Hypothesis]:
         """Return the hypothesis after the step of each damping."""

@@ -179,7 +179,8 @@ class Search:
             first = 1 + len(base.shifts) + len(variants)
             variants += candidate.hypotheses(base)
             columns.append(tuple(range(first, 1 + len(base.shifts) + len(variants))))
-        evidence = self.refinement.responses(base, variants, places)
+        most = max((len(own) for own in columns), default=1)
+        evidence = self.refinement.responses(base, variants, places, neighbours=most)
         nuisances = list(range(1, 1 + len(base.shifts)))
         inside = ~evidence.held_out
         priors, room = base.priors(prior_weight(float(evidence.squares(held_out=False)[0]))), base.room()

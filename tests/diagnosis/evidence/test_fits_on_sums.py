@@ -13,6 +13,7 @@ def evidence_of(gap: np.ndarray, columns: np.ndarray) -> Evidence:
     one, zero = np.ones(1), np.zeros(1, dtype=np.intp)
     return Evidence(
         products=(signals @ signals.T)[None],
+        band=np.empty((1, 1, 0)),
         counts=np.array([float(len(gap))]),
         weights=one,
         held_out=np.zeros(1, dtype=np.bool_),

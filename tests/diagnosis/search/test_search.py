@@ -10,6 +10,7 @@ from axis_lab import drive
 
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.least_squares import Fit, Scores
+from fdbench.diagnosis.evidence.run_to_run import Change
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.model.hypothesis import start
@@ -250,3 +251,34 @@ def test_what_a_tangent_says_of_another_base_is_counted_from_its_own() -> None:
     told = gather(own.readings, own.split, beside, [moved], about=[here])
     assert told.products[:, 1, 1] == pytest.approx(direct.products[:, 1, 1])
     assert not np.allclose(told.products[:, 0, 0], direct.products[:, 0, 0])
+
+
+def test_what_is_fitted_together_has_the_products_that_all_have(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where changes from run to run are whitened away, and where a column is so large that it is lost."""
+    monkeypatch.setattr("fdbench.diagnosis.evidence.segment_products.HUGE", 2e4)
+    own = search()
+    here = start(NOMINAL)
+    gain = [item.name == "velocity_gain_N_s_per_m" for item in nominal_parameters(NOMINAL)]
+    lost = here.moved(1e4 * np.array(gain, dtype=np.float64))
+    moved = Tangent.at(here).moved
+    every = [*moved, lost, moved[0], lost]
+    directions = np.linalg.qr(np.random.default_rng(3).standard_normal((own.split.runs[0].n_samples, 2)))[0].T
+    change = Change(
+        directions=np.stack([directions] * len(own.split.runs[0].channels), 1), shrinkage=np.array([0.9, 0.5])
+    )
+    for changes in ([], [change, *[None] * (len(own.split.runs) - 1)]):
+        split = dataclasses.replace(own.split, changes=changes)
+        whole = gather(own.readings, split, here, every)
+        part = gather(own.readings, split, here, every, common=3, neighbours=2)
+        assert part.products.shape[1:] == (3, 1 + len(every))
+        assert not whole.diagonal[:, -3].any()
+        assert whole.diagonal[:, -2].all()
+        assert part.products == pytest.approx(whole.products[:, :3], rel=1e-9, abs=1e-6)
+        assert part.diagonal == pytest.approx(whole.diagonal, rel=1e-9, abs=1e-6)
+        assert part.squared_gaps() == pytest.approx(whole.squared_gaps(), rel=1e-9, abs=1e-6)
+        for found, expected in zip(part.sums, whole.sums, strict=True):
+            place = np.arange(len(found))
+            together = np.abs(place[:, None] - place) < 2
+            together[:3] = together[:, :3] = True
+            assert found[together] == pytest.approx(expected[together], rel=1e-9, abs=1e-6)
+            assert not found[~together].any()
