@@ -191,6 +191,11 @@ class SearchSettings:
     smallest_gain: float = number(0.04, "share of the excess misfit that an effect must remove")
     noise_alone: float = number(1.05, "misfit below which nothing is left to explain", zero=1.0)
     effective_samples: float = number(60.0, "independent samples that a misfit is worth at most, for probabilities")
+    paired: float = number(
+        0.7,
+        "of the standard errors by which look-alikes differ over stretches of time, that count: forms are not exact",
+        "likeliest for 13 pairs of look-alikes in opened trials A, B, D and G",
+    )
     steps: int = number(12, "Gauss-Newton steps of a refinement at most")
     kept_promise: float = number(
         0.75, "share of the promised fall that a step must reach for its responses to serve on"

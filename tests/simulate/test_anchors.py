@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import scipy.signal
 from numpy.typing import NDArray
 from rig import BALL_SCREW, MASS_KG, axis, column, effect, push, rigid, switch
 from scipy.linalg import expm
@@ -50,9 +51,18 @@ def velocity_after(forces: FloatArray, *on: object, period_s: float = PERIOD_S, 
 
 def test_current_loop_lag_answers_a_step_in_closed_form() -> None:
     tau = 7e-4
-    v = velocity_after(np.full(30, STEP_N), effect("current_loop_lag", time_constant_s=tau))
+    v = velocity_after(np.full(30, STEP_N), effect("current_loop_lag", time_constant_s=tau, inverter_ratio=0.0))
     t = np.arange(30) * PERIOD_S
     assert np.abs(v - STEP_N / MASS_KG * (t - tau * (1.0 - np.exp(-t / tau)))).max() < 1e-13
+
+
+@pytest.mark.parametrize("ratio", [0.01, 0.16, 0.25, 0.39, 0.5])
+def test_a_loop_with_a_slow_inverter_answers_a_step_as_its_transfer_function_does(ratio: float) -> None:
+    """The velocity after a step of the force is the step response of 1 / (s (rho tau^2 s^2 + tau s + 1))."""
+    tau, t = 7e-4, np.arange(30) * PERIOD_S
+    v = velocity_after(np.full(30, STEP_N), effect("current_loop_lag", time_constant_s=tau, inverter_ratio=ratio))
+    _, expected = scipy.signal.step(([1.0], [ratio * tau**2, tau, 1.0, 0.0]), T=t)
+    assert np.abs(v - STEP_N / MASS_KG * expected).max() < 1e-9 * np.abs(v).max()
 
 
 @pytest.mark.parametrize("delay_s", [0.3e-3, 0.5e-3, 1e-3, 1.2345e-3, 2e-3])
@@ -67,7 +77,7 @@ def test_dead_time_shifts_the_held_command_exactly(delay_s: float) -> None:
 
 def test_dead_time_and_lag_act_one_after_the_other() -> None:
     tau, delay = 1e-3, 1.25e-3
-    on = effect("current_loop_lag", time_constant_s=tau), effect("dead_time", dead_time_s=delay)
+    on = effect("current_loop_lag", time_constant_s=tau, inverter_ratio=0.0), effect("dead_time", dead_time_s=delay)
     v = velocity_after(np.full(30, STEP_N), *on)
     late = np.maximum(np.arange(30) * PERIOD_S - delay, 0.0)
     assert np.abs(v - STEP_N / MASS_KG * (late - tau * (1.0 - np.exp(-late / tau)))).max() < 1e-5

@@ -131,7 +131,12 @@ LINEAR: list[tuple[str, FeedDrive, tuple[Effect, ...]]] = [
     ("tachometer", damped(controller=dataclasses.replace(CASCADE, difference_span=0)), ()),
     ("two samples", damped(controller=dataclasses.replace(CASCADE, difference_span=2)), ()),
     ("dead_time", damped(), (effect("dead_time", dead_time_s=0.7e-3),)),
-    ("current_loop_lag", damped(), (effect("current_loop_lag", time_constant_s=0.8e-3),)),
+    ("current_loop_lag", damped(), (effect("current_loop_lag", time_constant_s=0.8e-3, inverter_ratio=0.0),)),
+    (
+        "inverter",
+        damped(controller=SLOW),
+        (effect("current_loop_lag", time_constant_s=0.8e-3, inverter_ratio=0.4),),
+    ),
     (
         "both",
         damped(controller=SLOW),

@@ -72,6 +72,14 @@ class Evidence:
         sums = self.sums[int(held_out)]
         return _squared_gaps(np.diagonal(sums), sums[0])
 
+    def by_group(self, held_out: bool) -> FloatArray:
+        """Return the weighted squared gaps on one part, summed over the channels of a group, (n_groups, n_columns)."""
+        part = self.held_out == held_out
+        groups, place = np.unique(self.group[part], return_inverse=True)
+        sums = np.zeros((len(groups), self.diagonal.shape[1]))
+        np.add.at(sums, place, self.squared_gaps()[part] * self.weights[part, None])
+        return sums
+
     @property
     def diagonal(self) -> FloatArray:
         """Products of each column with itself, (n_segments, n_columns)."""

@@ -15,7 +15,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.periods import located
 from fdbench.diagnosis.search.refinement import Refinement, prior_weight
-from fdbench.diagnosis.search.stage import Rival, Stage, equivalent_misfit
+from fdbench.diagnosis.search.stage import Rival, Stage, equivalent_misfit, look_alikes, ranked
 from fdbench.diagnosis.settings import SEARCH
 from fdbench.effects import Effect
 
@@ -80,14 +80,14 @@ class Search:
         order = sorted(best, key=lambda kind: _cost(base, best[kind][1].train, best[kind][1]))[: SEARCH.rescaled]
         rescaled = [size for kind in order for size in best[kind][0].sizes(SEARCH.sizes)]
         screened = self._screen(base, rescaled)
-        ranked = self._best_of_class(base, rescaled, screened.fits)
-        order = sorted(ranked, key=lambda kind: _cost(base, ranked[kind][1].misfit, ranked[kind][1]))
+        sized = self._best_of_class(base, rescaled, screened.fits)
+        order = sorted(sized, key=lambda kind: _cost(base, sized[kind][1].misfit, sized[kind][1]))
         without = _equivalent(base, screened.alone)
-        gains = {kind: without - _equivalent(base, fit) for kind, (_, fit) in ranked.items()}
+        gains = {kind: without - _equivalent(base, fit) for kind, (_, fit) in sized.items()}
         most = max(gains.values(), default=0.0)
         hypotheses = []
         for place, kind in enumerate(order):
-            candidate, fit = ranked[kind]
+            candidate, fit = sized[kind]
             hypothesis = base.with_effect(candidate.members[0], candidate.replaces).moved(fit.coefficients)
             first = place < SEARCH.refined or gains[kind] == most
             serious = first and gains[kind] >= SEARCH.serious * most > 0.0
@@ -96,7 +96,27 @@ class Search:
                 begun = [self.refined_anew(start, base) for start in self._starts(base, hypothesis, candidate)]
                 hypothesis = self.refinement.better(base, begun) if len(begun) > 1 else begun[0]
             hypotheses.append((kind, hypothesis, serious))
-        return self.compared(base, hypotheses)
+        return self.contested(base, hypotheses)
+
+    def contested(self, base: Hypothesis, hypotheses: Sequence[tuple[type[Effect], Hypothesis, bool]]) -> Stage:
+        """Judge hypotheses beside a base; what looks like the best one also begins where that ended.
+
+        A fit that stopped elsewhere would decide between effects that differ by less.
+        """
+        stage = self.compared(base, hypotheses)
+        alike = look_alikes(stage)
+        again: dict[type[Effect], Hypothesis] = {}
+        for rival in alike[1:]:
+            best = alike[0]
+            if rival.hypothesis.replaced == best.hypothesis.replaced:
+                self.progress(f"{rival.kind.name} in place of {best.kind.name}")
+                own = next(effect for effect in rival.hypothesis.effects if type(effect) is rival.kind)
+                exchanged = self.refinement.refine(best.hypothesis.without_effect(best.kind).with_effect(own))
+                if self.refinement.better(base, [rival.hypothesis, exchanged]) is exchanged:
+                    again[rival.kind] = exchanged
+        if not again:
+            return stage
+        return self.compared(base, [(kind, again.get(kind, own), refined) for kind, own, refined in hypotheses])
 
     def compared(self, base: Hypothesis, hypotheses: Sequence[tuple[type[Effect], Hypothesis, bool]]) -> Stage:
         """Judge hypotheses beside a base on the held-out segments, with the weights of the base."""
@@ -127,8 +147,7 @@ class Search:
             rivals=tuple(rivals),
             effective=min(SEARCH.effective_samples, float(len(np.unique(evidence.group[outside])))),
         )
-        rivals.sort(key=lambda rival: -stage.log_evidence(rival.misfit, rival.penalty))
-        return dataclasses.replace(stage, rivals=tuple(rivals))
+        return ranked(stage, evidence.by_group(held_out=True)[:, 1 : 1 + n])
 
     def review(self, final: Hypothesis, stages: Sequence[Stage]) -> tuple[Hypothesis, list[Stage]]:
         """Pit each effect against its rivals beside all others; what is superfluous goes, what is worse is replaced.
@@ -169,7 +188,7 @@ class Search:
                 replaced = set(rival.hypothesis.replaced) - set(origin.base.replaced)
                 tried = others.with_effect(rival.hypothesis.effects[-1], *replaced)
                 found.append((rival.kind, self.refinement.refine(tried), True))
-        return self.compared(others, found)
+        return self.contested(others, found)
 
     def _screen(self, base: Hypothesis, every: Sequence[Candidate], places: Sequence[int] | None = None) -> "_Screened":
         """Fit the base and it with each candidate linearly, on some runs or on all."""

@@ -1,11 +1,14 @@
 """One round of the search: rival effects beside a base, and their tempered evidence."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis
-from fdbench.diagnosis.settings import SEARCH
+from fdbench.diagnosis.settings import JUDGE, SEARCH
 from fdbench.effects import Effect
+from fdbench.record import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,6 +31,8 @@ class Rival:
     own_size : float
         The same of what it changes in its own hypothesis, where nothing is fitted again without it. It is larger where
         nominal parameters of the base stand in for the effect.
+    paired : float
+        Log odds beyond the tempered evidence, from a comparison with look-alikes stretch by stretch: see `paired`.
     """
 
     kind: type[Effect]
@@ -37,6 +42,7 @@ class Rival:
     refined: bool
     size: float
     own_size: float
+    paired: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,7 +86,7 @@ class Stage:
 
         That one of the library is present is taken to be as likely beforehand as that none is.
         """
-        logs = [self.log_evidence(rival.misfit, rival.penalty) for rival in self.rivals]
+        logs = [self.log_evidence(rival.misfit, rival.penalty) + rival.paired for rival in self.rivals]
         logs.append(self.log_evidence(self.misfit, self.penalty) + math.log(max(len(self.base.nominal.library), 1)))
         weights = [math.exp(log - max(logs)) for log in logs]
         return [weight / sum(weights) for weight in weights[:-1]]
@@ -88,6 +94,52 @@ class Stage:
     def present(self) -> float:
         """Return the probability that one of the rivals is there."""
         return sum(self.probabilities())
+
+
+def ranked(stage: Stage, squares: FloatArray) -> Stage:
+    r"""Return a stage with its rivals in order, the most probable first, those that look alike told by pairs.
+
+    Beside a rival that removes as much, errors of the model are the same, and cancel in the difference d of the
+    weighted squared gaps over stretches of time. Of such rivals the one with the smallest sum has the log odds
+
+    .. math:: \ln \frac{\Phi(c z)}{\Phi(-c z)} + \frac{p' - p}{2}, \qquad z = \frac{\sum d}{\sqrt{n} s_d}
+
+    against another one (Vuong 1989, Econometrica 57, 307-333, eq. 4.1), with c = ``SEARCH.paired`` and the penalties
+    p; what they have together stays as it was.
+
+    Parameters
+    ----------
+    stage : Stage
+    squares : (n_stretches, n_rivals) array
+        Weighted squared gaps on held-out segments.
+    """
+    own = [stage.log_evidence(rival.misfit, rival.penalty) for rival in stage.rivals]
+    rivals, together = list(stage.rivals), look_alikes(stage)
+    alike = [place for place, rival in enumerate(rivals) if rival in together]
+    if len(alike) > 1 and len(squares) > 1:
+        behind = squares[:, alike] - squares[:, [alike[int(np.argmin(squares[:, alike].sum(axis=0)))]]]
+        scatter = np.sqrt(len(squares)) * behind.std(axis=0, ddof=1)
+        scores = np.divide(behind.sum(axis=0), scatter, out=np.zeros(len(alike)), where=scatter > 0.0)
+        odds = [_log_odds(SEARCH.paired * z) - 0.5 * rivals[i].penalty for i, z in zip(alike, scores, strict=True)]
+        level = float(np.logaddexp.reduce([own[place] for place in alike]) - np.logaddexp.reduce(odds))
+        for place, odd in zip(alike, odds, strict=True):
+            rivals[place] = replace(rivals[place], paired=odd + level - own[place])
+    rivals.sort(key=lambda rival: -stage.log_evidence(rival.misfit, rival.penalty) - rival.paired)
+    return replace(stage, rivals=tuple(rivals))
+
+
+def look_alikes(stage: Stage) -> list[Rival]:
+    """Return the rivals that were refined and remove nearly as much as the best, that with the least misfit first."""
+    gains = {rival.kind: stage.gain(rival) for rival in stage.rivals}
+    most = max(gains.values(), default=0.0)
+    found = [rival for rival in stage.rivals if rival.refined and gains[rival.kind] >= JUDGE.alike * most > 0.0]
+    return sorted(found, key=lambda rival: rival.misfit)
+
+
+def _log_odds(z: float) -> float:
+    """Return the log odds of what lies z standard errors behind."""
+    z = min(float(z), 30.0) / math.sqrt(2.0)
+    return math.log(math.erfc(z) / math.erfc(-z))
 
 
 def equivalent_misfit(misfit: float, hypothesis: Hypothesis, effective: float) -> float:

@@ -53,7 +53,7 @@ def test_a_lag_is_bounded_and_one_that_is_known_or_excluded_is_not_moved() -> No
     assert own.room == (0.0, MODEL.most_lag)
     assert own.lag_s(-1.0) == 0.0
     assert start(model).variant.extra == ()
-    assert own.apply(model.drive, 2.0)[1][0].values() == pytest.approx((0.1e-3,))
+    assert own.apply(model.drive, 2.0)[1][0].time_constant_s == pytest.approx(0.1e-3)
     assert lags(nominal()) == [], "no sampling time is known"
     assert lags(nominal(loop_lag=0.0).beside(COVERED)) == []
     assert lags(dataclasses.replace(nominal(), exclude=(LAG.name,)).beside(COVERED)) == []
