@@ -119,7 +119,7 @@ for name in names:
         if (folder / "kept").is_file():
             value = importlib.import_module(name).value
         else:
-            value = load(stepper, [effects.get(effects.add_file(folder / f"{name}.py"))]).advance
+            value = load(stepper, [effects.get(effects.add_file(folder / f"{name}.py")).kernel]).advance
         values[name] = float(value(1.0))
         if not any(value.stats.cache_hits.values()):
             compiled[name] = True

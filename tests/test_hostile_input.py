@@ -259,11 +259,11 @@ def test_too_long_a_substep_is_said(tmp_path: Path) -> None:
 def test_a_stepper_that_others_wrote_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FDBENCH_CACHE", str(tmp_path))
     kinds = (effects.get("viscous_friction"),)
-    text = compose.source(kinds, 1) + "\nOWN = 1\n"
-    path = Path(str(compose.load(text, kinds).__file__))
+    text, kernels = compose.source(kinds, 1) + "\nOWN = 1\n", [kind.kernel for kind in kinds]
+    path = Path(str(compose.load(text, kernels).__file__))
     assert path.parent == tmp_path
     path.write_text("raise SystemExit('run')")
-    assert compose.load(text, kinds).OWN == 1
+    assert compose.load(text, kernels).OWN == 1
     assert path.read_text() == text
 
 

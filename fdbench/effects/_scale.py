@@ -100,7 +100,7 @@ def _scaled(item: Parameter, factor: float) -> Parameter:
 def _check_signs(effect: Effect) -> None:
     """Raise a SpecError for what no axis of any size has."""
     for item, low, high in _signs(effect.declared):
-        value = getattr(effect, item.name)
+        value = getattr(effect, item.name).real  # complex where it is differentiated
         if not (low <= value <= high and abs(value) < math.inf) or (value == 0.0 < item.low):
             unit = f" {item.unit}" if item.unit else ""
             raise SpecError(f"{item.name}: {value:g} is outside [{low:g}, {high:g}]{unit}.")

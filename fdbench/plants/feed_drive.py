@@ -83,19 +83,19 @@ class FeedDrive(Plant):
 
     def mechanics(self) -> Mechanics:
         """Return the linear part as matrices."""
-        A, B = np.zeros((4, 4)), np.zeros((4, 2))
         k = c = 0.0
         if self.screw is None or self.table is None:
-            rows = (0.0, 1.0, 0.0, 0.0), (0.0, -self.viscous_friction_N_s_per_m / self.mass_kg, 0.0, 0.0)
-            A[0], A[1], A[2], A[3] = rows[0], rows[1], rows[0], rows[1]
-            B[1] = B[3] = 1.0 / self.mass_kg
+            mass, viscous = self.mass_kg, self.viscous_friction_N_s_per_m
+            moving = [0.0, 1.0, 0.0, 0.0], [0.0, -viscous / mass, 0.0, 0.0]
+            A = np.array([*moving, *moving])
+            B = np.array([[0.0, 0.0], [1.0 / mass, 1.0 / mass]] * 2)
         else:
             k, c = self.screw.stiffness_N_per_m, self.screw.damping_N_s_per_m
             m, t = self.motor, self.table
-            A[0, 1] = A[2, 3] = 1.0
-            A[1] = np.array([-k, -c - m.viscous_friction_N_s_per_m, k, c]) / m.mass_kg
-            A[3] = np.array([k, c, -k, -c - t.viscous_friction_N_s_per_m]) / t.mass_kg
-            B[1, 0], B[3, 1] = 1.0 / m.mass_kg, 1.0 / t.mass_kg
+            motor = np.array([-k, -c - m.viscous_friction_N_s_per_m, k, c]) / m.mass_kg
+            table = np.array([k, c, -k, -c - t.viscous_friction_N_s_per_m]) / t.mass_kg
+            A = np.array([[0.0, 1.0, 0.0, 0.0], motor, [0.0, 0.0, 0.0, 1.0], table])
+            B = np.array([[0.0, 0.0], [1.0 / m.mass_kg, 0.0], [0.0, 0.0], [0.0, 1.0 / t.mass_kg]])
         return Mechanics(
             A=A,
             B=B,
@@ -189,10 +189,7 @@ class FeedDrive(Plant):
 
     def respond(self, command: Record) -> Record:
         """Return what the nominal axis would log of a commanded motion, without noise."""
-        position, period_s = command["reference_position_m"], command.sampling_time_s
-        is_known = "reference_velocity_m_per_s" in command
-        velocity = command["reference_velocity_m_per_s"] if is_known else np.gradient(position, period_s)
-        columns = _responded(self, period_s, position.tobytes(), velocity.tobytes())
+        columns = _responded(self, *_commanded(command))
         return Record({"time_s": command["time_s"], **columns}, {}, command.source)
 
     def control_loop(self, sampling_time_s: float) -> DriveLoop:
@@ -218,14 +215,31 @@ class FeedDrive(Plant):
         return state_space(self.mechanics(), self.sensors, motor.logged, motor.force_per_unit, reads_table)
 
 
-@lru_cache(maxsize=4)
-def _responded(drive: FeedDrive, period_s: float, position: bytes, velocity: bytes) -> Mapping[str, FloatArray]:
-    """Return the columns that a drive logs; kept, as every estimator of a scenario asks for the same."""
+def nominal_axis(drive: FeedDrive, command: Record) -> Axis:
+    """Return the nominal axis of a commanded motion, without noise."""
+    return _axis(drive, *_commanded(command))
+
+
+def _commanded(command: Record) -> tuple[float, bytes, bytes]:
+    """Return sampling time, position and velocity of a commanded motion."""
+    position, period_s = command["reference_position_m"], command.sampling_time_s
+    is_known = "reference_velocity_m_per_s" in command
+    velocity = command["reference_velocity_m_per_s"] if is_known else np.gradient(position, period_s)
+    return period_s, position.tobytes(), velocity.tobytes()
+
+
+def _axis(drive: FeedDrive, period_s: float, position: bytes, velocity: bytes) -> Axis:
     speed = np.frombuffer(velocity)
     reference = np.column_stack((np.frombuffer(position), speed, np.gradient(speed, period_s)))
     substeps = max(FEWEST_SUBSTEPS, needed_substeps(drive.effects, drive._masses, period_s))
     timing = Timing(sampling_time_s=period_s, duration_s=len(speed) * period_s, substeps=substeps)
-    axis = drive.system(Setup(timing=timing, motion=Sampled(reference)))
+    return drive.system(Setup(timing=timing, motion=Sampled(reference)))
+
+
+@lru_cache(maxsize=4)
+def _responded(drive: FeedDrive, period_s: float, position: bytes, velocity: bytes) -> Mapping[str, FloatArray]:
+    """Return the columns that a drive logs; kept, as every estimator of a scenario asks for the same."""
+    axis = _axis(drive, period_s, position, velocity)
     axis.start([0])
     rows = axis.advance(axis.n_samples)[:, :, 0]
     if bool(axis.diverged[0]) or not np.isfinite(rows).all():

@@ -34,7 +34,7 @@ class Mechanics:
 
     def propagators(self, h: float) -> FloatArray:
         """Return the 24 entries of (A | B), row by row, that advance the state exactly by h under constant forces."""
-        generator = np.zeros((6, 6))
+        generator = np.zeros((6, 6), dtype=np.result_type(self.A, self.B))
         generator[:4, :4] = self.A
         generator[:4, 4:] = self.B
         flow: FloatArray = exponential(generator * h)[:4]

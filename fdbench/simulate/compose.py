@@ -90,15 +90,18 @@ def core_effects() -> tuple[type[Effect], ...]:
     return tuple(registry.get(name) for name, module in modules.items() if module == f"fdbench.effects.{name}")
 
 
-def source(effects: Sequence[type[Effect]], lanes: int, shared: Shared = ()) -> str:
-    """Return the text of the generated module, with a case for each of these effects."""
+def source(effects: Sequence[type[Effect]], lanes: int, shared: Shared = (), *, alike: bool = True) -> str:
+    """Return the text of the generated module, with a case for each of these effects.
+
+    ``alike``: lanes that have a force alike may compute it once.
+    """
     constants = [f"{name} = {row * lanes}" for row, name in enumerate(layout.ROWS)]
     constants += [f"OUT_COLUMNS = {layout.OUT_COLUMNS}", f"NORMAL_COLUMNS = {layout.NORMAL_COLUMNS}"]
     for number, effect in enumerate(effects):
         effect.check_signature()
         constants.append(f"kernel_{number} = KERNELS[{number}]  # {effect.__module__}.{effect.__name__}")
     names = ", ".join(effect.name for effect in effects) or "no effects"
-    called = ports(effects, lanes, shared)
+    called = ports(effects, lanes, shared, alike=alike)
     text = list(called.values())
     for function in (integrator.propagate, integrator.measure_and_control, integrator.integrate_substep):
         text.append("@inlined\n" + inspect.getsource(function))
@@ -115,18 +118,18 @@ def source(effects: Sequence[type[Effect]], lanes: int, shared: Shared = ()) -> 
     return header + "\n\n" + body + "\n"
 
 
-def load(text: str, effects: Sequence[type[Effect]]) -> ModuleType:
-    """Return the generated module of this text, in which ``KERNELS`` are the kernels of ``effects``."""
+def load(text: str, kernels: Sequence[Any]) -> ModuleType:
+    """Return the generated module of this text, in which ``KERNELS`` are these compiled functions."""
     digest = hashlib.sha256(text.encode())
-    for effect in effects:
-        digest.update(closure_digest(effect.kernel).encode())
+    for kernel in kernels:
+        digest.update(closure_digest(kernel).encode())
     name = f"stepper_{digest.hexdigest()[:24]}"
     path = cache_folder() / f"{name}.py"
     if not _holds(path, text):
         write_text(path, text)
     module = ModuleType(f"{GENERATED}{name}")
     module.__file__ = str(path)
-    vars(module)["KERNELS"] = [_without_wrappers(effect.kernel) for effect in effects]
+    vars(module)["KERNELS"] = [_without_wrappers(kernel) for kernel in kernels]
     sys.modules[module.__name__] = module
     # From the text, not from the folder: what others may have left there, compiled or not, is not run.
     exec(compile(text, path, "exec"), vars(module))
@@ -199,12 +202,17 @@ def compose(effects: tuple[type[Effect], ...], lanes: int, shared: Shared = ()) 
         own = tuple(dict.fromkeys(effect.declared for effect in effects))
         kinds = core_effects() if set(own) <= set(core_effects()) else own
     cases = [kinds.index(effect.declared) for effect in effects] if lanes == 1 else range(len(effects))
-    places, found = list(PORT_ARGUMENTS), slots(effects)
+    return stepper(effects, lanes, cases, _advance(kinds, lanes, shared))
+
+
+def stepper(effects: Sequence[type[Effect]], lanes: int, cases: Sequence[int], advance: Callable[..., None]) -> Stepper:
+    """Return the stepper of an ``advance`` that has each of these effects under its case."""
+    places, found = list(PORT_ARGUMENTS), slots(tuple(effects))
     keys = [(places.index(effect.port), effect.rank) for effect in effects]
     order = sorted(range(len(effects)), key=keys.__getitem__)
     table = [(cases[n], found[n].flag * lanes, found[n].first_state * lanes, found[n].uniform) for n in order]
     return Stepper(
-        advance=_advance(kinds, lanes, shared),
+        advance=advance,
         order=np.array(order, dtype=np.int64),
         table=np.array(table, dtype=np.int64).reshape(-1, 4),
         ports=np.array([keys[n][0] for n in order], dtype=np.int64),
@@ -213,5 +221,5 @@ def compose(effects: tuple[type[Effect], ...], lanes: int, shared: Shared = ()) 
 
 @lru_cache(maxsize=64)
 def _advance(kinds: tuple[type[Effect], ...], lanes: int, shared: Shared) -> Callable[..., None]:
-    advance: Callable[..., None] = load(source(kinds, lanes, shared), kinds).advance
+    advance: Callable[..., None] = load(source(kinds, lanes, shared), [kind.kernel for kind in kinds]).advance
     return advance

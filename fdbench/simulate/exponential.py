@@ -15,15 +15,15 @@ def exponential(A: FloatArray) -> FloatArray:
     .. math:: F_0 = \sum_{k=1}^{16} \frac{(A / 2^s)^k}{k!}, \quad F_{j+1} = 2 F_j + F_j^2, \quad e^A = I + F_s
 
     Every sum has a fixed order, where a library of linear algebra takes one that suits the processor; a last bit may
-    decide whether an encoder counts. A is first balanced by powers of two, which costs no rounding.
+    decide whether an encoder counts. A is first balanced by powers of two, which costs no rounding. It may be complex.
 
     >>> exponential(np.array([[0.0, 1.0], [0.0, 0.0]]))
     array([[1., 1.],
            [0., 1.]])
     """
-    size = _balance(A)
+    size = _balance(A.real)
     B = A / size[:, None] * size
-    squarings = max(0, int(np.frexp(len(A) * np.abs(B).max())[1]) + 2)
+    squarings = max(0, int(np.frexp(len(A) * np.abs(B.real).max())[1]) + 2)
     X, eye = B / 2.0**squarings, np.eye(len(A))
     polynomial = eye
     for k in range(DEGREE, 1, -1):
@@ -36,7 +36,7 @@ def exponential(A: FloatArray) -> FloatArray:
 
 def product(A: FloatArray, B: FloatArray) -> FloatArray:
     """Return A B, summed in the order of the columns of A."""
-    total = np.zeros((len(A), B.shape[1]))
+    total = np.zeros((len(A), B.shape[1]), dtype=np.result_type(A, B))
     for k in range(A.shape[1]):
         total += A[:, k, None] * B[k]
     return total

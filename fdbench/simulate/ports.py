@@ -70,15 +70,16 @@ def arguments_read(effect: type[Effect]) -> frozenset[str]:
     return frozenset(effect.arguments()[:5]) & {node.id for node in read if isinstance(node, ast.Name)}
 
 
-def ports(effects: Sequence[type[Effect]], lanes: int, shared: Shared) -> dict[str, str]:
+def ports(effects: Sequence[type[Effect]], lanes: int, shared: Shared, *, alike: bool = True) -> dict[str, str]:
     """Return the functions of those ports that have effects, and ``look_ahead`` where a force is of time alone.
 
-    ``shared`` are parameters that have this value in every lane, whatever the blocks say.
+    ``shared`` are parameters that have this value in every lane, whatever the blocks say. ``alike``: lanes that have
+    such a force alike may compute it once.
     """
     calls: dict[Port, list[_Call]] = {port: [] for port in PORT_ARGUMENTS}
     for number, slot in enumerate(slots(tuple(effects))):
         told = {index: repr(value) for place, index, value in shared if place == number}
-        calls[slot.effect.port].append(_Call(number, slot, lanes, told))
+        calls[slot.effect.port].append(_Call(number, slot, lanes, told, alike))
     found = {port.value: _port(place, own, lanes) for place, (port, own) in enumerate(calls.items()) if own}
     ahead = [call for own in calls.values() for call in own if call.is_ahead]
     return found | ({"look_ahead": _look_ahead(ahead)} if ahead else {})
@@ -92,11 +93,12 @@ class _Call:
     slot: Slot
     lanes: int
     told: Mapping[int, str]
+    alike: bool
 
     @property
     def is_ahead(self) -> bool:
         """Whether the force is computed before the substeps where lanes have it alike."""
-        return self.lanes > 1 and of_time_alone(self.slot.effect)
+        return self.alike and self.lanes > 1 and of_time_alone(self.slot.effect)
 
     @property
     def moving(self) -> str:

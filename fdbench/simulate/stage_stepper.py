@@ -291,4 +291,4 @@ def compose(effects: tuple[type[Effect], ...], pattern: Pattern, n_states: int, 
     level, interleaved = (3, 0) if lanes == 1 else (2, 2)
     settings = {"level": level, "interleaved": interleaved, "constants": "\n".join(constants)}
     header = _HEADER.format(names=names, lanes=lanes, **settings)
-    return load("\n\n".join([header, *text]), effects).advance
+    return load("\n\n".join([header, *text]), [effect.kernel for effect in effects]).advance
