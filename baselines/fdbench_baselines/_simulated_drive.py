@@ -1,12 +1,15 @@
 """A nominal drive with knobs: what an output error turns until the simulation is the record."""
 
+import cmath
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fdbench.effects import Effect, Port
-from fdbench.estimator import FloatArray
 from fdbench.plants._controllers import Cascade
 from fdbench.plants._friction_curve import steady_force
 from fdbench.plants.feed_drive import FeedDrive, LinearMotor, RotaryMotor
@@ -54,8 +57,8 @@ def knobs_of(drive: FeedDrive) -> list[Knob]:
     return knobs
 
 
-def turned(drive: FeedDrive, knobs: Sequence[Knob], settings: FloatArray) -> FeedDrive:
-    """Return the drive with each of the knobs at its setting (n_knobs,)."""
+def turned(drive: FeedDrive, knobs: Sequence[Knob], settings: NDArray[np.inexact]) -> FeedDrive:
+    """Return the drive with each of the knobs at its setting (n_knobs,), which may be complex to differentiate."""
     for knob, setting in zip(knobs, settings.tolist(), strict=True):
         drive = knob.turned(drive, setting)
     return drive
@@ -86,12 +89,12 @@ def _thicker(drive: FeedDrive, setting: float) -> FeedDrive:
 def _stiffer(drive: FeedDrive, setting: float) -> FeedDrive:
     screw = drive.screw
     if screw is not None:
-        screw = dataclasses.replace(screw, stiffness_N_per_m=math.exp(setting) * screw.stiffness_N_per_m)
+        screw = dataclasses.replace(screw, stiffness_N_per_m=_exp(setting) * screw.stiffness_N_per_m)
     return dataclasses.replace(drive, screw=screw)
 
 
 def _louder(drive: FeedDrive, setting: float) -> FeedDrive:
-    controller, factor = drive.controller, math.exp(setting)
+    controller, factor = drive.controller, _exp(setting)
     if isinstance(controller, Cascade):
         controller = dataclasses.replace(
             controller,
@@ -99,6 +102,10 @@ def _louder(drive: FeedDrive, setting: float) -> FeedDrive:
             integral_gain_N_per_m=factor * controller.integral_gain_N_per_m,
         )
     return dataclasses.replace(drive, controller=controller)
+
+
+def _exp(setting: Any) -> Any:
+    return cmath.exp(setting) if isinstance(setting, complex) else math.exp(setting)
 
 
 def _with_effect(drive: FeedDrive, place: int, effect: Effect) -> FeedDrive:
@@ -123,7 +130,7 @@ def _level(drive: FeedDrive, place: int) -> Callable[[FeedDrive, float], FeedDri
 def _shape(place: int, name: str) -> Callable[[FeedDrive, float], FeedDrive]:
     def moved(drive: FeedDrive, setting: float) -> FeedDrive:
         effect = drive.effects[place]
-        value = math.exp(setting) * getattr(effect, name)
+        value = _exp(setting) * getattr(effect, name)
         return _with_effect(drive, place, _with_value(effect, name, value))
 
     return moved

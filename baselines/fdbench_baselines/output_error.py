@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fdbench.errors import PluginError, SimulationDiverged, SpecError
 from fdbench.estimator import BatchEstimator, Context, Estimate, FloatArray, Regression
+from fdbench.plants._drive_sensitivities import sensitivities
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import Record
 from fdbench_baselines._drive_least_squares import LOOP, process_columns
@@ -22,7 +23,7 @@ from fdbench_baselines._whitened_step import whitened_step
 
 LAGS = 40
 DECIMALS = 6  # of a setting
-DIFFERENCE, LARGEST, SMALLEST = 1e-3, 0.5, 1e-4  # of a setting: for a sensitivity, and of steps
+LARGEST, SMALLEST = 0.5, 1e-4  # step of a setting
 HALVINGS, LISTENED = 8, 2  # of a step that diverges; passes in which the period is sought anew
 COULOMB = "coulomb_friction_N"
 
@@ -48,10 +49,17 @@ class OutputError(BatchEstimator):
 
     y (n,) is the velocity of a velocity loop, m/s, or the filtered force of inverse dynamics, N: under feedback force
     and position tell the same, and neither drifts. A of order 40 is made from the errors of the last step. Steps are
-    those of Gauss and Newton with sensitivities by differences, limited to 0.5 and halved where the drive diverges
-    (`_whitened_step`). Columns X (n, m): harmonics of a process force, of a spindle or shaker that slips and drifts
-    (`_process_force`), in a velocity loop behind the loop's own pole; in inverse dynamics a friction that differs
-    from the nominal one with speed and direction (`_left_friction`).
+    those of Gauss and Newton, limited to 0.5 and halved where the drive diverges (`_whitened_step`). Sensitivities are
+    exact to rounding,
+
+    .. math:: S_j = \frac{\partial \hat y}{\partial \theta_j} = L \frac{\partial w}{\partial \theta_j}
+
+    with w what the compiled simulator logs, its tangents those of `fdbench.plants._drive_sensitivities`, and L the
+    filters of the target, which is linear in w. X is held within a step.
+
+    Columns X (n, m): harmonics of a process force, of a spindle or shaker that slips and drifts (`_process_force`), in
+    a velocity loop behind the loop's own pole; in inverse dynamics a friction that differs from the nominal one with
+    speed and direction (`_left_friction`).
 
     Masses and levels of friction are free for the record, which is weighed in every step with the sheet's covariance
     and the doubt of a mean process force (`_mixed_estimation`); without a covariance the record alone counts. P holds
@@ -74,7 +82,7 @@ class OutputError(BatchEstimator):
     SpecError
         If an argument is out of bounds, the model is none of a feed drive, or no step leaves its loop stable.
     PluginError
-        If a prediction is asked for before a fit.
+        If a prediction is asked for before a fit, or a kernel of the nominal drive cannot be differentiated.
 
     Validity
     --------
@@ -130,8 +138,11 @@ class OutputError(BatchEstimator):
 
         command = commanded(record)
 
-        def simulated(at: FloatArray) -> Regression:
-            return context.regression(turned(drive, knobs, at).respond(command))
+        def drive_at(settings: NDArray[np.inexact]) -> FeedDrive:
+            return turned(drive, knobs, settings)
+
+        def simulated(settings: FloatArray) -> Regression:
+            return context.regression(drive_at(settings).respond(command))
 
         settings = np.zeros(len(knobs))
         now = simulated(settings)
@@ -147,7 +158,8 @@ class OutputError(BatchEstimator):
             P = np.diag(np.concatenate((known, np.zeros(process.shape[1]), of_curve)))
             if turn < LISTENED:
                 coefficients = np.linalg.lstsq(beside, left, rcond=None)[0]
-            S = sensitivities(simulated, settings, now.target)
+            tangents = sensitivities(drive_at, settings, command)
+            S = np.column_stack([context.regression(tangent).target for tangent in tangents])
             step = whitened_step(S, beside, left, left - beside @ coefficients, settings, P, LAGS)
             coefficients = step.beside
             wanted = weighed_settings(context, regression, drive, knobs, settings, step)
@@ -200,22 +212,6 @@ def commanded(record: Record) -> Record:
         velocity_m_per_s = columns["reference_velocity_m_per_s"]
         columns["reference_position_m"] = record.sampling_time_s * np.append(0.0, np.cumsum(velocity_m_per_s[:-1]))
     return Record({"time_s": record["time_s"], **columns}, {}, record.source)
-
-
-def sensitivities(
-    simulated: Callable[[FloatArray], Regression], settings: FloatArray, target: FloatArray
-) -> FloatArray:
-    """Return how the target (n,) moves with each setting (n, q), by differences.
-
-    Forwards, or backwards where that diverges: of a loop on the brink of stability one side may be unstable.
-    """
-    columns = []
-    for unit in np.eye(len(settings)):
-        try:
-            columns.append((simulated(settings + DIFFERENCE * unit).target - target) / DIFFERENCE)
-        except (SimulationDiverged, SpecError):
-            columns.append((target - simulated(settings - DIFFERENCE * unit).target) / DIFFERENCE)
-    return np.array(columns).T
 
 
 def stepped(

@@ -1,5 +1,8 @@
 """Output error: steps and curves by hand, drawn machines against the equation, and what it refuses."""
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fdbench_baselines._left_friction import left_friction
@@ -7,10 +10,14 @@ from fdbench_baselines._simulated_drive import knobs_of, turned
 from fdbench_baselines._whitened_step import whitened_step
 from fdbench_baselines.idim_iv import IdimIv
 from fdbench_baselines.null import Null
-from fdbench_baselines.output_error import OutputError, sensitivities
+from fdbench_baselines.output_error import OutputError
+from numpy.typing import NDArray
 
-from fdbench.errors import PluginError, SpecError, UnstableLoop
-from fdbench.estimator import Estimator, FloatArray, Regression
+from fdbench.effects.coulomb_friction import CoulombFriction
+from fdbench.effects.stribeck_friction import StribeckFriction
+from fdbench.errors import PluginError, SpecError
+from fdbench.estimator import Estimator, FloatArray
+from fdbench.plants._drive_sensitivities import sensitivities
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.scenario import load_scenario
 
@@ -82,27 +89,55 @@ def test_a_simulation_knows_more_than_the_equation(name: str, margin: float) -> 
     assert margin * own[1] < instruments[1]
 
 
-def test_sensitivities_look_back_where_the_loop_ahead_is_unstable() -> None:
-    slopes = np.array([[2.0, -1.0], [0.5, 3.0], [0.0, 1.0]])
+def rounded(drive: FeedDrive) -> FeedDrive:
+    """Return a drive with smooth friction: at the corner of LuGre at rest differences are no derivatives."""
+    friction = CoulombFriction.typical(transition_velocity_m_per_s=5e-3)
+    slow = StribeckFriction.typical(transition_velocity_m_per_s=5e-3)
+    return replace(drive, effects=(friction, slow, *drive.effects[1:]))
 
-    def simulated(at: FloatArray) -> Regression:
-        if at[1] > 0.2:
-            raise UnstableLoop("plant.controller: the loop is unstable.")
-        rows = np.arange(3)
-        return Regression(
-            regressors=np.zeros((3, 0)),
-            target=slopes @ at,
-            names=(),
-            target_name="",
-            time_s=0.1 * rows,
-            rows=rows,
-            disturbance_gain=1.0,
-        )
 
-    here = np.array([0.1, 0.2])
-    np.testing.assert_allclose(sensitivities(simulated, here, slopes @ here), slopes, rtol=1e-9)
-    with pytest.raises(UnstableLoop):
-        sensitivities(simulated, np.array([0.1, 0.3]), slopes @ here)
+@pytest.mark.parametrize(
+    ("name", "of", "step", "tolerance"),
+    [
+        ("MillingAir-v1", lambda drive: drive, 4e-3, 1e-6),
+        ("ShakerControl-v1", lambda drive: drive, 4e-3, 1e-6),
+        ("EMPS-v1", lambda drive: drive, 2e-3, 1e-6),
+        ("BallScrewAxis-v1", rounded, 4e-3, 2e-6),
+        ("BallScrewAxis-v1", lambda drive: drive, 1e-4, 1e-4),
+    ],
+)
+def test_sensitivities_are_those_of_extrapolated_differences(
+    name: str, of: Callable[[FeedDrive], FeedDrive], step: float, tolerance: float
+) -> None:
+    scenario = load_scenario(name)
+    assert isinstance(scenario.plant, FeedDrive)
+    drive, context, command = of(scenario.plant), scenario.context(), scenario.command()
+    assert command is not None
+    knobs = knobs_of(drive)
+    at = 0.01 * np.arange(1, len(knobs) + 1)
+
+    def drive_at(settings: NDArray[np.inexact]) -> FeedDrive:
+        return turned(drive, knobs, settings)
+
+    def target(settings: FloatArray) -> FloatArray:
+        return context.regression(drive_at(settings).respond(command)).target
+
+    def central(change: FloatArray) -> FloatArray:
+        return (target(at + change) - target(at - change)) / (2.0 * change.max())
+
+    for tangent, unit, knob in zip(sensitivities(drive_at, at, command), np.eye(len(knobs)), knobs, strict=True):
+        expected = (4.0 * central(0.5 * step * unit) - central(step * unit)) / 3.0
+        error = np.linalg.norm(context.regression(tangent).target - expected) / np.linalg.norm(expected)
+        assert error < tolerance, knob.name
+
+
+def test_knobs_that_are_complex_turn_the_drive_as_they_do_otherwise() -> None:
+    drive = load_scenario("BallScrewAxis-v1").plant
+    assert isinstance(drive, FeedDrive)
+    knobs = knobs_of(drive)
+    at = np.full(len(knobs), 0.1)
+    rows = [turned(drive, knobs, settings).mechanics().rows(1e-4) for settings in (at, at + 1e-200j)]
+    np.testing.assert_array_equal(rows[1].real, rows[0])
 
 
 def test_a_loop_on_the_brink_is_found() -> None:
