@@ -113,14 +113,30 @@ def write_page(output: Path, title: str, lead: Sequence[Html], sections: Sequenc
 
 def page(title: str, lead: Sequence[Html], sections: Sequence[Section]) -> str:
     """Return the text of a page: title, lead, table of contents, sections."""
-    return rendered(
-        "page.html",
-        title=title,
-        lead=lead,
-        sections=_placed(sections, ""),
-        css=resource("figure.css") + resource("page.css"),
-        js=resource("page.js"),
+    return _shared(
+        rendered(
+            "page.html",
+            title=title,
+            lead=lead,
+            sections=_placed(sections, ""),
+            css=resource("figure.css") + resource("page.css"),
+            js=resource("page.js"),
+        )
     )
+
+
+def _shared(text: str) -> str:
+    """Return a page whose panels of one scale refer to the grid and the ticks of the first one, as it grows less so."""
+    names: dict[str, str] = {}
+
+    def refer(found: re.Match[str]) -> str:
+        ticks = found[0]
+        if ticks in names:
+            return f'<use href="#{names[ticks]}"/>'
+        names[ticks] = f"scale-{len(names)}"
+        return ticks.replace("<g", f'<g id="{names[ticks]}"', 1)
+
+    return re.sub(r'<g class="ticks y">.*?</g>', refer, text)
 
 
 @dataclass(frozen=True, kw_only=True)

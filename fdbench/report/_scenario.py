@@ -50,6 +50,7 @@ def pictures(
     scenario: Scenario | None,
     ranked: Mapping[str, Sequence[str]],
     n_points: int,
+    is_crowded: bool,
 ) -> list[Block]:
     """Return the figures of a scenario, and what is missing in words.
 
@@ -57,12 +58,16 @@ def pictures(
     ----------
     ranked : mapping of str to sequence of str
         By track, all estimators, best first.
+    n_points : int
+        Of a series.
+    is_crowded : bool
+        Periods of the disturbance are drawn of the best estimators alone; errors always of all.
     """
     kept = {estimator: store.read_estimate(RunKey(name, estimator, seed)) for estimator in next(iter(ranked.values()))}
     estimates = {estimator: one for estimator, one in kept.items() if one is not None}
     if not estimates:
         return [note(f"No estimate of seed {seed} is kept, so there are no pictures.")]
-    case = _Case(store, name, seed, scenario, estimates, ranked, n_points)
+    case = _Case(store, name, seed, scenario, estimates, ranked, n_points, is_crowded)
     blocks: list[Block] = [*case.remarks(), *case.disturbance(), *case.output()]
     if scenario is None:
         blocks.append(
@@ -103,6 +108,7 @@ class _Case:
     kept: Mapping[str, Kept]
     ranked: Mapping[str, Sequence[str]]
     n_points: int
+    is_crowded: bool
 
     @cached_property
     def first(self) -> Kept:
@@ -195,10 +201,13 @@ class _Case:
         if not self.disturbances:
             return
         truth = self.true_disturbance_N
-        small = [self._detail(name, claim) for name, claim in self.disturbances.items()]
+        drawn = list(self.disturbances.items())[: SHOWN if self.is_crowded else None]
+        small = [self._detail(name, claim) for name, claim in drawn]
+        others = len(self.disturbances) - len(drawn)
         yield note(
             "Disturbance over a few of its periods, each without its mean over the rows that are scored; wide and "
             f"pale: truth; shaded: stated {LEVEL:.0%} interval; the best first, all on one scale."
+            + (f" Of {others} more a page of so many estimates has the errors alone." if others else "")
         )
         yield Grid(small[:SHOWN])
         if small[SHOWN:]:

@@ -9,8 +9,10 @@ from fdbench.regression import FloatArray
 
 # Points of a series, fewer on a page of many estimates so that it stays below 2 MB.
 MOST_POINTS = 3000
-FEWEST_POINTS = 150
-POINTS_OF_ALL_ESTIMATES = 50_000
+FEWEST_POINTS = 60
+POINTS_OF_ALL_ESTIMATES = 32_000
+# Beyond so many estimates a page has periods of the disturbance from the best ones alone.
+CROWDED = 200
 
 # Points of a series for one of each bound of a band, which are smooth.
 POINTS_FOR_A_BOUND = 3
@@ -25,7 +27,7 @@ def points_of_a_series(n_estimates: int) -> int:
     """Return how many points a series has on a page of so many estimates.
 
     >>> points_of_a_series(10), points_of_a_series(100), points_of_a_series(1000)
-    (3000, 500, 150)
+    (3000, 320, 60)
     """
     return min(MOST_POINTS, max(FEWEST_POINTS, POINTS_OF_ALL_ESTIMATES // max(n_estimates, 1)))
 

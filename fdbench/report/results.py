@@ -34,7 +34,7 @@ from fdbench.report._bars import dots
 from fdbench.report._page import Block, Folded, Grid, Section, breakable, note, paragraph, slug, table, write_page
 from fdbench.report._ranking import all_rankings, ranking_tables, winners
 from fdbench.report._scenario import known_scenario, pictures
-from fdbench.report._series import points_of_a_series
+from fdbench.report._series import CROWDED, points_of_a_series
 from fdbench.report._templates import Html, part
 from fdbench.scenario import TRACKS
 from fdbench.units import unit_of
@@ -81,7 +81,8 @@ def _counts(scores: "pd.DataFrame", statuses: "pd.DataFrame") -> Html:
 def _scenarios(store: Store, scores: "pd.DataFrame", parameters: "pd.DataFrame") -> Iterator[Block]:
     """Yield a part for each scenario, folded, with its winners beside its name."""
     means, biases = seed_means(scores), parameter_bias(parameters)
-    n_points = points_of_a_series(_n_pictured(run_statuses(scores)))
+    n_pictured = _n_pictured(run_statuses(scores))
+    n_points, is_crowded = points_of_a_series(n_pictured), n_pictured > CROWDED
     ordered = _orders(scores)
     yield part("filter", "scenarios", "details[data-name]")
     for key, own in scores.groupby("scenario"):
@@ -93,7 +94,7 @@ def _scenarios(store: Store, scores: "pd.DataFrame", parameters: "pd.DataFrame")
         blocks: list[Block] = [] if scenario is None else [paragraph(scenario.title), note(scenario.source)]
         blocks.append(note(f"{seeds_of(own)}; pictures of seed {seed}."))
         blocks += _metric_tables(means[means.index.get_level_values("scenario") == name].droplevel("scenario"))
-        blocks += pictures(store, name, seed, scenario, ranked, n_points)
+        blocks += pictures(store, name, seed, scenario, ranked, n_points, is_crowded)
         blocks += _biases(biases[biases["scenario"] == name])
         identifier = f"scenario-{slug(name)}"
         best = [(track, *_winner(values)) for track, values in order.items()]

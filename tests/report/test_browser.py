@@ -20,6 +20,8 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 BROWSER = next(filter(None, map(shutil.which, BROWSERS)), None)
 pytestmark = pytest.mark.skipif(BROWSER is None, reason=f"no browser: none of {', '.join(BROWSERS)} is installed")
 
+DARK = ("--force-dark-mode", "--blink-settings=preferredColorScheme=0")
+
 # Stands before all else on the page, and hears what goes wrong.
 LISTEN = """<script>
 window.said = [];
@@ -55,6 +57,15 @@ def played(page: Path, actions: str, width_px: int = 1280, *options: str) -> dic
     (found,) = re.findall(r'data-found="(.*?)"', done.stdout)
     answer: dict[str, object] = json.loads(unescape(found))
     return answer
+
+
+def seen(page: Path, *options: str) -> bytes:
+    """Return what a page looks like, as a picture."""
+    picture = page.with_name("seen.png")
+    assert BROWSER is not None
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--window-size=800,900", *options]
+    subprocess.run([*command, f"--screenshot={picture}", page.as_uri()], capture_output=True, timeout=60, check=True)
+    return picture.read_bytes()
 
 
 @pytest.fixture(scope="module")
@@ -123,6 +134,19 @@ def test_a_link_opens_what_is_folded(curves: Path) -> None:
     assert (found["before"], found["after"], found["said"]) == (False, True, [])
 
 
+def test_shared_ticks_look_as_if_each_panel_had_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    item = Curve(name="a", x=np.arange(9.0), y=np.zeros(9), style=BEFORE)
+    panels = [Panel(y_title="force (N)", items=[item], y_range=(-1.0, 1.0)) for _ in range(3)]
+    sections = [Section("Open", [Figure(title="Curves", panels=panels, x_title="time (s)")])]
+    write_page(tmp_path / "page.html", "Curves", [], sections)
+    shared = [seen(tmp_path / "page.html", *options) for options in ((), DARK)]
+    assert shared[0] != shared[1]
+    monkeypatch.setattr("fdbench.report._page._shared", str)
+    write_page(tmp_path / "page.html", "Curves", [], sections)
+    assert "<use" not in (tmp_path / "page.html").read_text("utf-8")
+    assert [seen(tmp_path / "page.html", *options) for options in ((), DARK)] == shared
+
+
 def test_curves_are_drawn_hidden_and_seen_closely(curves: Path) -> None:
     found = played(
         curves,
@@ -154,7 +178,7 @@ def test_curves_are_drawn_hidden_and_seen_closely(curves: Path) -> None:
     assert (found["hidden"], found["said"]) == ("none", [])
 
 
-@pytest.mark.parametrize("options", [(), ("--force-dark-mode", "--blink-settings=preferredColorScheme=0")])
+@pytest.mark.parametrize("options", [(), DARK])
 @pytest.mark.parametrize("name", ["results", "curves"])
 def test_a_narrow_screen_cuts_nothing(name: str, options: tuple[str, ...], request: pytest.FixtureRequest) -> None:
     """At 420 px nothing reaches over the edge that does not scroll by itself; in dark the paper is dark."""

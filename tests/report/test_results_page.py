@@ -18,8 +18,9 @@ from fdbench.benchmark.statistics import standings
 from fdbench.benchmark.store import FAILED, OK, KeptRun, RunKey, Score, Store
 from fdbench.errors import FdbenchError
 from fdbench.report import write_report
+from fdbench.report._figures import BEFORE, Curve, Figure
+from fdbench.report._figures import Panel as Diagram
 from fdbench.report._page import Section, page, paragraph, table
-from fdbench.report._series import points_of_a_series
 from fdbench.report._templates import Html
 
 SCENARIOS = ("ShakerConstant-v0", "SpindleStep-v0")
@@ -156,11 +157,23 @@ def test_page_needs_nothing_but_itself(report: Page) -> None:
 def test_a_page_of_many_estimates_has_room_for_them(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The quick suite has 161 estimates and 1.75 MB; these here claim all that can be drawn, as half of those do."""
-    monkeypatch.setattr("fdbench.report.results.points_of_a_series", lambda n: points_of_a_series(161))
+    """The full suite has 402 estimates and 1.9 MB; these here claim all that can be drawn, as half of those do."""
+    monkeypatch.setattr("fdbench.report.results._n_pictured", lambda statuses: 402)
     write_report(folder, tmp_path / "report.html")
     own = (tmp_path / "report.html").stat().st_size - len(page("", [], []).encode())
-    assert own / (4 + 2) < 13e3
+    assert own / (4 + 2) < 9.5e3
+
+
+def test_panels_of_one_scale_share_its_ticks() -> None:
+    panels = [
+        Diagram(
+            y_title="force (N)", items=[Curve(name="a", x=np.arange(9.0), y=np.ones(9), style=BEFORE)], y_range=scale
+        )
+        for scale in ((-1.0, 1.0), (-1.0, 1.0), (-2.0, 2.0))
+    ]
+    text = page("", [], [Section("Figure", [Figure(title="", panels=panels, x_title="time (s)")])])
+    assert re.findall(r'<g id="(.*?)" class="ticks y">', text) == ["scale-0", "scale-1"]
+    assert re.findall(r'<use href="#(.*?)"/>', text) == ["scale-0"]
 
 
 def test_page_adapts_to_screen_and_scheme(report: Page) -> None:
