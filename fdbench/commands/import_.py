@@ -1,5 +1,6 @@
 """``fdbench import``."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -72,7 +73,12 @@ def import_(
     say("\n".join(["To do:", *(f"  - {line}" for line in to_do)]) if to_do else "Nothing to fill in.")
     if any(proposal.record is None for proposal in proposals):
         raise typer.Exit(INCOMPLETE)
-    say(f"Then: fdbench diagnose --model {model} {' '.join(map(str, written))}")
+    say(f"Then: fdbench diagnose --model {_typed(model)} {' '.join(map(_typed, written))}")
+
+
+def _typed(path: Path) -> str:
+    """Return a path as it is typed in a shell, where a dash begins an option."""
+    return shlex.quote(f"./{path}" if str(path).startswith("-") else str(path))
 
 
 def _refuse_existing(path: Path) -> None:
@@ -108,4 +114,4 @@ def _import_tuning(files: list[Path], output: Path | None) -> None:
         write_text(response, tuned.response)
         say(f"The measured response: {response}")
         page = place / f"{file.stem}.html"
-        say(f"Then: fdbench show {model} {response} --sampling-time 1e-3 --output {page}")
+        say(f"Then: fdbench show {_typed(model)} {_typed(response)} --sampling-time 1e-3 --output {_typed(page)}")

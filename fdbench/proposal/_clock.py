@@ -147,8 +147,10 @@ class Clock:
     def _assume(self, kind: type[Format], given_s: float | None) -> None:
         usual = kind.usual_sampling_time_s
         if given_s is None and usual is None:
+            names = [name for name in self.left_out if column(name, np.zeros(0), "", "", "").quantity == "time"]
+            what = f"the times in '{names[0]}' are no numbers" if names else "no column of times"
             raise RecordError(
-                f"{self._file}: no column of times. Give the sampling time: --sampling-time 0.001 for samples of 1 ms."
+                f"{self._file}: {what}. Give the sampling time: --sampling-time 0.001 for samples of 1 ms."
             )
         self.step_s = given_s if given_s is not None else usual or 0.0
         if given_s is None:

@@ -23,18 +23,28 @@ _MEASURED = {
 # What is measured, by words; the first that fits counts.
 _QUANTITIES = {
     "error": r"\b(f ?err(or)?|flw|lag|deviation|following|contour\w*)\b|error|fehler|abweichung",
-    "time": r"\b(t|time\w*|zeit\w*|stamp|clock)\b",
-    "acceleration": r"\bacc(el)?\b|accel|beschleunigung",
-    "velocity": r"\b(v|vel|velo)\b|velocity|speed|geschwindigkeit|drehzahl",
-    "output": r"\b(f|u|i|iq|trq|tau|curr|mom)\b|force|kraft|torque|moment|effort|current|strom|voltage|spannung|output",
-    "position": r"\b(q|x|y|z|pos|posn)\b|position|lage|winkel|angle|\bweg\b|displacement|encoder|scale",
+    "time": r"\b(t|time\w*|zeit\w*|temps|tempo|tiempo|stamp|clock)\b|时间|時間",
+    "acceleration": r"\bacc(el)?\b|accel|beschleunigung|加速度",
+    "velocity": r"\b(v|vel|velo)\b|velocity|speed|geschwindigkeit|drehzahl|vitesse|velocit|velocidad|速度",
+    "output": (
+        r"\b(f|u|i|iq|trq|tau|curr|mom|par)\b|force|kraft|torque|moment|effort|current|strom|voltage|spannung|output|"
+        "couple|courant|coppia|corrente|corriente|转矩|扭矩|トルク|电流|電流"
+    ),
+    "position": (
+        r"\b(q|x|y|z|pos|posn)\b|position|lage|winkel|angle|\bweg\b|displacement|encoder|scale|posizione|posici[oó]n|位置"
+    ),
 }
 _SIDES = {
     "motor": r"\b(mot|motor\w*|rotor)\b|measuring system 1|\bmeas pos 1\b|\benc(oder)? ?1\b",
     "table": r"\b(table|tisch|load|scale|direct)\b|measuring system 2|\bmeas pos 2\b|\benc(oder)? ?2\b|maßstab",
 }
-_REFERENCE = r"\b(set\w*|cmd\w*|command\w*|ref\w*|desired|target|demand|goal|input|nominal|soll\w*)\b|soll|setpoint"
-_BRACKETS = re.compile(r"^(.*?)\s*(?:[\[({<]([^\])}>]*)[\])}>]|\s(?:in|/)\s(\S+))\s*$")
+_REFERENCE = (
+    r"\b(set\w*|cmd\w*|comm?and\w*|ref\w*|desired|target|demand|goal|input|nominal|soll\w*|consign[ea]|riferimento)\b|"
+    "soll|setpoint|指令|目标|目標"
+)
+_BRACKETS = re.compile(r"^(.*?)\s*(?:[\[({<]([^\])}>]*)[\])}>]|(?:\s(?:in|/)\s|,\s*)(\S+))\s*$")
+# A last word of two letters or more; the least of a value is no time in minutes.
+_LAST_WORD = re.compile(r"^(.+?)(?:_|\s+)(?!min$)([A-Za-z°/]{2,}(?:_per_[a-z]+2?)?)$")
 
 # ODrive's own names of values, which are in turns, turns per second and amperes (its API reference, 0.5 and later).
 _ODRIVE = {
@@ -46,7 +56,10 @@ _ODRIVE = {
 
 @dataclass(frozen=True)
 class LogColumn:
-    """A column of a log and what its name says; ``unit`` is one of ours or empty, ``why`` says where it is from."""
+    """A column of a log and what its name says.
+
+    ``unit`` is one of ours or empty, ``why`` says where it is from; ``foreign_unit`` is one that is not known here.
+    """
 
     name: str
     values: FloatArray
@@ -56,14 +69,16 @@ class LogColumn:
     unit: str
     why: str
     clock: str
+    foreign_unit: str = ""
 
 
 def column(name: str, values: FloatArray, unit: str, label: str, clock: str) -> LogColumn:
     """Return a column with what its name, its label and the unit that the file gives say."""
     stem, known, why = name, spelt_unit(unit), "the file says so"
     if not known and (found := _BRACKETS.match(name)):
-        stem, known, why = found[1], spelt_unit(found[2] or found[3] or ""), "its name says so"
-    if not known and (found := re.match(r"^(.+?)_([A-Za-z]+(?:_per_[a-z]+2?)?)$", name)) and len(found[2]) > 1:
+        unit = found[2] or found[3] or ""
+        stem, known, why = found[1], spelt_unit(unit), "its name says so"
+    if not known and (found := _LAST_WORD.match(name)):
         known, why = spelt_unit(found[2].replace("_per_", "/")), "its name says so"
         stem = found[1] if known else name
     for pattern, odrive in _ODRIVE.items():
@@ -72,10 +87,12 @@ def column(name: str, values: FloatArray, unit: str, label: str, clock: str) -> 
     said = f"{_words(stem)} {label.lower()}"
     quantity = next((key for key, pattern in _QUANTITIES.items() if re.search(pattern, said)), "")
     if known and quantity != "error":
-        quantity = _MEASURED.get(si_unit(known, name)[0], ("", False))[0]
+        share = "output" if quantity == "output" else ""  # such as a torque in per cent
+        quantity = _MEASURED.get(si_unit(known, name)[0], (share, False))[0]
     side = next((key for key, pattern in _SIDES.items() if re.search(pattern, said)), "")
     is_reference = re.search(_REFERENCE, said) is not None
-    return LogColumn(name, values, quantity, side, is_reference, known, why if known else "", clock)
+    foreign = "" if known else unit.strip()
+    return LogColumn(name, values, quantity, side, is_reference, known, why if known else "", clock, foreign)
 
 
 def turns(unit: str) -> bool:
@@ -90,7 +107,7 @@ def turns(unit: str) -> bool:
 def _words(text: str) -> str:
     """Return the words of a name, in lower case with blanks between.
 
-    >>> _words("nckServoDataActCurr32"), _words("IST_Position")
-    ('nck servo data act curr 32', 'ist position')
+    >>> _words("nckServoDataActCurr32"), _words("IST_Position"), _words("Posición real, 位置")
+    ('nck servo data act curr 32', 'ist position', 'posición real 位置')
     """
-    return " ".join(re.findall(r"[A-ZÄÖÜ]?[a-zäöüß]+|[A-ZÄÖÜ]+(?![a-z])|\d+", text)).lower()
+    return " ".join(re.findall(r"[A-ZÀ-ÖØ-Þ]?[a-zß-öø-ÿ]+|[A-ZÀ-ÖØ-Þ]+(?![a-z])|\d+|[^\W\d_A-ZÀ-ÿa-z]+", text)).lower()

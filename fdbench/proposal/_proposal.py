@@ -177,14 +177,18 @@ def _columns(found: dict[str, Role], step_s: float, kind: type[Format], proposal
     unit = position_unit(position, speeds, step_s, kind.usual_position_unit)
     proposal.axis = ROTARY if turns(unit.name) else LINEAR
     if unit.is_guess:
-        proposal.to_do.append(f"CHECK the unit of the positions: {unit.name} is a guess.")
+        proposal.to_do.append(
+            f"CHECK the unit of the positions: {unit.name} is a guess. Counts of an encoder: write gain, what 1 is in "
+            f"{'rad' if proposal.axis == ROTARY else 'm'}, in place of unit."
+        )
 
     def add(target: str, role: Role, keys: str, why: str) -> None:
         name = rotary_name(target) if proposal.axis == ROTARY else target
         lines.append(f"{name} = {{ from = {toml_value(role.column.name)}, {keys} }}")
         proposal.found.append(f"{name} is '{role.column.name}': {role.why}; {why}")
         if role.why.startswith("GUESS"):
-            proposal.to_do.append(f"CHECK {name}: {role.why.removeprefix('GUESS: ')} is a guess.")
+            reason = role.why.removeprefix("GUESS: ").split(";")[0]
+            proposal.to_do.append(f"CHECK {name}: {reason} is a guess.")
 
     for key in ("reference_position", "position", "motor_position", "table_position"):
         if key in found:

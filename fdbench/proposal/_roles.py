@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fdbench.proposal._data import balance, derivative, is_signal, leads, slope
+from fdbench.proposal._data import TOLD, balance, derivative, is_signal, leads, slope
 from fdbench.proposal._names import LogColumn
 from fdbench.record import FloatArray
 
@@ -53,6 +53,9 @@ def _by_names(signals: Sequence[LogColumn], step_s: float) -> dict[str, Role]:
     if commands:
         near = min(commands, key=lambda item: float(np.std(item.values - position.values)))
         found["reference_position"] = Role(near, "its name says commanded position")
+    else:
+        found |= _command_by_data(signals, position, step_s)
+        position = found["position"].column
     speeds = [item for item in signals if item.quantity == "velocity" and not item.side]
     for key, is_reference in (("velocity", False), ("reference_velocity", True)):
         moving = derivative(position.values, step_s)
@@ -62,7 +65,33 @@ def _by_names(signals: Sequence[LogColumn], step_s: float) -> dict[str, Role]:
             found[key] = Role(best[1], f"its name says velocity, and it is the position's derivative ({best[0]:.0%})")
     outputs = [item for item in signals if item.quantity == "output"]
     commanded = [item for item in outputs if item.is_reference] or outputs
-    return {**found, **_output(commanded, position, step_s, "its name or unit says so")}
+    if commanded:
+        return {**found, **_output(commanded, position, step_s, "its name or unit says so")}
+    unnamed = [item for item in _left(signals, found, step_s) if not item.quantity]
+    unnamed = [item for item in unnamed if _explained(item, position, step_s) > TOLD]
+    return {**found, **_output(unnamed, position, step_s, "GUESS: the one that fits a force best")}
+
+
+def _command_by_data(signals: Sequence[LogColumn], position: LogColumn, step_s: float) -> dict[str, Role]:
+    """Return the command where no name says so: a column nearly equal to the position; it may turn out to be that."""
+    equal = [
+        item
+        for item in signals
+        if item.quantity in ("position", "")
+        and not (item.side or position.side or item is position)
+        and _is_same(item.values, position.values)
+    ]
+    if not equal:
+        return {}
+    near = min(equal, key=lambda item: float(np.std(item.values - position.values)))
+    if not near.quantity:
+        return {"reference_position": Role(near, f"GUESS: the column nearly equal to '{position.name}'")}
+    is_ahead, words = leads(near.values, position.values, step_s)
+    command, actual = (near, position) if is_ahead else (position, near)
+    return {
+        "position": Role(actual, "GUESS: of two nearly equal positions the one that follows"),
+        "reference_position": Role(command, f"GUESS: of two nearly equal positions the one that leads ({words})"),
+    }
 
 
 def _by_data(signals: Sequence[LogColumn], step_s: float) -> dict[str, Role]:
@@ -92,22 +121,34 @@ def _by_data(signals: Sequence[LogColumn], step_s: float) -> dict[str, Role]:
             return {}
         actual = max((signals[a] for a in origins), key=lambda item: float(np.ptp(item.values)))
         found = {"position": Role(actual, "by the data: another column is its derivative")}
-    used = {role.column.name for role in found.values()}
-    command = found["reference_position"].column if "reference_position" in found else actual
-    error = command.values - actual.values
-    derived = {signals[b].name for b, others in enumerate(parents) if any(signals[a].name in used for a in others)}
-    left = [item for item in signals if item.name not in used | derived]
-    left = [item for item in left if slope(item.values, error)[1] < IS_ERROR]
-    return {**found, **_output(left, actual, step_s, "by the data")}
+    return {**found, **_output(_left(signals, found, step_s), actual, step_s, "by the data")}
+
+
+def _left(signals: Sequence[LogColumn], found: dict[str, Role], step_s: float) -> list[LogColumn]:
+    """Return the columns without a role that are neither a derivative of those with one nor the following error."""
+    used = {role.column.name: role.column for role in found.values()}
+    actual = found["position"].column.values
+    error = found["reference_position"].column.values - actual if "reference_position" in found else 0.0 * actual
+    moving = [derivative(item.values, step_s) for item in used.values()]
+    return [
+        item
+        for item in signals
+        if item.name not in used
+        and all(slope(item.values, speed)[1] <= IS_DERIVATIVE for speed in moving)
+        and slope(item.values, error)[1] < IS_ERROR
+    ]
 
 
 def _output(candidates: Sequence[LogColumn], position: LogColumn, step_s: float, why: str) -> dict[str, Role]:
     if not candidates:
         return {}
-    fits = [(balance(item.values, position.values, step_s).explained, item) for item in candidates]
-    mirrored = [(balance(-item.values, position.values, step_s).explained, item) for item in candidates]
-    share, best = max(fits + mirrored, key=lambda pair: pair[0])
+    share, best = max(((_explained(item, position, step_s), item) for item in candidates), key=lambda pair: pair[0])
     return {"output": Role(best, f"{why}; mass and friction along the motion explain {max(share, 0.0):.0%} of it")}
+
+
+def _explained(force: LogColumn, position: LogColumn, step_s: float) -> float:
+    """Return how much of a force, or of its opposite, mass and friction along the motion explain."""
+    return max(balance(sign * force.values, position.values, step_s).explained for sign in (1.0, -1.0))
 
 
 def _farthest(candidates: Sequence[LogColumn]) -> LogColumn:

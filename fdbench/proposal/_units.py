@@ -12,7 +12,7 @@ from fdbench.units import si_unit
 POSITIONS = ("mm", "m", "um", "in", "deg", "rad", "rev")
 SPEEDS = ("mm/s", "m/s", "mm/min", "m/min", "in/min", "deg/s", "rad/s", "rev/s", "rpm")
 FITS = 0.03  # by which a speed may differ from the derivative of the position
-LARGEST_IN_METRES = 2.0  # a position that moves farther is not in metres
+LARGEST = {"m": 2.0, "mm": 2e4, "um": 2e7}  # a position that moves farther is not in this unit
 
 
 class Unit(NamedTuple):
@@ -48,8 +48,9 @@ def position_unit(column: LogColumn, speeds: list[LogColumn], step_s: float, usu
     if usual:
         return Unit(usual, f"GUESS: usual in such logs; its range is {np.ptp(column.values):.4g}", True)
     size = float(np.ptp(column.values))
-    name = "mm" if size > LARGEST_IN_METRES else "m"
-    return Unit(name, f"GUESS: by its range of {size:.4g}", True)
+    name = next((name for name, largest in LARGEST.items() if size <= largest), "nm")
+    unknown = f"; '{column.foreign_unit}' is not known here" if column.foreign_unit else ""
+    return Unit(name, f"GUESS: by its range of {size:.4g}{unknown}", True)
 
 
 def speed_unit(column: LogColumn, position: LogColumn, unit: str, step_s: float) -> Unit | None:
@@ -82,7 +83,9 @@ def output(role: Role, is_rotary: bool) -> tuple[str, str, str]:
         return name, f'unit = "{unit}"', ""
     target = "N m" if is_rotary else "N"
     keys = f'unit = "{unit}", gain = 1.0' if unit else "gain = 1.0"
-    counted = f"1 {si} counts" if unit else "it has no unit, and 1 in the file counts"
+    unknown = role.column.foreign_unit
+    said = f"its unit '{unknown}' is not known here" if unknown else "it has no unit"
+    counted = f"1 {si} counts" if unit else f"{said}, and 1 in the file counts"
     gain = {
         "N m": "2 pi / lead in m for the motor of a screw (N/(N m))",
         "A": f"the motor's constant in {target}/A",

@@ -1,6 +1,7 @@
 """Unedited logs of many controllers: what is proposed reads back as the record that was written."""
 
 import re
+import shlex
 import sys
 from pathlib import Path
 
@@ -236,6 +237,76 @@ def test_two_encoders_and_stamps_that_are_late(record: Record, tmp_path: Path) -
     assert "CHECK the clock: times in 'timestamp' are uneven by up to" in result.output
     assert "left out 'speed [furlong]': another velocity, not needed" in result.output
     assert read.sampling_time_s == pytest.approx(1e-3, rel=1e-3)
+
+
+# The line of names, what 1 s, 1 m and 1 N m are in the file, its encoding, and the column that can only be guessed.
+ABROAD = {
+    "French": ("Temps (s);Consigne de position (mm);Position mesurée (mm);Couple (N·m)", 1, 1e3, 1, "cp1252", ""),
+    "Italian": ("Tempo [s];Posizione comandata [mm];Posizione reale [mm];Coppia [Nm]", 1, 1e3, 1, "utf-8", ""),
+    "Spanish": ("Tiempo (ms);Posición de consigna (mm);Posición real (mm);Par (Nm)", 1e3, 1e3, 1, "utf-8", ""),
+    "Chinese": ("时间[ms];指令位置[mm];实际位置[mm];转矩[%]", 1e3, 1e3, 30, "utf-8-sig", ""),
+    "Shift JIS": ("時間[ms];指令位置[mm];実位置[mm];トルク[Nm]", 1e3, 1e3, 1, "shift_jis", "reference_position_m"),
+    "inches": ("Time (s);Commanded position (in);Actual position (in);Torque (oz-in)", 1, 1 / 0.0254, 142, "utf-8", ""),
+    "units behind commas": ("Time, s;Setpoint, mm;Position, mm;Torque, Nm", 1, 1e3, 1, "utf-8", ""),
+    "units as last words": ("Time ms;Set Position mm;Act Position mm;Motor Torque Nm", 1e3, 1e3, 1, "utf-8", ""),
+    "a name of no meaning": ("stamp;w;pos [mm];torque", 1, 1e3, 1, "utf-8", "reference_position_m"),
+    "a force without a name": ("t;x_set [mm];x [mm];antrieb", 1, 1e3, 1, "utf-8", "motor_force_N"),
+    "positions of no side": ("t;Position A [mm];Position B [mm];torque", 1, 1e3, 1, "utf-8", "reference_position_m"),
+}
+
+
+@pytest.mark.parametrize("case", ABROAD)
+def test_logs_from_abroad(case: str, record: Record, tmp_path: Path) -> None:
+    head, seconds, metres, newton_metres, encoding, guessed = ABROAD[case]
+    names = ("time_s", "reference_position_m", "position_m", "motor_torque_Nm")
+    columns = [
+        factor * record[name] for name, factor in zip(names, (seconds, metres, metres, newton_metres), strict=True)
+    ]
+    rows = [";".join(f"{value:.9f}" for value in row) for row in zip(*columns, strict=True)]
+    (tmp_path / "a.csv").write_text("\n".join([head, *rows, ""]), encoding)
+    result = run(tmp_path / "a.csv")
+    assert result.exit_code == 0, result.output
+    read = read_record(tmp_path / "a.toml")
+    assert read.sampling_time_s == pytest.approx(1e-3)
+    np.testing.assert_allclose(read["reference_position_m"], record["reference_position_m"], atol=1e-9)
+    np.testing.assert_allclose(read["position_m"], record["position_m"], atol=1e-9)
+    np.testing.assert_allclose(read["motor_force_N"], newton_metres * record["motor_torque_Nm"], atol=1e-9)
+    assert re.findall(r"CHECK (reference_position_m|motor_force_N): .* a guess", result.output) == guessed.split()
+
+
+def test_a_unit_that_is_unknown_is_said(record: Record, tmp_path: Path) -> None:
+    steps = {name: np.round(1e7 * record[name]) for name in ("reference_position_m", "position_m")}
+    columns = (record["time_s"], *steps.values(), record["motor_torque_Nm"])
+    rows = [",".join(f"{value:.6f}" for value in row) for row in zip(*columns, strict=True)]
+    head = "time [s],set position [counts],position [counts],torque [lbf-in]"
+    (tmp_path / "a.csv").write_text("\n".join([head, *rows, ""]))
+    result = run(tmp_path / "a.csv")
+    assert result.exit_code == 0, result.output
+    assert "in um: GUESS: by its range of 1.1e+06; 'counts' is not known here" in result.output
+    assert "CHECK motor_force_N: its unit 'lbf-in' is not known here" in result.output
+    assert "Counts of an encoder: write gain, what 1 is in m, in place of unit." in result.output
+    mapping = tmp_path / "a.toml"
+    mapping.write_text(mapping.read_text().replace('unit = "um"', "gain = 1e-7"))
+    np.testing.assert_allclose(read_record(mapping)["position_m"], record["position_m"], atol=6e-8)
+
+
+def test_times_as_text_are_named(record: Record, tmp_path: Path) -> None:
+    rows = [f"2024-03-04 05:06:07.{place:03},{place:.3f},{place**2:.3f}" for place in range(20)]
+    (tmp_path / "a.csv").write_text("\n".join(["timestamp,position [mm],torque [Nm]", *rows, ""]))
+    refused("the times in 'timestamp' are no numbers. Give the sampling time", tmp_path / "a.csv")
+
+
+def test_what_is_proposed_can_be_typed(record: Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder, name in (("a folder (1)", "é.csv"), ("-b", "x;y.csv")):
+        Path(folder).mkdir()
+        log_writers.bracket_csv(record, Path(folder) / name)
+        result = run("-o", folder, "--", Path(folder) / name)
+        assert result.exit_code == 0, result.output
+        *_, command = result.output.splitlines()
+        program, sub, option, *files = shlex.split(command.removeprefix("Then: "))
+        assert [program, sub, option] == ["fdbench", "diagnose", "--model"]
+        assert all(Path(file).is_file() and not file.startswith("-") for file in files)
 
 
 def test_values_that_are_no_numbers_are_gaps(record: Record, tmp_path: Path) -> None:
