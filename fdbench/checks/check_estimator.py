@@ -150,7 +150,7 @@ def has_a_possible_covariance(case: CheckedEstimator) -> None:
     covariance, names = np.asarray(case.first.covariance), list(case.first.parameters)
     if covariance.size and covariance.shape != (len(names), len(names)):
         raise NotApplicable("it has another shape than the parameters")
-    deviations = np.sqrt(np.diag(covariance))
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scaled = covariance / np.outer(*2 * [np.where(deviations > 0.0, deviations, 1.0)])
     asymmetry = np.abs(scaled - scaled.T)
     if asymmetry.size and asymmetry.max() > ROUNDING:

@@ -155,6 +155,7 @@ def case(covariance: Any) -> Any:
         ([[1e-20, 5e-11], [4e-11, 1.0]], "not symmetric"),
         ([[1.0, 2.0], [2.0, 1.0]], r"not positive semidefinite: .* eigenvalue -1"),
         ([[0.0, 0.1], [0.1, 1.0]], "not positive semidefinite"),
+        ([[-1.0, 0.0], [0.0, 1.0]], r"not positive semidefinite: .* eigenvalue -1"),
         ([[1e-20, 2e-10], [2e-10, 1.0]], r"not positive semidefinite: .* eigenvalue -1"),
     ],
 )
