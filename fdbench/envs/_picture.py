@@ -8,24 +8,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.simulate.system import FloatArray
-from fdbench.units import UNITS, split_unit
+from fdbench.wording import quantity, si_text
 
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 WINDOW_S = 2.0
 HEIGHT, WIDTH, MARGIN = 360, 640, 16
-PAPER, LINE, INK = (250, 250, 252), (205, 209, 217), (52, 58, 70)
+PAPER, LINE, SOFT, INK = (250, 250, 252), (205, 209, 217), (110, 118, 132), (52, 58, 70)
 BLUE, RED, GREEN, AMBER = (44, 97, 176), (196, 57, 50), (33, 130, 92), (199, 121, 18)
 
-# Three by five dots: one octal digit for each row of a character.
-CHARACTERS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZ.-+/_^"
+# Five by nine dots, two rows of them below the base line: one digit of base 32 for each row of a character.
+CHARACTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyzµ0123456789.-+/_^%:²³"
+ROWS, COLUMNS = 9, 5
 DOTS = (
-    "7555726227717477171755711747177475771222757577571725755656563444365556746477464434553557557222711152"
-    "5565544447577556555525552656442557365655342167222255557555525577555255552227124700002007000272011244"
-    "0000725000"
+    "ehhvhhh00uhhuhhu00ehggghe00uhhhhhu00vgguggv00vgguggg00ehgnhhe00hhhvhhh00e44444e0072222ic00hikokih00ggggggv00"
+    "hrllhhh00hppljjh00ehhhhhe00uhhuggg00ehhhlid00uhhukih00ehge1he00v44444400hhhhhhe00hhhhaa400hhhllrh00hha4ahh00"
+    "hha444400v1248gv0000e1fhf00gguhhhu0000eggge0011fhhhf0000ehvge0068u88880000fhhhf1egguhhhh0040c444e002062222ic"
+    "ggikoki00c44444e0000qllll0000uhhhh0000ehhhe0000uhhhugg00fhhhf1100mpggg0000fge1u0088u88960000hhhhf0000hhha400"
+    "00hllla0000ha4ah0000hhhhf1e00v248v0000hhhjtggehjlphe004c4444e00eh168gv00eh161he0026aiv2200vgu11he00egguhhe00"
+    "v12448800ehhehhe00ehhf11e0000000cc00000v00000044v4400011248gg00000000v004ah000000pp248jj000cc0cc000s4sgs0000"
+    "s4s4s0000"
 )
-GLYPHS = {character: DOTS[5 * n : 5 * n + 5] for n, character in enumerate(CHARACTERS)}
+GLYPHS = {character: DOTS[ROWS * n : ROWS * (n + 1)] for n, character in enumerate(CHARACTERS)}
+DOT = 2  # pixels
+ABOVE = 20  # pixels from the upper edge of a label to the chart below it
 
 
 @dataclass(frozen=True)
@@ -43,19 +50,33 @@ class Trace:
         return float(np.abs(finite).max()) if finite.size else 0.0
 
     def label(self, value: float) -> str:
-        """Return name, value and unit in capitals."""
-        stem, suffix = split_unit(self.name)
-        return f"{stem.replace('_', ' ')} {value:.3g} {UNITS.get(suffix, '')}".upper()
+        """Return name and value, the latter with unit and prefix."""
+        text, unit = quantity(self.name)
+        return f"{text} {si_text(value, unit)}"
+
+    @property
+    def scale(self) -> str:
+        """Return the largest magnitude with unit and prefix."""
+        return si_text(self.largest, quantity(self.name)[1])
 
 
 def write(image: Image, text: str, x: int, y: int, colour: Colour = INK) -> None:
-    """Write capitals, digits and signs with their upper left corner at (x, y), in dots of two pixels."""
+    """Write letters, digits and signs with their upper left corner at (x, y)."""
     for index, character in enumerate(text):
-        rows = [[int(bit) for bit in f"{int(digit):03b}"] for digit in GLYPHS.get(character, "00000")]
-        dots = np.kron(np.array(rows, dtype=bool), np.ones((2, 2), dtype=bool))
-        left = x + 8 * index
-        target = image[y : y + 10, left : left + 6]
+        rows = [[int(bit) for bit in f"{int(digit, 32):05b}"] for digit in GLYPHS.get(character, "0" * ROWS)]
+        dots = np.kron(np.array(rows, dtype=bool), np.ones((DOT, DOT), dtype=bool))
+        left = x + DOT * (COLUMNS + 1) * index
+        target = image[y : y + DOT * ROWS, left : left + DOT * COLUMNS]
         target[dots[: target.shape[0], : target.shape[1]]] = colour
+
+
+def legend(image: Image, top: int) -> None:
+    """Write what the colours of rail and path stand for."""
+    left = MARGIN
+    for colour, text in ((BLUE, "position"), (RED, "reference")):
+        image[top + 5 : top + 9, left : left + 16] = colour
+        write(image, text, left + 24, top)
+        left += 24 + DOT * (COLUMNS + 1) * (len(text) + 2)
 
 
 def plot(image: Image, trace: Trace, top: int, height: int, n_samples: int, left: int = MARGIN) -> None:
@@ -72,7 +93,8 @@ def plot(image: Image, trace: Trace, top: int, height: int, n_samples: int, left
     drawn = (rows >= np.minimum(y, before)) & (rows <= np.maximum(y, before)) & (sample >= 0)
     panel[drawn] = trace.colour
     frame(panel)
-    write(image, f"{trace.label(scaled[-1] * trace.largest)}   SCALE {trace.largest:.3g}".upper(), left, top - 14)
+    write(image, trace.label(scaled[-1] * trace.largest), left, top - ABOVE)
+    write(image, trace.scale, left + 4, top + 4, SOFT)
 
 
 def frame(panel: Image) -> None:
@@ -140,7 +162,8 @@ def draw_plane(title: str, place: tuple[FloatArray, FloatArray, int], traces: Se
     """
     image = np.empty((HEIGHT, WIDTH, 3), dtype=np.uint8)
     image[:] = PAPER
-    write(image, title.upper(), MARGIN, 16)
+    write(image, title, MARGIN, 8)
+    legend(image, 30)
     side = 224
     place_on_path(image[74 : 74 + side, MARGIN : MARGIN + side], *place)
     for index, trace in enumerate(traces):
@@ -162,7 +185,8 @@ def draw(title: str, place: tuple[float, float, tuple[float, float]], traces: Se
     """
     image = np.empty((HEIGHT, WIDTH, 3), dtype=np.uint8)
     image[:] = PAPER
-    write(image, title.upper(), MARGIN, 16)
+    write(image, title, MARGIN, 8)
+    legend(image, 30)
     place_on_rail(image, *place)
     bar, *charts = traces
     middle, half = WIDTH // 2, (WIDTH - 2 * MARGIN) // 2
@@ -171,7 +195,7 @@ def draw(title: str, place: tuple[float, float, tuple[float, float]], traces: Se
     image[128:140, MARGIN : WIDTH - MARGIN] = 255
     image[128:140, min(middle, end) : max(middle, end) + 1] = bar.colour
     image[124:144, middle] = INK
-    write(image, f"{bar.label(now)}   SCALE {bar.largest:.3g}".upper(), MARGIN, 112)
+    write(image, f"{bar.label(now)} of {bar.scale}", MARGIN, 128 - ABOVE)
     for index, trace in enumerate(charts):
         plot(image, trace, 166 + 104 * index, 80, n_samples)
     return image

@@ -182,7 +182,7 @@ class DriveEnv(gymnasium.Env[FloatArray, ActionArray]):
         rows = np.array(self._history or [rest])
         columns = dict(zip((*system.columns, *system.truth_columns), rows.T[1:], strict=True))
         k = rows[:, 0].astype(np.intp)
-        title, width = f"{self.scenario.id}   T {k[-1] * self._period_s:.3f} S", self._history.maxlen or len(k)
+        title, width = f"{self.scenario.id}   {k[-1] * self._period_s:.3f} s", self._history.maxlen or len(k)
         errors = [Trace(f"error_of_{item.name}", item.reference[k] - columns[item.name], RED) for item in rewarded]
         if len(rewarded) == 2:
             path = np.column_stack([columns[item.name] for item in rewarded])

@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import json
+import re
 import subprocess
 import sys
 import warnings
@@ -17,7 +18,7 @@ from gymnasium.error import InvalidAction, ResetNeeded
 
 from fdbench.checks.check_env import CHECKS, Subject, check_env, subject
 from fdbench.envs import environment_ids, register_all
-from fdbench.envs._picture import CHARACTERS, GLYPHS
+from fdbench.envs._picture import CHARACTERS, COLUMNS, DOT, GLYPHS, ROWS
 from fdbench.envs.drive_env import DriveEnv
 from fdbench.envs.drive_vector_env import DriveVectorEnv
 from fdbench.errors import PluginError, SpecError, UnknownName
@@ -76,7 +77,8 @@ def test_picture_shows_the_table_where_it_is() -> None:
     for _ in range(3):
         for _ in range(700):
             observation, *_ = env.step(ZERO)
-        blue = (env.render() == (44, 97, 176)).all(axis=2).any(axis=0)  # type: ignore[attr-defined]
+        picture: Any = env.render()
+        blue = (picture[50:] == (44, 97, 176)).all(axis=2).any(axis=0)  # below the legend
         centres.append((float(np.flatnonzero(blue).mean()), float(observation[env.columns.index("position_m")])))
     (x_0, p_0), (x_1, p_1), (x_2, p_2) = centres
     assert (x_1 - x_0) / (p_1 - p_0) == pytest.approx((x_2 - x_0) / (p_2 - p_0), rel=0.05)
@@ -103,10 +105,29 @@ def test_picture_of_two_axes_shows_the_table_on_its_path() -> None:
     assert scale > 0.0
 
 
-def test_every_character_has_five_rows() -> None:
-    assert {len(rows) for rows in GLYPHS.values()} == {5}
-    assert set("".join(GLYPHS.values())) <= set("01234567")
-    assert set("ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-+/") <= set(CHARACTERS)
+def test_every_character_has_its_dots() -> None:
+    assert {len(rows) for rows in GLYPHS.values()} == {ROWS}
+    assert len(set(GLYPHS.values())) == len(CHARACTERS)
+
+
+@pytest.mark.parametrize("name", ["ShakerConstant-v2", "ServoSpiral-v1"])
+def test_words_of_a_picture_can_be_written_and_fit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names, values with prefixes as people write them, and what the colours stand for."""
+    written: list[str] = []
+
+    def write(image: Any, text: str, x: int, *_: Any) -> None:
+        written.append(text)
+        assert set(text) <= {*CHARACTERS, " "}
+        assert x + DOT * (COLUMNS + 1) * len(text) <= image.shape[1]
+
+    monkeypatch.setattr("fdbench.envs._picture.write", write)
+    env = DriveEnv(name, render_mode="rgb_array")
+    env.reset(seed=0)
+    for _ in range(50):
+        env.step(env.action_space.sample())
+    env.render()
+    assert {"position", "reference"} < set(written)
+    assert any(re.match(r"error of .* [-.\d]+ [mµn]m", text) for text in written), written
 
 
 def test_rendering_without_a_mode_warns() -> None:
