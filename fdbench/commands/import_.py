@@ -1,12 +1,11 @@
 """``fdbench import``."""
 
-import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from fdbench.commands._say import say
+from fdbench.commands._say import say, typed
 from fdbench.errors import SpecError
 
 INCOMPLETE = 1
@@ -73,12 +72,7 @@ def import_(
     say("\n".join(["To do:", *(f"  - {line}" for line in to_do)]) if to_do else "Nothing to fill in.")
     if any(proposal.record is None for proposal in proposals):
         raise typer.Exit(INCOMPLETE)
-    say(f"Then: fdbench diagnose --model {_typed(model)} {' '.join(map(_typed, written))}")
-
-
-def _typed(path: Path) -> str:
-    """Return a path as it is typed in a shell, where a dash begins an option."""
-    return shlex.quote(f"./{path}" if str(path).startswith("-") else str(path))
+    say(f"Then: fdbench diagnose --model {typed(model)} {' '.join(map(typed, written))}")
 
 
 def _refuse_existing(path: Path) -> None:
@@ -114,4 +108,4 @@ def _import_tuning(files: list[Path], output: Path | None) -> None:
         write_text(response, tuned.response)
         say(f"The measured response: {response}")
         page = place / f"{file.stem}.html"
-        say(f"Then: fdbench show {_typed(model)} {_typed(response)} --sampling-time 1e-3 --output {_typed(page)}")
+        say(f"Then: fdbench show {typed(model)} {typed(response)} --sampling-time 1e-3 --output {typed(page)}")

@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from fdbench.commands._say import say
+from fdbench.commands._say import say, typed
 from fdbench.errors import FdbenchError, UnknownName, did_you_mean
 
 NAME, CLASS = "my_plugin", "MyPlugin"
@@ -42,7 +42,7 @@ def new(
         write_text(path, text, folders=True)
     say(f"Written: {', '.join(map(str, texts))}")
     plugin = next(path for path in texts if path.stem.removesuffix("-v0") == name.removesuffix("-v0"))
-    say(f"Next: fdbench check {plugin}")
+    say(f"Next: fdbench check {typed(plugin)}")
 
 
 def kinds() -> list[str]:

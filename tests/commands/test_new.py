@@ -1,5 +1,6 @@
 """`fdbench new`: what it writes works, is in the house's form, and overwrites nothing."""
 
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -112,3 +113,10 @@ def test_nothing_is_overwritten() -> None:
 def test_a_bad_name_is_told_in_one_message(arguments: str, message: str) -> None:
     assert message in refused("new", *arguments.split())
     assert list(Path().iterdir()) == []
+
+
+def test_the_command_that_is_proposed_can_be_typed() -> None:
+    result = fdbench("new", "estimator", "my_own", "-o", "a folder (1)")
+    assert result.exit_code == 0, result.output
+    *_, command = result.output.splitlines()
+    assert shlex.split(command.removeprefix("Next: ")) == ["fdbench", "check", "a folder (1)/my_own.py"]
