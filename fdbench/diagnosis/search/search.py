@@ -53,10 +53,15 @@ class Search:
             if stage is None:
                 break
             stages.append(stage)
-            if stage.present() < 0.5 or stage.gain(stage.rivals[0]) < SEARCH.smallest_gain:
+            if self.ends(stage):
                 break
             base = stage.rivals[0].hypothesis
         return base, stages
+
+    @staticmethod
+    def ends(stage: Stage) -> bool:
+        """Whether nothing of a stage is worth adding."""
+        return stage.present() < 0.5 or stage.gain(stage.rivals[0]) < SEARCH.smallest_gain
 
     def stage(self, base: Hypothesis) -> Stage | None:
         """Rank all classes of effects as the next one; None where the base leaves noise alone."""
@@ -104,7 +109,7 @@ class Search:
         A fit that stopped elsewhere would decide between effects that differ by less.
         """
         stage = self.compared(base, hypotheses)
-        alike = look_alikes(stage)
+        alike = [] if self.ends(stage) else look_alikes(stage)
         again: dict[type[Effect], Hypothesis] = {}
         for rival in alike[1:]:
             best = alike[0]
