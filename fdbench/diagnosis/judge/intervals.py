@@ -68,5 +68,6 @@ def not_fitted(effect: Effect) -> list[str]:
 
 
 def at_bound(effect: Effect) -> list[str]:
-    """Return the fitted parameters that lie on a bound of what the library allows."""
-    return [item.name for item in adjustables(effect) if getattr(effect, item.name) in (item.low, item.high)]
+    """Return the fitted parameters that lie on a bound of what the library allows; at 0 there is nothing beyond."""
+    values = [(item, getattr(effect, item.name)) for item in adjustables(effect)]
+    return [item.name for item, value in values if value in (item.low, item.high) and value != 0.0]
