@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.parameter_vector import adjustables_of
 from fdbench.diagnosis.settings import JUDGE, SEARCH
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
@@ -102,10 +103,10 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
     Beside a rival that removes as much, errors of the model are the same, and cancel in the difference d of the
     weighted squared gaps over stretches of time. Of such rivals the one with the smallest sum has the log odds
 
-    .. math:: \ln \frac{\Phi(c z)}{\Phi(-c z)} + \frac{p' - p}{2}, \qquad z = \frac{\sum d}{\sqrt{n} s_d}
+    .. math:: \ln \frac{\Phi(c z)}{\Phi(-c z)} + \frac{p' - p}{2} + k' - k, \qquad z = \frac{\sum d}{\sqrt{n} s_d}
 
-    against another one (Vuong 1989, Econometrica 57, 307-333, eq. 4.1), with c = ``SEARCH.paired`` and the penalties
-    p; what they have together stays as it was.
+    against another one (Vuong 1989, Econometrica 57, 307-333, eq. 4.1), with c = ``SEARCH.paired``, the penalties p,
+    and 1 for each of the k fitted numbers (Akaike 1974); what they have together stays as it was.
 
     Parameters
     ----------
@@ -120,7 +121,11 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
         behind = squares[:, alike] - squares[:, [alike[int(np.argmin(squares[:, alike].sum(axis=0)))]]]
         scatter = np.sqrt(len(squares)) * behind.std(axis=0, ddof=1)
         scores = np.divide(behind.sum(axis=0), scatter, out=np.zeros(len(alike)), where=scatter > 0.0)
-        odds = [_log_odds(SEARCH.paired * z) - 0.5 * rivals[i].penalty for i, z in zip(alike, scores, strict=True)]
+        fitted = [len(adjustables_of(rivals[place].hypothesis)) for place in alike]
+        odds = [
+            _log_odds(SEARCH.paired * z) - 0.5 * rivals[place].penalty - own_numbers
+            for place, z, own_numbers in zip(alike, scores, fitted, strict=True)
+        ]
         level = float(np.logaddexp.reduce([own[place] for place in alike]) - np.logaddexp.reduce(odds))
         for place, odd in zip(alike, odds, strict=True):
             rivals[place] = replace(rivals[place], paired=odd + level - own[place])
