@@ -75,10 +75,7 @@ class Evidence:
     def by_group(self, held_out: bool) -> FloatArray:
         """Return the weighted squared gaps on one part, summed over the channels of a group, (n_groups, n_columns)."""
         part = self.held_out == held_out
-        groups, place = np.unique(self.group[part], return_inverse=True)
-        sums = np.zeros((len(groups), self.diagonal.shape[1]))
-        np.add.at(sums, place, self.squared_gaps()[part] * self.weights[part, None])
-        return sums
+        return summed((self.squared_gaps() * self.weights[:, None])[part], self.group[part])
 
     @property
     def diagonal(self) -> FloatArray:
@@ -113,10 +110,15 @@ class Evidence:
         within = np.array([(floor.rms / floor.total) ** 2 for floor in split.noise_models.values()])[self.channel]
         repeats = np.array([run.repeats for run in split.runs])[self.run]
         squares = self.diagonal * (within / repeats)[:, None]
-        runs, place = np.unique(self.run, return_inverse=True)
-        sums = np.zeros((len(runs), squares.shape[1]))
-        np.add.at(sums, place, squares)
-        return np.asarray((sums / np.bincount(place, self.counts)[:, None]).max(axis=0))
+        return np.asarray((summed(squares, self.run) / summed(self.counts[:, None], self.run)).max(axis=0))
+
+
+def summed(values: FloatArray, groups: NDArray[np.intp]) -> FloatArray:
+    """Return the sums of the rows of each group, (n_groups, n_columns)."""
+    found, place = np.unique(groups, return_inverse=True)
+    sums = np.zeros((len(found), values.shape[1]))
+    np.add.at(sums, place, values)
+    return sums
 
 
 def _squared_gaps(squares: FloatArray, with_gap: FloatArray) -> FloatArray:
@@ -175,8 +177,8 @@ def gather(
     for number, count, own in zip(numbers, segments, simulated, strict=True):
         run, out, n = split.runs[number], split.held_out[number], len(count)
         last = first + n_channels * n
-        of_run = (own_part[first:last].reshape(n_channels, n, *own_part.shape[1:]) for own_part in (products, band))
-        segment_products(split, number, own, counted_from, *of_run)
+        written = (part[first:last].reshape(n_channels, n, *part.shape[1:]) for part in (products, band))
+        segment_products(split, number, own, counted_from, *written)
         for place, name in enumerate(run.channels):
             counts.append(count)
             outs.append(out[:: segment_length(run)])

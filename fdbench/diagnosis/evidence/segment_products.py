@@ -75,17 +75,17 @@ def segment_products(
             found[place], band[place], readings[name], measured, counted_from, per_unit, directions, segment_length(run)
         )
     squares = diagonal(found[:, :, :n_common, :n_columns], band).sum(axis=1)
-    lost = np.flatnonzero(~(squares < HUGE**2).all(axis=0))
-    if len(lost):
-        found[:, :, lost[lost < n_common]] = 0.0
-        found[:, :, :, lost] = 0.0
+    lost = ~(squares < HUGE**2).all(axis=0)
+    if lost.any():
+        found[:, :, :n_common][:, :, lost[:n_common]] = 0.0
+        found[:, :, :, :n_columns][:, :, :, lost] = 0.0
         for after in range(band.shape[2]):
-            band[:, :, after, np.isin(np.arange(n_common, n_columns) + after, lost)] = 0.0
-        band[:, :, :, lost[lost >= n_common] - n_common] = 0.0
+            either = lost[n_common : n_columns - after] | lost[n_common + after :]
+            band[:, :, after, np.flatnonzero(either)] = 0.0
     if change:
         _whiten(found, band, n_common, n_columns, change)
         products[:] = found[:, :, :n_common, :n_columns]
-    if 0 in lost:
+    if lost[0]:
         products[:, :, 0, 0] = DIVERGED**2 * segment_counts(run)
 
 

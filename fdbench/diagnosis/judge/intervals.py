@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from fdbench.diagnosis.answer import Pair, Quantity
+from fdbench.diagnosis.evidence.evidence import summed
 from fdbench.diagnosis.model.candidates import candidates, middle_shapes
 from fdbench.diagnosis.model.hypothesis import Hypothesis, adjustables
 from fdbench.diagnosis.model.parameter_vector import adjustables_of
@@ -24,15 +25,13 @@ def intervals(search: Search, final: Hypothesis) -> list[dict[str, Pair]]:
     numbers, others = adjustables_of(final), one_of_each(final)
     evidence = search.refinement.responses(final, others, search.split.fitted, effects=True)
     inside = ~evidence.held_out
-    n, n_all = len(numbers), len(numbers) + len(others)
+    n = len(numbers)
     prior = np.r_[[float(item.prior) for item in numbers], np.full(len(others), JUDGE.hidden**-2)]
     normal = evidence.sums[0, 1:, 1:] + np.diag(prior)
-    groups, place = np.unique(evidence.group[inside], return_inverse=True)
-    sums = np.zeros((len(groups), n_all))
-    np.add.at(sums, place, evidence.weights[inside, None] * evidence.products[inside, 0, 1:])
+    sums = summed(evidence.weights[inside, None] * evidence.products[inside, 0, 1:], evidence.group[inside])
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
     inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
-    spread = sums.T @ sums * len(groups) / max(len(groups) - n, 1)
+    spread = sums.T @ sums * len(sums) / max(len(sums) - n, 1)
     deviations = 1.96 * np.sqrt(np.diag(inverse @ (spread + np.diag(prior)) @ inverse))
     found, first = [], len(final.shifts)
     for effect in final.effects:

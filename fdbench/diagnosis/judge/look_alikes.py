@@ -10,8 +10,8 @@ from fdbench.effects import Effect
 
 def indistinguishable(contest: Stage, kind: type[Effect]) -> list[str]:
     """Return the names of rivals that explain nearly as much as an effect."""
-    gains = {rival.kind: contest.gain(rival) for rival in contest.rivals}
-    return [rival.name for rival, gain in gains.items() if rival is not kind and gain >= JUDGE.alike * gains[kind]]
+    own = next(rival for rival in contest.rivals if rival.kind is kind)
+    return [rival.kind.name for rival in contest.alike(contest.gain(own)) if rival is not own]
 
 
 def instead(contest: Stage, kind: type[Effect], same: Collection[str]) -> RivalReduction | None:

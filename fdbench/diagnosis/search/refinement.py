@@ -117,14 +117,14 @@ class Refinement:
                 break
             start, fell, fresh = hypothesis, 0.0, tangent.is_about(hypothesis)
             tried = [start]
-            for dampings in ((0.0,), SEARCH.dampings, SEARCH.further_dampings):
-                trials = steps.damped(dampings)
+            for dampings in ((), SEARCH.dampings, SEARCH.further_dampings):
+                trials = steps.damped(dampings) if dampings else [steps.undamped]
                 after = _objectives(self._squares(start, trials)[1:], trials, weight)
                 best = int(np.argmin(after))
                 if before - after[best] > fell:
                     hypothesis, fell = trials[best], before - after[best]
                 tried += trials
-                if fell >= SEARCH.kept_promise * promise or (dampings[0] > 0.0 and (fell > 0.0 or not fresh)):
+                if fell >= SEARCH.kept_promise * promise or (dampings and (fell > 0.0 or not fresh)):
                     break
             self._fitted_readings.forget([item for item in tried if item not in (given, hypothesis)])
             if fresh and fell < enough:
@@ -142,7 +142,7 @@ class Refinement:
         probed = self._gather(hypothesis, tangent, (), self.split.fitted)
         weight = prior_weight(float(probed.squares(held_out=False)[0]))
         steps = _Steps(hypothesis, probed, range(len(tangent.moved)), weight)
-        return probed, steps.squares, steps.damped((0.0,))[0]
+        return probed, steps.squares, steps.undamped
 
     def tangent(self, hypothesis: Hypothesis, *, anew: bool = False) -> Tangent:
         """Return that of a hypothesis: its effects' about itself, its nominal parameters' perhaps about one near it."""
@@ -180,18 +180,8 @@ class Refinement:
         known = tangent if effects else tangent.of(range(len(base.shifts)))
         every = known.followed_by(Tangent(about=[base] * len(others), moved=[*others]))
         keep = [*self.nominal.about, *self.nominal.moved]
-        whole = places is None
-        return gather(
-            self.readings if whole else self._fitted_readings,
-            self.split if whole else self._fitted_split,
-            base,
-            every.moved,
-            places,
-            keep=keep,
-            about=every.about,
-            common=None if neighbours is None else 1 + len(known.moved),
-            neighbours=neighbours or 1,
-        )
+        common = None if neighbours is None else 1 + len(known.moved)
+        return self._gather(base, every, keep, places, common, neighbours or 1)
 
     def better(self, base: Hypothesis, rivals: Sequence[Hypothesis]) -> Hypothesis:
         """Return which of several has the lowest objective, with the weights of a base."""
@@ -206,10 +196,18 @@ class Refinement:
         return squares
 
     def _gather(
-        self, base: Hypothesis, tangent: Tangent, keep: Sequence[Hypothesis], places: Sequence[int]
+        self,
+        base: Hypothesis,
+        tangent: Tangent,
+        keep: Sequence[Hypothesis],
+        places: Sequence[int] | None,
+        common: int | None = None,
+        neighbours: int = 1,
     ) -> Evidence:
-        readings, split = self._fitted_readings, self._fitted_split
-        return gather(readings, split, base, tangent.moved, places, keep=keep, about=tangent.about)
+        """Gather the responses of what is fitted of some runs; of all runs, whole, where none are given."""
+        whole = places is None
+        readings, split = (self.readings, self.split) if whole else (self._fitted_readings, self._fitted_split)
+        return gather(readings, split, base, tangent.moved, places, keep, tangent.about, common, neighbours)
 
     def _forget(self, tangent: Tangent, *but: Hypothesis) -> None:
         gone = [item for item in (*tangent.about, *tangent.moved) if all(item is not other for other in but)]
@@ -239,9 +237,9 @@ class _Steps:
         self.scores = Scores(
             probed, {column: priors[place] for column, place in known}, {column: room[place] for column, place in known}
         )
-        undamped = self.scores.fit(self._columns)
-        self.squares = undamped.squares
-        self.promised = self.squares + weight * self._to(undamped.coefficients).prior_penalty()
+        fit = self.scores.fit(self._columns)
+        self.undamped, self.squares = self._to(fit.coefficients), fit.squares
+        self.promised = self.squares + weight * self.undamped.prior_penalty()
 
     def damped(self, dampings: Sequence[float]) -> list[Hypothesis]:
         """Return the hypothesis after the step of each damping."""

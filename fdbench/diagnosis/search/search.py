@@ -53,15 +53,10 @@ class Search:
             if stage is None:
                 break
             stages.append(stage)
-            if self.ends(stage):
+            if stage.is_last():
                 break
             base = stage.rivals[0].hypothesis
         return base, stages
-
-    @staticmethod
-    def ends(stage: Stage) -> bool:
-        """Whether nothing of a stage is worth adding."""
-        return stage.present() < 0.5 or stage.gain(stage.rivals[0]) < SEARCH.smallest_gain
 
     def stage(self, base: Hypothesis) -> Stage | None:
         """Rank all classes of effects as the next one; None where the base leaves noise alone."""
@@ -109,10 +104,12 @@ class Search:
         A fit that stopped elsewhere would decide between effects that differ by less.
         """
         stage = self.compared(base, hypotheses)
-        alike = [] if self.ends(stage) else look_alikes(stage)
+        alike = [] if stage.is_last() else look_alikes(stage)
+        if len(alike) < 2:
+            return stage
+        best, *others = alike
         again: dict[type[Effect], Hypothesis] = {}
-        for rival in alike[1:]:
-            best = alike[0]
+        for rival in others:
             if rival.hypothesis.replaced == best.hypothesis.replaced:
                 self.progress(f"{rival.kind.name} in place of {best.kind.name}")
                 own = next(effect for effect in rival.hypothesis.effects if type(effect) is rival.kind)

@@ -33,7 +33,7 @@ class Rival:
         The same of what it changes in its own hypothesis, where nothing is fitted again without it. It is larger where
         nominal parameters of the base stand in for the effect.
     paired : float
-        Log odds beyond the tempered evidence, from a comparison with look-alikes stretch by stretch: see `paired`.
+        Log odds beyond the tempered evidence, from a comparison with look-alikes stretch by stretch: see `ranked`.
     """
 
     kind: type[Effect]
@@ -82,12 +82,20 @@ class Stage:
         """Return the tempered log evidence of a misfit."""
         return -0.5 * (self.effective * math.log(max(misfit, 1e-9)) + penalty)
 
+    def evidence_of(self, rival: Rival) -> float:
+        """Return the log evidence of a rival, with what pairs say."""
+        return self.log_evidence(rival.misfit, rival.penalty) + rival.paired
+
+    def alike(self, gain: float) -> list[Rival]:
+        """Return the rivals that remove nearly as much of the excess misfit, or more."""
+        return [rival for rival in self.rivals if self.gain(rival) >= JUDGE.alike * gain]
+
     def probabilities(self) -> list[float]:
         """Return the probability of each rival; what is missing to 1 is that there is none.
 
         That one of the library is present is taken to be as likely beforehand as that none is.
         """
-        logs = [self.log_evidence(rival.misfit, rival.penalty) + rival.paired for rival in self.rivals]
+        logs = [self.evidence_of(rival) for rival in self.rivals]
         logs.append(self.log_evidence(self.misfit, self.penalty) + math.log(max(len(self.base.nominal.library), 1)))
         weights = [math.exp(log - max(logs)) for log in logs]
         return [weight / sum(weights) for weight in weights[:-1]]
@@ -95,6 +103,10 @@ class Stage:
     def present(self) -> float:
         """Return the probability that one of the rivals is there."""
         return sum(self.probabilities())
+
+    def is_last(self) -> bool:
+        """Whether no rival is worth adding."""
+        return self.present() < 0.5 or self.gain(self.rivals[0]) < SEARCH.smallest_gain
 
 
 def ranked(stage: Stage, squares: FloatArray) -> Stage:
@@ -114,11 +126,10 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
     squares : (n_stretches, n_rivals) array
         Weighted squared gaps on held-out segments.
     """
-    own = [stage.log_evidence(rival.misfit, rival.penalty) for rival in stage.rivals]
-    rivals, together = list(stage.rivals), look_alikes(stage)
-    alike = [place for place, rival in enumerate(rivals) if rival in together]
+    rivals, own = list(stage.rivals), [stage.evidence_of(rival) for rival in stage.rivals]
+    alike = [rivals.index(rival) for rival in look_alikes(stage)]
     if len(alike) > 1 and len(squares) > 1:
-        behind = squares[:, alike] - squares[:, [alike[int(np.argmin(squares[:, alike].sum(axis=0)))]]]
+        behind = squares[:, alike] - squares[:, alike[:1]]
         scatter = np.sqrt(len(squares)) * behind.std(axis=0, ddof=1)
         scores = np.divide(behind.sum(axis=0), scatter, out=np.zeros(len(alike)), where=scatter > 0.0)
         fitted = [len(adjustables_of(rivals[place].hypothesis)) for place in alike]
@@ -129,16 +140,15 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
         level = float(np.logaddexp.reduce([own[place] for place in alike]) - np.logaddexp.reduce(odds))
         for place, odd in zip(alike, odds, strict=True):
             rivals[place] = replace(rivals[place], paired=odd + level - own[place])
-    rivals.sort(key=lambda rival: -stage.log_evidence(rival.misfit, rival.penalty) - rival.paired)
+    rivals.sort(key=stage.evidence_of, reverse=True)
     return replace(stage, rivals=tuple(rivals))
 
 
 def look_alikes(stage: Stage) -> list[Rival]:
     """Return the rivals that were refined and remove nearly as much as the best, that with the least misfit first."""
-    gains = {rival.kind: stage.gain(rival) for rival in stage.rivals}
-    most = max(gains.values(), default=0.0)
-    found = [rival for rival in stage.rivals if rival.refined and gains[rival.kind] >= JUDGE.alike * most > 0.0]
-    return sorted(found, key=lambda rival: rival.misfit)
+    most = max(map(stage.gain, stage.rivals), default=0.0)
+    found = stage.alike(most) if most > 0.0 else []
+    return sorted((rival for rival in found if rival.refined), key=lambda rival: rival.misfit)
 
 
 def _log_odds(z: float) -> float:
