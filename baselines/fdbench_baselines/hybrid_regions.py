@@ -1,6 +1,5 @@
 """Hybrid model by region: physics, and a correction by recursive least squares that differs with motion and place."""
 
-from dataclasses import replace
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -18,6 +17,7 @@ MM_PER_M = 1e3
 DRIVES = ("velocity_loop", "inverse_dynamics", "directional_inverse_dynamics")
 # How much narrower than a common weight a region's difference is beforehand; 0 is none, as without regions.
 NARROWER = np.array([1e-2, 1e-4, 0.0])
+TENTHS = 10
 
 
 @final
@@ -51,10 +51,10 @@ class HybridRegions(OnlineEstimator):
 
     .. math:: v_k = c_r \min(\sigma^2 (\psi_0^2 + \ldots + \psi_{h-1}^2 + \varphi^T P \varphi), \max e^2)
 
-    In a free run both halves of the record choose :math:`\nu` and a share s in [0, 1] of the correction, each with the
-    weights of the other. On a drive it is the linear model of `DriveHybrid` with a mean of its own on each side of zero
-    of the foretold target; ``output`` is as safe, ``parameters`` and ``disturbance_N`` are `hybrid_rls`'s, and a free
-    run takes the share of the corrections that the record's own command asks for.
+    In a free run both halves of the record choose :math:`\nu` and a `share` of the correction, each with the weights of
+    the other. On a drive it is the linear model of `DriveHybrid` with a mean of its own on each side of zero of the
+    foretold target; ``output`` is as safe, and a free run takes the `share` of the corrections that the record's own
+    command asks for. The parameters and the force behind it are `hybrid_rls`'s, whose row claims them.
 
     Parameters
     ----------
@@ -81,16 +81,17 @@ class HybridRegions(OnlineEstimator):
     References
     ----------
     Chou, Duan, Okwudire, A linear hybrid model for enhanced servo error pre-compensation of feed drives with unmodeled
-    nonlinear dynamics, CIRP Annals, eqs. (3) to (6). Regions, stake and interval are ours.
+    nonlinear dynamics, CIRP Annals, eqs. (3) to (6). Regions, stake and interval are ours; the share is drawn to 0 as
+    by James, Stein, Estimation with quadratic loss (1961).
 
     Examples
     --------
-    The mass is 1.25 times that of the data sheet, so that beta_1 is 0.4.
+    The mass is 1.25 times that of the data sheet, whose free run would begin with 0.05, 0.075, 0.0875 m/s.
 
     >>> from fdbench_baselines._example import example_drive
-    >>> found = HybridRegions().fit(*example_drive(mass_ratio=1.25))
-    >>> {name: round(value, 3) for name, value in found.parameters.items()}
-    {'beta_1': 0.4, 'beta_2': 0.6}
+    >>> (context, record), hybrid = example_drive(mass_ratio=1.25), HybridRegions()
+    >>> hybrid.predict(context, hybrid.fit(context, record), record)[:3].round(4).tolist()
+    [0.04, 0.064, 0.0784]
     """
 
     made_for: ClassVar[tuple[str, ...] | None] = ("servo_response", STATE_SPACE, *DRIVES)
@@ -154,7 +155,7 @@ class HybridRegions(OnlineEstimator):
         """Return the predictions made so far, each from the batches before it, and what is known of a drive by now."""
         self._started()
         if self._drive is not None:
-            return self._on_drive(self._drive.estimate())
+            return self._on_drive(self._drive)
         found = [self._on_axis(response, error) for response, error in self._axes()]
         output, variance = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return Estimate(output=output / MM_PER_M, output_variance=variance / MM_PER_M**2)
@@ -169,7 +170,7 @@ class HybridRegions(OnlineEstimator):
         """Return physics and the share of the correction that the record's own free runs ask for."""
         self._started()
         if not isinstance(context.plant, RespondingPlant):
-            return self._free_drive(context, estimate, command)
+            return self._free_drive(context, command)
         axes = self._axes()
         responses = np.split(MM_PER_M * context.plant.nominal_response(command), len(axes))
         runs = [row + self._free_axis(*axis, row) for axis, row in zip(axes, responses, strict=True)]
@@ -210,34 +211,47 @@ class HybridRegions(OnlineEstimator):
         weights = self._learn((response, error), 0, n)[2][best]
         return share(runs[best], error) * np.asarray(follow(weights, ahead, q, 2.0 * limit))
 
-    def _on_drive(self, found: Estimate) -> Estimate:
-        """Return what the linear model found, its output drawn to each side's mean and staked as on a stage."""
-        output, disturbance = np.asarray(found.output), np.asarray(found.disturbance_N)
+    def _on_drive(self, drive: DriveHybrid) -> Estimate:
+        """Return what the linear model foretold, drawn to each side's mean and staked as on a stage."""
+        found = drive.estimate()
+        output, variance = np.asarray(found.output), found.output_variance
         _, physics, target = np.array(self._rows).reshape(-1, 3).T
         if not len(self._nominal):
-            physics = output - disturbance * self._gain
+            physics = output - np.asarray(found.disturbance_N) * self._gain
         error, regions = target - physics, (physics < 0.0).astype(np.int64)
         foretold = output - physics + means(target - output, regions, self.batch_samples)
-        added, variance = staked(foretold, error, 1), found.output_variance
+        added = staked(foretold, error, 1)
         if variance is not None:
             variance = interval(error - added, variance, regions, 1)
-        return replace(found, output=physics + added, output_variance=variance)
+        return Estimate(output=physics + added, output_variance=variance)
 
-    def _free_drive(self, context: Context, estimate: Estimate, command: Record) -> FloatArray | None:
+    def _free_drive(self, context: Context, command: Record) -> FloatArray | None:
         """Return the sheet's free run, and the share of what the found parameters change that the record asks for."""
-        run = super().predict(context, estimate, command)
-        if run is None or self._record is None:
-            return run
         model, sheet = context.linear_model, context.nominal
-        known = model.free_run(command, sheet), model.free_run(self._record, sheet)
-        own = model.free_run(self._record, estimate.parameters)
-        if own is None or known[0] is None or known[1] is None:
+        run = model.free_run(command, sheet) if sheet else None
+        if run is None or self._drive is None or self._record is None:
             return run
-        part = share(own - known[1], np.array(self._rows)[:, 2] - known[1])
-        return np.asarray(known[0] + part * (run - known[0]))
+        found = self._drive.estimate().parameters
+        known, own = model.free_run(self._record, sheet), model.free_run(self._record, found)
+        changed = model.free_run(command, found)
+        if known is None or own is None or changed is None:
+            return run
+        part = share(own - known, np.array(self._rows)[:, 2] - known)
+        return np.asarray(run + part * (changed - run))
 
 
 def share(run: FloatArray, error: FloatArray) -> float:
-    """Return how much of a run the error asks for, from 0 to 1."""
+    r"""Return how much of a run (n,) an error (n,) asks for beyond doubt, from 0 to 1.
+
+    .. math:: \min(1, (\hat s - v / \hat s)^+), \qquad \hat s = \frac{\sum r e}{\sum r^2}, \qquad
+        v = \sum_b \left(\frac{\sum_{k \in b} r (e - \hat s r)}{\sum r^2}\right)^2
+
+    with v the variance of :math:`\hat s` over tenths b of the record (James, Stein 1961, positive part).
+    """
     power = float(run @ run)
-    return min(max(float(run @ error) / power, 0.0), 1.0) if power > 0.0 else 0.0
+    asked = float(run @ error) / power if power > 0.0 else 0.0
+    if asked <= 0.0:
+        return 0.0
+    tenths = np.array_split(run * (error - asked * run), TENTHS)
+    variance = sum(float(part.sum() / power) ** 2 for part in tenths)
+    return min(max(asked - variance / asked, 0.0), 1.0)

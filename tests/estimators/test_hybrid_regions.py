@@ -1,11 +1,11 @@
 """The hybrid model by region: a slow twin, stake and interval by hand, and drawn stages."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from fdbench_baselines._example import example_drive
+from fdbench_baselines._hybrid_drive import DriveHybrid
 from fdbench_baselines._regional_correction import (
     KEPT,
     REGIONS,
@@ -23,7 +23,7 @@ from fdbench_baselines.null import Null
 from fdbench_baselines.physics_model import PhysicsModel
 
 from fdbench.errors import PluginError, SpecError
-from fdbench.estimator import Estimator, FloatArray
+from fdbench.estimator import Estimate, Estimator, FloatArray
 from fdbench.record import Record
 from fdbench.reproduce.chou import dwelling
 from fdbench.scenario import Scenario, load_scenario
@@ -149,12 +149,19 @@ def test_interval_by_hand() -> None:
     np.testing.assert_allclose(found, [4.0, 4.0, 0.5 * (4.0 * KEPT + of_all) / (KEPT + 1.0)])
 
 
-def test_means_and_share_by_hand() -> None:
+def test_means_by_hand() -> None:
     """With one common row: 0, (0 + 2 / 2) / 1 in a new region, (2 + 6 / 3) / 2 in the first again."""
     np.testing.assert_allclose(means(np.array([2.0, 4.0, 9.0]), np.array([0, 1, 0]), 1), [0.0, 1.0, 2.0])
-    run = np.array([1.0, 2.0])
+
+
+def test_share_by_hand() -> None:
+    """Ten tenths that ask for 0.5 +- 0.3: a variance of 10 * 0.03^2, which is taken off relative to 0.5."""
+    run = np.ones(10)
     assert [share(run, factor * run) for factor in (0.5, 2.0, -1.0)] == [0.5, 1.0, 0.0]
-    assert share(np.zeros(2), run) == 0.0
+    assert share(np.zeros(10), run) == 0.0
+    doubted = 0.5 + 0.3 * np.tile([1.0, -1.0], 5)
+    assert share(run, doubted) == pytest.approx(0.5 - 10 * 0.03**2 / 0.5)
+    assert share(run, 0.1 * doubted - 0.045) == 0.0
 
 
 def test_intervals_cover_95_per_cent_of_a_linear_error() -> None:
@@ -221,16 +228,36 @@ def test_a_free_run_is_not_worse_than_the_data_sheet(name: str, seed: int) -> No
     assert errors[0] <= errors[1]
 
 
-def test_a_free_run_of_a_drive_takes_only_corrections_that_its_own_command_asks_for() -> None:
+def test_a_free_run_of_a_drive_takes_only_corrections_that_its_own_command_asks_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Sheet: 0.5 and 0.5; the machine: 0.4 and 0.6."""
     context, record = example_drive(mass_ratio=1.25)
     estimator = HybridRegions()
     found = estimator.fit(context, record)
     right = estimator.predict(context, found, record)
     np.testing.assert_allclose(right, record["velocity_m_per_s"][1:], atol=1e-4)
-    wrong = replace(found, parameters={"beta_1": 0.6, "beta_2": 0.4})
+    wrong = Estimate(parameters={"beta_1": 0.6, "beta_2": 0.4})
+    monkeypatch.setattr(DriveHybrid, "estimate", lambda self: wrong)
     sheet = context.linear_model.free_run(record, context.nominal)
-    np.testing.assert_array_equal(estimator.predict(context, wrong, record), sheet)
+    np.testing.assert_array_equal(estimator.predict(context, found, record), sheet)
+
+
+@pytest.mark.parametrize("name", ["LinearMotorCogging-v1", "MillingDecreasing-v2", "BallScrewAxis-v2"])
+def test_a_drive_s_free_run_is_not_worse_than_the_data_sheet_s_in_the_mean(name: str) -> None:
+    scenario = load_scenario(name)
+    context, command = scenario.context(), scenario.command()
+    assert command is not None
+    errors = np.empty((4, 2))
+    for seed in range(4):
+        record, truth = scenario.observe(seed)
+        assert truth.response is not None
+        for column, estimator in enumerate((HybridRegions(), Null())):
+            run = estimator.predict(context, estimator.fit(context, record), command)
+            assert run is not None
+            errors[seed, column] = rms(run - truth.response)
+    own, sheet = errors.mean(axis=0)
+    assert own <= sheet
 
 
 @pytest.mark.parametrize("name", ["ShakerControl-v1", "DriveCurrentClosed-v0"])
