@@ -140,8 +140,10 @@ def estimator(name: str) -> str:
         table("argument|unit|default|is", rows),
     ]
     text += [f"Expected failure of the check `{check}`: {why}." for check, why in cls.expected_failures.items()]
-    source = " ".join(parts.get("References", "").split())
-    return "\n\n".join(filter(None, [*text, f"Source: {inline(source)}" if source else ""]))
+    for label, section in (("Where it fails", "Validity"), ("Source", "References")):
+        said = " ".join(parts.get(section, "").split())
+        text += [f"{label}: {inline(said)}"] if said else []
+    return "\n\n".join(filter(None, text))
 
 
 def estimators_page() -> str:
@@ -151,7 +153,8 @@ def estimators_page() -> str:
         "The reference estimators, one file each in `baselines/fdbench_baselines/`, written as yours would be. "
         "Each is given a `Context` (what is known before) and a `Record`, and returns an `Estimate` of `parameters`, "
         "`disturbance_N` and `output`, or those of them that it claims. A scenario may set arguments in "
-        "`[estimation.hyperparameters.<name>]`. The row `oracle` of the results is no estimator: it is told the truth."
+        "`[estimation.hyperparameters.<name>]`. The row `oracle` of the results is no estimator: it is told the truth. "
+        "What each is told, what it costs and where it fails, side by side: [rows](../how-to/rows.md)."
     )
     return page(
         "Estimators", introduction, [contents((n, estimators.summary(n)) for n in names), *map(estimator, names)]

@@ -21,14 +21,15 @@ class Drive(NamedTuple):
     force_N: FloatArray  # (n_rows,)
 
 
-def drive(seed: int, mass_ratio: float = 1.0, drift_Hz_per_s: float = 0.0) -> Drive:
-    """Return the model's own equation under a shaker, whose mass becomes another at `CHANGE_S`."""
+def drive(seed: int, mass_ratio: float = 1.0, drift_Hz_per_s: float = 0.0, jump_Hz: float = 0.0) -> Drive:
+    """Return the model's own equation under a shaker, whose mass and frequency become others at `CHANGE_S`."""
     scenario = load_scenario("ShakerConstant-v2")
     context, usual = scenario.context(), scenario.record(100)
     gain = context.regression(usual).disturbance_gain
     time_s, reference = usual["time_s"], usual["reference_velocity_m_per_s"]
     n = len(time_s)
     phase = 2.0 * np.pi * (FREQUENCY_HZ * time_s + 0.5 * drift_Hz_per_s * time_s**2)
+    phase += 2.0 * np.pi * jump_Hz * np.maximum(time_s - CHANGE_S, 0.0)
     force, noise = 1.2 * np.sin(phase), NOISE_M_PER_S * np.random.default_rng(seed).standard_normal(n)
     nominal = np.array(list(context.nominal.values()))
     lost = 1.0 - nominal[0] - nominal[1]
@@ -58,6 +59,24 @@ def test_a_drifting_frequency_is_followed(drift_Hz_per_s: float, largest_N: floa
     force = JointKalman().fit(drifting.context, drifting.record).disturbance_N
     assert force is not None
     assert np.sqrt(np.mean((force - drifting.force_N)[2000:] ** 2)) < largest_N
+
+
+@pytest.mark.linear_algebra
+@pytest.mark.parametrize("change", [{"drift_Hz_per_s": 0.05}, {"jump_Hz": 0.5}])
+def test_inertia_and_frequency_are_followed_at_once_with_their_uncertainty(change: dict[str, float]) -> None:
+    """A force that is lost errs by its own 0.85 N; over-confidence would make the squares many times 1."""
+    squares, errors_N = [], []
+    for seed in range(4):
+        changed = drive(seed, mass_ratio=1.25, **change)
+        estimate = JointKalman().fit(changed.context, changed.record)
+        assert estimate.parameters["beta_1"] == pytest.approx(changed.beta[-1, 0], rel=2e-3)
+        assert estimate.covariance is not None
+        assert estimate.disturbance_N is not None
+        error = np.array(list(estimate.parameters.values())) - changed.beta[-1]
+        squares.append(error**2 / np.diag(estimate.covariance))
+        errors_N.append((estimate.disturbance_N - changed.force_N)[3200:])
+    assert np.mean(squares) < 1.6
+    assert np.sqrt(np.mean(np.square(errors_N))) < 0.17
 
 
 @pytest.mark.linear_algebra

@@ -5,6 +5,7 @@ import pytest
 from fdbench_baselines._disturbance_gain import disturbance_gain
 from fdbench_baselines._locally_periodic_force import posterior
 from fdbench_baselines._locally_periodic_states import (
+    Amplitudes,
     LikeliestProcess,
     NoisyRows,
     designs,
@@ -41,9 +42,21 @@ def dense_kernel(order: int, lag_s: FloatArray, length_s: float) -> FloatArray:
     return np.asarray((1.0 + r) * np.exp(-r))
 
 
-def dense_covariance(design_index: int, feed: FloatArray | None, fresh: FloatArray) -> FloatArray:
+def two_spindles(index: int) -> Amplitudes:
+    """Return the amplitudes of one spindle beside those of another, whose angle is no multiple of the first's."""
+    first, second = designs(ANGLE, 3, None, True)[index], designs(np.sqrt(2.0) * ANGLE, 2, None, True)[index]
+    waves = second.harmonics > 0
+    return Amplitudes(
+        np.ascontiguousarray(np.hstack((first.H, second.H[:, waves]))),
+        np.append(first.harmonics, second.harmonics[waves]),
+        np.append(first.grows, second.grows[waves]),
+        np.append(first.own, second.own[waves]),
+        first.order,
+    )
+
+
+def dense_covariance(design: Amplitudes, fresh: FloatArray) -> FloatArray:
     """Return cov(f) from the kernel's formula, with rows of different parts independent."""
-    design = designs(ANGLE, 3, feed, True)[design_index]
     variance = transitions(design, STEP_S, PLACE).P[:, 0, 0]
     lag_s = np.abs(TIME_S[:, None] - TIME_S)
     together = np.cumsum(fresh)[:, None] == np.cumsum(fresh)
@@ -70,15 +83,23 @@ CASES = [(0, False, False), (1, False, False), (0, True, False), (0, False, True
 
 @pytest.mark.parametrize(("index", "is_fed", "is_broken"), CASES)
 def test_likelihood_and_force_are_those_of_the_dense_process(index: int, is_fed: bool, is_broken: bool) -> None:
-    feed = FEED if is_fed else None
+    check_beside_dense(designs(ANGLE, 3, FEED if is_fed else None, True)[index], is_broken)
+
+
+@pytest.mark.parametrize(("index", "is_broken"), [(0, False), (1, True)])
+def test_two_spindles_at_once_are_those_of_the_dense_process(index: int, is_broken: bool) -> None:
+    check_beside_dense(two_spindles(index), is_broken)
+
+
+def check_beside_dense(design: Amplitudes, is_broken: bool) -> None:
+    """Hold likelihood, force and variance to those of the whole covariance."""
     rows = noisy_rows(is_broken)
     loud, fresh = rows.loud, rows.fresh
     seen = np.isfinite(loud)
-    design = designs(ANGLE, 3, feed, True)[index]
     move = transitions(design, STEP_S, PLACE)
     value, s2 = restricted(rows, design, move)
 
-    K = dense_covariance(index, feed, fresh)
+    K = dense_covariance(design, fresh)
     A = K[np.ix_(seen, seen)] + np.diag(loud[seen])
     inverse = np.linalg.inv(A)
     information = Z[seen].T @ inverse @ Z[seen]
