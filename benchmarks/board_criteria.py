@@ -5,8 +5,8 @@
 Of a folder of results: whether any row is above the oracle, whether each scenario is in a ranking, in how many rankings
 of one scenario the three best are alike, how far three families are apart on the shaker trials, and how many runs are
 skipped. Then, for each family of scenarios and track, the best row with its share of the ceiling and, where the noise
-sets a bound to the parameters, its efficiency beside it; and in which rankings of one scenario a row of the five papers is ahead of
-all others. The records of velocity loops are simulated again for that.
+sets a bound to the parameters, its efficiency beside it; and in which rankings of one scenario a row of the five papers
+is ahead of all others. The records of velocity loops are simulated again for the efficiency.
 """
 
 import argparse
