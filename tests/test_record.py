@@ -301,6 +301,7 @@ HEADER = "time_s,position_m\n"
         (HEADER + "0,1\n1,2\n2,3\n7,4\n", ["jumps at sample 3 (line 5)", "4 samples"]),
         ("time_s;position_m\n0;1,5\n", ["line 1", "';'", 'delimiter = ";"', 'decimal = ","']),
         ("time_s\tposition_m\n0\t1\n", ['delimiter = "\\t"']),
+        ("time_s  position_m\n 0.0  1.0\n", ["line 1", 'delimiter = " "']),
         ("time_s,position_m,position_m\n0,1,1\n", ["two columns are named 'position_m'"]),
         ("time_s,velocity_mm_per_s\n0,1\n", ["'velocity_mm_per_s'", "Did you mean velocity_m_per_s", "mapping"]),
         ("time_s,velocty_m_per_s\n0,1\n", ["'velocty_m_per_s'", "Did you mean velocity_m_per_s", "mapping"]),

@@ -212,6 +212,36 @@ def test_headers_of_tables(above: str, names: str, end: str, record: Record, tmp
     np.testing.assert_array_equal(read["reference_position_m"], record["reference_position_m"])
 
 
+# What stands above columns between blanks, at the edge of each line, and for a decimal point.
+SPACED = {
+    "numpy.savetxt": ("# t q_cmd q torque\n", "", "."),
+    "units behind names": ("logger 2.1\nrun 7, 12 C\n\n  t [s]   q_cmd [m]  q [m]   torque (Nm)\n", "  ", "."),
+    "units below names": ("run 7 12\n  t   q_cmd  q   torque\n  s  m m Nm\n", "  ", "."),
+    "names in quotes": ('t "q  cmd" "q" "torque"\n', "", "."),
+    "decimal commas": ("run 7,5\n t q_cmd q torque\n", "   ", ","),
+}
+
+
+@pytest.mark.parametrize("case", SPACED)
+def test_columns_between_blanks(case: str, record: Record, tmp_path: Path) -> None:
+    above, edge, point = SPACED[case]
+    keys = ("time_s", "reference_position_m", "position_m", "motor_torque_Nm")
+    rows = ["   ".join(f"{value:13.9f}" for value in row) for row in zip(*(record[key] for key in keys), strict=True)]
+    text = above + "".join(f"{edge}{row}{edge}\n" for row in rows).replace(".", point)
+    (tmp_path / "a.txt").write_text(text)
+    result = run(tmp_path / "a.txt")
+    assert result.exit_code == 0, result.output
+    read = read_record(tmp_path / "a.toml")
+    assert read.n_samples == record.n_samples
+    for ours, written in (*zip(keys[:3], keys[:3], strict=True), ("motor_force_N", "motor_torque_Nm")):
+        np.testing.assert_allclose(read[ours], record[written], rtol=0.0, atol=6e-10)
+    damaged = text.splitlines()
+    damaged[200] = damaged[200].split()[0]
+    (tmp_path / "a.txt").write_text("\n".join(damaged))
+    with pytest.raises(RecordError, match=r"line 201 has 1 cells, the header has 4"):
+        read_record(tmp_path / "a.toml")
+
+
 def table(file: Path, **columns: object) -> None:
     """Write columns as CSV; names have their blanks and brackets as underscores."""
     rows = zip(*columns.values(), strict=True)  # type: ignore[arg-type]
@@ -369,7 +399,12 @@ def test_cut_files_are_said_to_be(name: str, record: Record, tmp_path: Path) -> 
         ("a.xml", b"<traceSession><rec time='0' f1='2'/></traceSession>", "has no or an unknown f1"),
         ("a.csv", b"Name\tx\nFile\ty\nName\tch\nSampleTime[ms]\t1\n\n0\tx\n", "line 6: 'x' is not a number"),
         ("a.csv", b"Name,x\nFile,y\nName,ch\nSampleTime[ms],1\n", "cells between ','"),
-        ("a.txt", b"1.0 2.0 \n1.0 2.0 \n1.0 2.0 \n1.0 x \n", "no line of at least two numbers|halsampler writes"),
+        ("a.txt", b"1.0 2.0 \n1.0 2.0 \n1.0 2.0 \n1.0 x \n", "line 1 holds 2 numbers, but no line above it as many n"),
+        (
+            "a.txt",
+            b"run 7 12\nelapsed time x\n" + b"0.1 2.0\n" * 3,
+            "Between blanks a name is one word, or one in quotes",
+        ),
         ("a.csv", b"some words\n", "no table of samples"),
         ("a.csv", b"1,2\n3,4\n", "no line above it as many names"),
         ("a.mcap", b"\x89MCAP0\r\nxx", "not an MCAP file"),

@@ -11,6 +11,7 @@ from fdbench.errors import RecordError
 from fdbench.reading.formats._text import open_text
 
 LONGEST_LINE = 2**20  # bytes
+BLANK, BRACKETS = " ", ("[", "(")
 NUMBERS = {
     decimal: re.compile(rf"[+-]?((\d+({point}\d*)?|{point}\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
     for decimal, point in ((".", r"\."), (",", ","))
@@ -42,8 +43,22 @@ def number_in(cell: str) -> float:
 
 
 def cells_of(text: str, delimiter: str) -> list[str]:
-    """Return the cells of a line."""
-    return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter), [])]
+    """Return the cells of a line; between blanks there may be several, and a unit in brackets belongs to its name.
+
+    >>> cells_of("a b; c", ";"), cells_of("  time [s]   force  x ", BLANK)
+    (['a b', 'c'], ['time [s]', 'force', 'x'])
+    """
+    line = " ".join(text.split()) if delimiter == BLANK else text
+    cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    if delimiter != BLANK:
+        return cells
+    named: list[str] = []
+    for cell in cells:
+        if named and cell.startswith(BRACKETS) and not named[-1].startswith(BRACKETS):
+            named[-1] += f" {cell}"
+        else:
+            named.append(cell)
+    return named
 
 
 def numbers_in(row: str, delimiter: str, decimal: str) -> int:

@@ -11,7 +11,7 @@ from typing import IO
 
 from fdbench.errors import RecordError
 
-LARGEST_UTF_16 = 2**28  # bytes, as it is held in memory
+LARGEST_UTF_16 = LARGEST_SPACED = 2**28  # bytes, as it is held in memory
 _MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 
 
@@ -59,6 +59,21 @@ def open_text(file: Path) -> IO[bytes]:
         return io.BytesIO(content.decode(encoding).removeprefix("\ufeff").encode())
     except UnicodeError as error:
         raise RecordError(f"{file}: it begins as UTF-16, but is none, or was cut: {error}.") from error
+
+
+def with_single_blanks(file: Path) -> IO[bytes]:
+    """Return a file of text as `open_text` has it, with one blank where several are, and none at an edge of a line.
+
+    Raises
+    ------
+    RecordError
+        As `open_text`; or if it is larger than `LARGEST_SPACED`.
+    """
+    with open_text(file) as stream:
+        content = stream.read(LARGEST_SPACED + 1)
+    if len(content) > LARGEST_SPACED:
+        raise RecordError(f"{file}: between blanks at most {LARGEST_SPACED} bytes are read. Split the file.")
+    return io.BytesIO(b"\n".join(b" ".join(line.split()) for line in content.split(b"\n")))
 
 
 def text_of(file: Path) -> str:

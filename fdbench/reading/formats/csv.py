@@ -1,22 +1,23 @@
-"""Text of cells between commas, semicolons, tabs or bars, below a line of names."""
+"""Text of cells between commas, semicolons, tabs, bars or blanks, below a line of names."""
 
 import csv
 import io
 import itertools
 import json
 import re
+import statistics
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Self, final
+from typing import IO, Any, NamedTuple, Self, final
 
 from fdbench.errors import RecordError, SpecError
-from fdbench.reading.formats._cells import LONGEST_LINE, bounded_lines, cells_of, is_number, line_of, numbers_in
+from fdbench.reading.formats._cells import BLANK, LONGEST_LINE, bounded_lines, cells_of, is_number, line_of, numbers_in
 from fdbench.reading.formats._format import EVERYTHING, Format, Raw, choose, stored_provenance, unique
-from fdbench.reading.formats._text import marked_encoding, open_text
+from fdbench.reading.formats._text import marked_encoding, open_text, with_single_blanks
 from fdbench.units import spelt_unit
 
-DELIMITERS = ";\t|,"
+DELIMITERS = f";\t|,{BLANK}"
 ENCODINGS = ("utf-8", "cp1252")
 
 # All but the tab, which may stand between cells.
@@ -46,7 +47,7 @@ class Csv(Format):
     Parameters
     ----------
     delimiter : str
-        What stands between two cells.
+        What stands between two cells; of blanks there may be several.
     decimal : str
         Decimal sign, ``.`` or ``,``.
     skip_lines : int or None
@@ -104,17 +105,20 @@ class Csv(Format):
         layouts = [(mark, decimal) for mark in DELIMITERS for decimal in ".," if mark != decimal]
         found = max(layouts, key=lambda layout: sum(numbers_in(row, *layout) for row in head))
         plain = cls(*found, encoding=encoding)
-        first = next((place for place, row in enumerate(head) if plain._is_data(row)), None)
-        if first is None:
+        widths = {place: len(plain._cells(row)) for place, row in enumerate(head) if plain._is_data(row)}
+        if not widths:
             raise RecordError(
                 f"{file}: no line of at least two numbers among the first {len(head)}, between commas, semicolons, "
-                "tabs or bars: no table of samples."
+                "tabs, bars or blanks: no table of samples."
             )
-        width = len(plain._cells(head[first]))
+        width = statistics.mode(widths.values())  # a line above the names may hold numbers too
+        first = next(place for place in widths if widths[place] == width)
         above = [place for place in range(first) if len(plain._cells(head[place])) == width and head[place].strip()]
         if not above:
+            one_word = " Between blanks a name is one word, or one in quotes." if plain.delimiter == BLANK else ""
             raise RecordError(
                 f"{file}: line {first + 1} holds {width} numbers, but no line above it as many names. Add one."
+                f"{one_word}"
             )
         # Of two such lines the lower one has the units.
         header = above[-2] if len(above) > 1 and above[-2:] == [first - 2, first - 1] else above[-1]
@@ -151,7 +155,7 @@ class Csv(Format):
         import pyarrow
         from pyarrow import csv as arrow_csv
 
-        with open_text(file) as stream:
+        with self._open(file) as stream:
             return arrow_csv.read_csv(
                 stream,
                 arrow_csv.ReadOptions(column_names=header.names, skip_rows=header.line, encoding=self.encoding),
@@ -163,6 +167,10 @@ class Csv(Format):
                     decimal_point=self.decimal,
                 ),
             )
+
+    def _open(self, file: Path) -> IO[bytes]:
+        """Return the file with one character between its cells."""
+        return with_single_blanks(file) if self.delimiter == BLANK else open_text(file)
 
     def _check_end(self, file: Path) -> None:
         """Refuse a file that was cut within its last number, where that can be told.
@@ -218,7 +226,8 @@ class Csv(Format):
             raise RecordError(
                 f"{file}: line {number} holds numbers where the names of the columns should be. Add them."
             )
-        for delimiter in ";\t|":
+        is_spaced = len(names) == 1 and BLANK in names[0] and self._is_spaced_below(file, number)
+        for delimiter in ";\t|" + BLANK * is_spaced:
             if len(names) == 1 and delimiter in names[0]:
                 raise RecordError(
                     f"{file}: line {number} has no {self.delimiter!r} but {delimiter!r} between its names. Use a "
@@ -234,6 +243,10 @@ class Csv(Format):
         if not any(spelt_unit(cell) for cell in below[1]):
             return _Header(names, number, {}, stored)
         return _Header(names, below[0], dict(zip(names, below[1], strict=True)), stored)
+
+    def _is_spaced_below(self, file: Path, line: int) -> bool:
+        row = next((text for _, text in self._lines(file, line) if text.strip()), "")
+        return max(numbers_in(row, BLANK, decimal) for decimal in ".,") > 1
 
     def _lines(self, file: Path, above: int) -> Iterator[tuple[int, str]]:
         """Yield number and text of the lines below line ``above``."""
@@ -257,7 +270,7 @@ class Csv(Format):
         return text
 
     def _cells(self, text: str) -> list[str]:
-        return cells_of(text, self.delimiter)
+        return cells_of(text.lstrip("#% ") if self.delimiter == BLANK else text, self.delimiter)
 
     def _is_data(self, row: str) -> bool:
         return numbers_in(row, self.delimiter, self.decimal) > 0
@@ -280,14 +293,14 @@ class Csv(Format):
         """Return what is wrong with a file that the fast reader refused, found by a slow second look."""
         names, empty = header.names, True
         places = {name: names.index(name) for name in chosen}
-        with io.TextIOWrapper(open_text(file), self.encoding, errors="replace", newline="") as lines:
+        with io.TextIOWrapper(self._open(file), self.encoding, errors="replace", newline="") as lines:
             reader = csv.reader(lines, delimiter=self.delimiter)
             for row in reader:
                 if reader.line_num <= header.line or not row:
                     continue
                 empty = False
                 where = f"{file}: line {reader.line_num}"
-                cells = [cell.strip() for cell in row]
+                cells = self._cells(BLANK.join(row)) if self.delimiter == BLANK else [cell.strip() for cell in row]
                 if cells == names:
                     return RecordError(
                         f"{where} repeats the names of the columns. Split the file: one record has one clock."
