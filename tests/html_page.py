@@ -89,11 +89,13 @@ class Page(HTMLParser):
         if re.fullmatch(r"h\d", tag):
             self.headings.append("")
         if own.get("class") == "drawing":
+            self.x_bounds = (own["data-bounds"] or "").split()
             title = self.headings[-1] if self.headings else ""
             number = sum(name.startswith(f"{title} #") or name == title for name in self.figures)
             self.shown = self.figures.setdefault(f"{title} #{number}" if number else title, [])
         if own.get("class") == "panel":
-            self.shown.append(Panel([float(number) for number in (own["data-bounds"] or "").split()]))
+            x, y = self.x_bounds, (own["data-bounds"] or "").split()
+            self.shown.append(Panel([*map(float, (*x[:2], *y[:2])), "log" in x, "log" in y]))
         if own.get("class") == "curves":
             _, _, self.shown[-1].wide, self.shown[-1].high = map(float, (own["viewbox"] or "").split())
         if tag == "path":

@@ -16,18 +16,33 @@ INK, SOFT, TRUTH = "var(--ink)", "var(--soft)", "var(--truth)"
 N_COLOURS = 16
 DASHES = ("solid", "dash", "dot")
 SYMBOLS = ("circle", "square", "diamond")
+# How symbols are filled, and how broad lines are then.
+FILLS = {"full": 1.0, "open": 2.0, "half": 0.7}
 SALT = "fdbench 515"  # with it no two estimators that came with the first pages look alike
+NOT_FOR_FILLS = 3  # bytes at the end of a digest; without them no two that came since look alike
 
+LINE_PX = 1.2  # of the style sheet too
 MARGIN = 0.04  # of an axis beyond its values
 
 
 @dataclass(frozen=True, kw_only=True)
 class Style:
-    """How a name is drawn: colour, dash of its lines, symbol beside it."""
+    """How a name is drawn: colour, dash of its lines, symbol beside it and how that is filled."""
 
     colour: str
     dash: str = "solid"
     symbol: str = "circle"
+    fill: str = "full"
+
+    @property
+    def token(self) -> str:
+        """The class of the colour in the style sheet."""
+        return self.colour.removeprefix("var(--").removesuffix(")")
+
+    @property
+    def breadth(self) -> float:
+        """What the width of a line is multiplied by that stands among others."""
+        return FILLS[self.fill]
 
     @property
     def solid(self) -> "Style":
@@ -48,7 +63,7 @@ def numbered(number: int) -> Style:
 def style_of(name: str) -> Style:
     """Return how an estimator or a model is drawn, on every page the same, whatever else is on it.
 
-    It follows from the name alone, so two names of different authors may look alike (1 in 48); null and oracle are
+    It follows from the name alone, so two names of different authors may look alike (1 in 144); null and oracle are
     grey.
     """
     if name == NULL:
@@ -56,7 +71,9 @@ def style_of(name: str) -> Style:
     if name == ORACLE:
         return Style(colour=SOFT)
     digest = hashlib.sha256(f"{SALT} {name}".encode()).digest()
-    return numbered(int.from_bytes(digest[:4], "big") % (N_COLOURS * len(DASHES)))
+    fill = int.from_bytes(digest[:-NOT_FOR_FILLS], "big") % len(FILLS)
+    style = numbered(int.from_bytes(digest[:4], "big") % (N_COLOURS * len(DASHES)))
+    return replace(style, fill=list(FILLS)[fill])
 
 
 def styles_of(names: Sequence[str]) -> dict[str, Style]:
@@ -87,7 +104,7 @@ class Curve:
     x: FloatArray
     y: FloatArray
     style: Style
-    width: float = 1.2
+    width: float = LINE_PX
     points: bool = False
     hidden: bool = False
     listed: bool = True

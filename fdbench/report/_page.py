@@ -126,17 +126,19 @@ def page(title: str, lead: Sequence[Html], sections: Sequence[Section]) -> str:
 
 
 def _shared(text: str) -> str:
-    """Return a page whose panels of one scale refer to the grid and the ticks of the first one, as it grows less so."""
+    """Return a page whose axes of one scale refer to the grid and the ticks of the first one, as it grows less so."""
     names: dict[str, str] = {}
+    counts = {"x": 0, "y": 0}
 
     def refer(found: re.Match[str]) -> str:
         ticks = found[0]
         if ticks in names:
             return f'<use href="#{names[ticks]}"/>'
-        names[ticks] = f"scale-{len(names)}"
+        names[ticks] = f"{'axis' if found[1] == 'x' else 'scale'}-{counts[found[1]]}"
+        counts[found[1]] += 1
         return ticks.replace("<g", f'<g id="{names[ticks]}"', 1)
 
-    return re.sub(r'<g class="ticks y">.*?</g>', refer, text)
+    return re.sub(r'<g class="ticks ([xy])">.*?</g>', refer, text)
 
 
 @dataclass(frozen=True, kw_only=True)

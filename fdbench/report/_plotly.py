@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import plotly.graph_objects as go
 
 TITLE_PX = 110
+FILLED = {"full": "", "open": "-open", "half": "-open-dot"}
 
 
 def plotly_figure(figure: Figure) -> "go.Figure":
@@ -47,7 +48,7 @@ def ranking_figure(ranking: Sequence[Standing]) -> "go.Figure":
     for line in ranking:
         style, score, name = style_of(line.estimator), line.score, _plain(line.estimator)
         error = {"array": [score.high - score.value], "arrayminus": [score.value - score.low]}
-        marker = {"color": _coloured(style), "symbol": style.symbol, "size": 9}
+        marker = {"color": _coloured(style), "symbol": style.symbol + FILLED[style.fill], "size": 9}
         shown.add_scatter(x=[score.value], y=[name], name=name, mode="markers", marker=marker, error_x=error)
     shown.update_yaxes(categoryorder="array", categoryarray=[_plain(line.estimator) for line in reversed(ranking)])
     shown.update_xaxes(title_text="score (1: knows the truth, 0: has learnt nothing)")

@@ -32,6 +32,7 @@ ROOM, SMALL_ROOM = 1.25, 1.7  # of a common scale beyond its values
 # Part of the record that the detail of a disturbance shows.
 DETAIL_PERIODS = 8.0
 DETAIL_ROWS = 150
+DETAIL_POINTS = 500  # of a series in it, on half of the width of a page
 
 
 def known_scenario(name: str, digest: str) -> Scenario | None:
@@ -271,15 +272,15 @@ class _Case:
         half = claim.half_width
         if half is not None:
             lower, upper = factor * (claim.value - half)[rows], factor * (claim.value + half)[rows]
-            items.append(Band(name=name, x=time_s[rows], lower=lower, upper=upper, style=style_of(name)))
+            x = time_s[rows]
+            if len(x) > DETAIL_POINTS:
+                x, lower, upper = envelope(x, lower, upper, DETAIL_POINTS)
+            items.append(Band(name=name, x=x, lower=lower, upper=upper, style=style_of(name)))
         if self.true_disturbance_N is not None:
-            wide = Style(colour=TRUTH)
-            items.append(
-                Curve(name="truth", x=time_s[rows], y=factor * claim.right[rows], style=wide, width=4.0, listed=False)
-            )
-        own = Curve(
-            name=name, x=time_s[rows], y=factor * claim.value[rows], style=style_of(name).solid, width=1.5, listed=False
-        )
+            x, y = thinned(time_s[rows], factor * claim.right[rows], DETAIL_POINTS)
+            items.append(Curve(name="truth", x=x, y=y, style=Style(colour=TRUTH), width=4.0, listed=False))
+        x, y = thinned(time_s[rows], factor * claim.value[rows], DETAIL_POINTS)
+        own = Curve(name=name, x=x, y=y, style=style_of(name).solid, width=1.5, listed=False)
         limit = factor * largest
         panel = Panel(y_title=labelled("force", unit), items=[*items, own], y_range=(-limit, limit), height_px=SMALL_PX)
         return Figure(title=name, panels=[panel], x_title=TIME)

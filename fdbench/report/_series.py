@@ -14,6 +14,8 @@ POINTS_OF_ALL_ESTIMATES = 32_000
 # Beyond so many estimates a page has periods of the disturbance from the best ones alone.
 CROWDED = 200
 
+UNSEEN_GAP = 1e-3  # of the time that is drawn, about 1 px
+
 # Points of a series for one of each bound of a band, which are smooth.
 POINTS_FOR_A_BOUND = 3
 
@@ -95,8 +97,10 @@ def envelope(
 
 
 def _blocks(time_s: FloatArray, values: FloatArray, n_points: int) -> list[tuple[FloatArray, FloatArray, int]]:
-    """Return the blocks between gaps, each with the number of points that it is given."""
+    """Return the blocks between gaps that can be seen, each with the number of points that it is given."""
     cuts = gaps(time_s)
+    steps = time_s[cuts] - time_s[cuts - 1]
+    cuts = cuts[(steps <= 0.0) | (steps > UNSEEN_GAP * np.ptp(time_s))]
     return [
         (t, y, max(2, round(n_points * len(t) / len(time_s))))
         for t, y in zip(np.split(time_s, cuts), np.split(values, cuts), strict=True)
@@ -114,7 +118,7 @@ def _pairs(time_s: FloatArray, values: FloatArray, n_points: int) -> tuple[Float
     if len(values) <= n_points:
         return time_s, values
     times, groups = _grouped(time_s, values, n_points // 2)
-    step = times[1] - times[0] if len(times) > 1 else 0.0
+    step = np.median(np.diff(times)) if len(times) > 1 else 0.0
     least, greatest = groups.min(axis=1), groups.max(axis=1)
     rising = groups.argmin(axis=1) < groups.argmax(axis=1)
     ordered = np.stack([np.where(rising, least, greatest), np.where(rising, greatest, least)], axis=1)

@@ -17,7 +17,7 @@ from fdbench.metrics._spectrum import (
     segment_length,
 )
 from fdbench.regression import FloatArray
-from fdbench.report._figures import INK, Curve, Figure, Panel, Style, styles_of
+from fdbench.report._figures import INK, LINE_PX, Curve, Figure, Panel, Style, styles_of
 from fdbench.report._page import Block, note
 from fdbench.report._series import gaps, thinned
 from fdbench.scenario import Scenario
@@ -64,7 +64,8 @@ def _figure(
     items, styles = [], styles_of(list(outcomes))
     for name, outcome in sorted(outcomes.items(), key=lambda item: item[0] != ORACLE):
         x, y = thinned(frequency_Hz[1:], _decibels(residual_density(outcome)[1:]), n_points)
-        items.append(Curve(name=name, x=x, y=y, style=styles[name], hidden=name in hidden))
+        style = styles[name]
+        items.append(Curve(name=name, x=x, y=y, style=style, width=LINE_PX * style.breadth, hidden=name in hidden))
     captions = [f"Welch's method: Hann's window, segments of {length} rows, {_span(scenario)}."]
     reason = no_white_floor(first)
     if reason is None:

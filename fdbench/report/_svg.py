@@ -4,6 +4,7 @@ Each panel is an ``svg`` of a height in pixels, whose width is that of the page;
 Its curves lie in an inner ``svg`` with whole units of its own that is stretched to it, and their lines are not.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -12,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.regression import FloatArray
-from fdbench.report._figures import Band, Curve, Figure, Panel, Style
+from fdbench.report._figures import LINE_PX, Band, Curve, Figure, Panel, Style
 from fdbench.report._templates import Html, part, rendered, resource
 from fdbench.report._ticks import linear_ticks, log_ticks, tick_texts
 
 FEWEST_UNITS, MOST_UNITS = 500, 3000  # of the width, one for each point
 UNITS_A_PX = 3  # of the height
+UNSEEN = 1  # units of height that a line may be off where a straight one takes the place of several
 FAR = 4  # heights beyond which what is outside of the panel is not told apart
 LEFT_PX, RIGHT_PX, HEAD_PX, FOOT_PX = 54, 14, 24, 46
-DASH_PX = {"solid": "", "dash": "6 4", "dot": "2 3"}
 TICK_PX = 40  # between horizontal grid lines
 FILE_PX = 960  # width of a file of its own
 
@@ -57,7 +58,7 @@ class _DrawnPanel:
     top_px: int
     high: int
     y_ticks: Sequence[tuple[float, str]]
-    bounds: str
+    y_bounds: str
     paths: Html
 
 
@@ -70,6 +71,7 @@ class _Drawn:
     panels: Sequence[_DrawnPanel]
     wide: int
     x_ticks: Sequence[tuple[float, str]]
+    x_bounds: str
     x_title: str
     marks: Sequence[tuple[float, str]]
     top_px: int
@@ -112,7 +114,7 @@ def _drawn(figure: Figure) -> _Drawn:
                 panel=panel,
                 top_px=top_px + HEAD_PX,
                 y_ticks=[(round(100.0 - place, 2), text) for place, text in _placed(y_ticks, to_y, high)],
-                bounds=_bounds(x_bounds, figure.x_log, y_bounds, panel.y_log),
+                y_bounds=_bounds(y_bounds, panel.y_log),
                 high=high,
                 paths=Html("\n").join(
                     _path(item, to_x, to_y, high, classes.get(item.name, "")) for item in panel.items
@@ -126,6 +128,7 @@ def _drawn(figure: Figure) -> _Drawn:
         panels=panels,
         wide=wide,
         x_ticks=_placed(x_ticks, to_x, wide),
+        x_bounds=_bounds(x_bounds, figure.x_log),
         x_title=figure.x_title,
         marks=[(round(100.0 / wide * float(to_x(np.array(x))), 3), text) for x, text in figure.marks],
         top_px=HEAD_PX,
@@ -139,24 +142,25 @@ def _placed(ticks: Sequence[float], scale: Scale, size: int) -> list[tuple[float
     return [(round(float(place), 2), text) for place, text in zip(places, tick_texts(ticks), strict=True)]
 
 
-def _bounds(x: tuple[float, float], x_log: bool, y: tuple[float, float], y_log: bool) -> str:
-    """Return what a script needs to read values off a panel."""
-    return " ".join([*(f"{value:.7g}" for value in (*x, *y)), str(int(x_log)), str(int(y_log))])
+def _bounds(bounds: tuple[float, float], log: bool) -> str:
+    """Return what a script needs to read values off an axis."""
+    return " ".join([*(f"{value:.7g}" for value in bounds), *(["log"] if log else [])])
 
 
 def _path(item: Curve | Band, to_x: Scale, to_y: Scale, high: int, key: str) -> Html:
-    classes = " ".join(filter(None, (key, "off" if item.hidden else "")))
+    classes = [item.style.token, key, "off" if item.hidden else ""]
     if isinstance(item, Band):
-        style = f"fill:{item.style.colour}" + (f";stroke:{item.style.colour}" if item.is_dense else "")
-        kind = "dense" if item.is_dense else "band"
-        return part("path", f"{kind} {classes}".strip(), style, _area(item, to_x, to_y, high), item.name)
-    width = item.width * 4.0 if item.points else item.width
-    style = f"stroke:{item.style.colour};stroke-width:{width:g}"
-    if item.points:
-        style += f";stroke-linecap:{'round' if item.style.symbol == 'circle' else 'square'}"
-    elif DASH_PX[item.style.dash]:
-        style += f";stroke-dasharray:{DASH_PX[item.style.dash]}"
-    return part("path", classes, style, commands(to_x(item.x), to_y(item.y), high, item.points), item.name)
+        classes.append("dense" if item.is_dense else "band")
+        width, data = 0.0, _area(item, to_x, to_y, high)
+    elif item.points:
+        classes.append("round" if item.style.symbol == "circle" else "angular")
+        width, data = 4.0 * item.width, commands(to_x(item.x), to_y(item.y), high, points=True)
+    else:
+        classes.append("" if item.style.dash == "solid" else item.style.dash)
+        width, data = item.width, commands(to_x(item.x), to_y(item.y), high)
+    return part(
+        "path", " ".join(filter(None, classes)), "" if width in (0.0, LINE_PX) else f"{width:g}", data, item.name
+    )
 
 
 def _area(item: Band, to_x: Scale, to_y: Scale, high: int) -> str:
@@ -164,9 +168,9 @@ def _area(item: Band, to_x: Scale, to_y: Scale, high: int) -> str:
     there = np.isfinite(item.lower) & np.isfinite(item.upper)
     text = ""
     for rows in _stretches(there):
-        x = np.concatenate([item.x[rows], item.x[rows][::-1]])
-        y = np.concatenate([item.upper[rows], item.lower[rows][::-1]])
-        text += commands(to_x(x), to_y(y), high) + "z"
+        x, upper, lower = to_x(item.x[rows]), to_y(item.upper[rows]), to_y(item.lower[rows])
+        forth, back = _straight(*_units(x, upper, high)), _straight(*_units(x, lower, high))[::-1]
+        text += _run(np.concatenate([forth, back])) + "z"
     return text
 
 
@@ -185,16 +189,47 @@ def commands(x: FloatArray, y: FloatArray, high: int, points: bool = False) -> s
     'M2 100h0M7 110h0'
     """
     there = np.isfinite(x) & np.isfinite(y)
-    across = np.rint(np.where(there, x, 0.0)).astype(np.int64)
-    down = np.rint(np.clip(high - np.where(there, y, 0.0), -FAR * high, FAR * high)).astype(np.int64)
     if points:
-        return "".join(f"M{u} {v}h0" for u, v in zip(across[there].tolist(), down[there].tolist(), strict=True))
-    return "".join(_run(across[rows], down[rows]) for rows in _stretches(there))
+        across, down = _units(x[there], y[there], high)
+        return "".join(f"M{u} {v}h0" for u, v in zip(across.tolist(), down.tolist(), strict=True))
+    return "".join(_run(_straight(*_units(x[rows], y[rows], high))) for rows in _stretches(there))
 
 
-def _run(across: Integers, down: Integers) -> str:
-    start = f"M{across[0]} {down[0]}"
-    steps = np.stack([np.diff(across), np.diff(down)], axis=1)
+def _units(x: FloatArray, y: FloatArray, high: int) -> tuple[Integers, Integers]:
+    """Return places in whole units, from the upper left corner."""
+    down = np.clip(high - y, -FAR * high, FAR * high)
+    return np.rint(x).astype(np.int64), np.rint(down).astype(np.int64)
+
+
+def _straight(across: Integers, down: Integers) -> Integers:
+    """Return the corners, (n, 2), of a line to the right that passes all places within `UNSEEN`.
+
+    >>> _straight(np.array([0, 1, 2, 3, 4]), np.array([0, 2, 3, 6, 0])).tolist()
+    [[0, 0], [3, 6], [4, 0]]
+    """
+    places = list(zip(across.tolist(), down.tolist(), strict=True))
+    corners, last = places[:1], places[0]
+    low, high = -math.inf, math.inf  # slopes from the last corner that pass all places since
+    for place in places[1:]:
+        width, depth = place[0] - corners[-1][0], place[1] - corners[-1][1]
+        if width == 0 or not low * width <= depth <= high * width:
+            if last != corners[-1]:
+                corners.append(last)
+            width, depth = place[0] - last[0], place[1] - last[1]
+            low, high = -math.inf, math.inf
+        if width == 0:
+            corners.append(place)
+        else:
+            low, high = max(low, (depth - UNSEEN) / width), min(high, (depth + UNSEEN) / width)
+        last = place
+    if last != corners[-1]:
+        corners.append(last)
+    return np.array(corners)
+
+
+def _run(corners: Integers) -> str:
+    start = f"M{corners[0, 0]} {corners[0, 1]}"
+    steps = np.diff(corners, axis=0)
     steps = steps[(steps != 0).any(axis=1)]
     if len(steps) == 0:
         return f"{start}h0"

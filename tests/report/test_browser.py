@@ -42,7 +42,7 @@ def opened(browser: Any) -> Iterator[Opened]:
     def opened(file: Path, width_px: int = 1280, scheme: str = "light") -> Any:
         page = context.new_page()
         page.set_viewport_size({"width": width_px, "height": 900})
-        page.emulate_media(color_scheme=scheme)
+        page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
         page.on("console", lambda message: said.append(message.text))
         page.on("pageerror", lambda error: said.append(str(error)))
         page.goto(file.as_uri())
@@ -133,7 +133,7 @@ def test_curves_are_drawn_hidden_and_seen_closely(curves: Path, opened: Opened) 
     assert path.evaluate("path => getComputedStyle(path).stroke") == "rgb(31, 111, 180)"
 
     def ticks() -> list[float]:
-        return [float(text) for text in drawing.locator(".ticks.x text").all_text_contents()]
+        return [float(text) for text in drawing.locator(".ticks.x text").filter(visible=True).all_text_contents()]
 
     drawing.focus()
     assert ticks() == [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]
@@ -148,6 +148,20 @@ def test_curves_are_drawn_hidden_and_seen_closely(curves: Path, opened: Opened) 
     assert (time_s, force_N) == (pytest.approx(5.0, abs=0.02), pytest.approx(0.0, abs=0.05))
     page.locator(".keys button").first.click()
     assert not path.is_visible()
+
+
+def test_ticks_that_others_refer_to_stay(curves: Path, opened: Opened) -> None:
+    page = opened(curves)
+    page.locator("summary").click()
+    first, second = page.locator(".drawing").all()
+    assert second.locator("use").count() == 2
+    apart = second.screenshot()
+    first.focus()
+    page.keyboard.press("+")
+    assert second.screenshot() == apart
+    second.focus()
+    page.keyboard.press("+")
+    assert second.screenshot() != apart
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from html_page import Page
 
+from fdbench.estimator import estimators
 from fdbench.report._bars import bars, dots
 from fdbench.report._figures import BEFORE, Band, Curve, Figure, Panel, extent, numbered, style_of
 from fdbench.report._page import Section, page
 from fdbench.report._plotly import plotly_figure
-from fdbench.report._svg import svg_file
+from fdbench.report._svg import UNSEEN, _straight, svg_file
 from fdbench.report._ticks import linear_ticks, log_ticks, tick_texts
 
 HOSTILE = "<script>alert(1)</script> & \"quoted\" 'text'"
@@ -110,9 +111,27 @@ def test_released_estimators_can_be_told_apart() -> None:
     assert max(colours.count(colour) for colour in colours) <= 2
 
 
+def test_no_two_registered_estimators_look_alike() -> None:
+    names = estimators.names()
+    assert {*RELEASED} < {*names}
+    assert len({*map(style_of, names)}) == len(names)
+
+
 def test_names_spread_over_all_styles() -> None:
     names = [hashlib.sha256(str(number).encode()).hexdigest() for number in range(2000)]
     assert len({(style.colour, style.dash) for style in map(style_of, names)}) == 48
+    assert len({*map(style_of, names)}) == 144
+
+
+def test_a_straight_line_takes_the_place_of_places_that_it_passes() -> None:
+    across = np.arange(1000)
+    down = np.rint(300.0 * np.sin(0.02 * across) + np.random.default_rng(1).normal(0.0, 0.4, 1000)).astype(np.int64)
+    corners = _straight(across, down)
+    assert len(corners) < 0.25 * len(across)
+    assert np.abs(np.interp(across, *corners.T) - down).max() <= UNSEEN + 1e-9
+    assert {tuple(corner) for corner in corners.tolist()} <= {*zip(across.tolist(), down.tolist(), strict=True)}
+    assert corners[[0, -1]].tolist() == [[0, down[0]], [999, down[-1]]]
+    assert _straight(np.array([3, 3, 3]), np.array([0, 9, 4])).tolist() == [[3, 0], [3, 9], [3, 4]]
 
 
 # ---- ticks ----

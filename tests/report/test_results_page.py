@@ -157,11 +157,11 @@ def test_page_needs_nothing_but_itself(report: Page) -> None:
 def test_a_page_of_many_estimates_has_room_for_them(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The full suite has 402 estimates and 1.9 MB; these here claim all that can be drawn, as half of those do."""
+    """The full suite has 402 estimates and 1.4 MB; these here claim all that can be drawn, as half of those do."""
     monkeypatch.setattr("fdbench.report.results._n_pictured", lambda statuses: 402)
     write_report(folder, tmp_path / "report.html")
     own = (tmp_path / "report.html").stat().st_size - len(page("", [], []).encode())
-    assert own / (4 + 2) < 9.5e3
+    assert own / (4 + 2) < 8.6e3
 
 
 def test_panels_of_one_scale_share_its_ticks() -> None:

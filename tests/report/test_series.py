@@ -32,6 +32,13 @@ def test_thinned_series_breaks_at_gaps() -> None:
     assert len(y) < 3010
 
 
+def test_gaps_that_cannot_be_seen_cut_nothing() -> None:
+    for gap, cuts in ((3.0, 0), (6.0, 1)):  # 0.075 and 0.15 % of the width
+        time_s = np.arange(4000.0)
+        time_s[1000:] += gap - 1.0
+        assert np.isnan(thinned(time_s, np.ones(4000), 100)[1]).sum() == cuts
+
+
 def test_envelope_holds_every_bound() -> None:
     for time_s, values in blocks(np.random.default_rng(4)):
         half = np.abs(values)

@@ -43,8 +43,12 @@
     button.setAttribute("aria-pressed", shown);
     all(`path.${button.dataset.key}`, button.closest("figure")).forEach((path) => path.classList.toggle("off", !shown));
   }));
+  const axis = (node) => {
+    const [low, high, log] = node.dataset.bounds.split(" ");
+    return [Number(low), Number(high), log === "log"];
+  };
   const bounds = (panel) => {
-    const [x0, x1, y0, y1, xLog, yLog] = panel.dataset.bounds.split(" ").map(Number);
+    const [x0, x1, xLog] = axis(panel.closest(".drawing")), [y0, y1, yLog] = axis(panel);
     return { x: [x0, x1], y: [y0, y1], xLog, yLog };
   };
   const at = ([low, high], log, share) => (log ? low * (high / low) ** share : low + (high - low) * share);
@@ -57,31 +61,35 @@
     const step = power * (rough < 1.5 * power ? 1 : rough < 3.5 * power ? 2 : rough < 7.5 * power ? 5 : 10);
     return Array.from({ length: 12 }, (_, i) => (Math.ceil(low / step) + i) * step).filter((tick) => tick <= high);
   };
+  const SVG = document.querySelector("svg")?.namespaceURI;
+  const made = (tag, attributes, ...parts) => {
+    const node = document.createElementNS(SVG, tag);
+    for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
+    node.append(...parts);
+    return node;
+  };
   // The part of the width that a figure shows, from 0 to 1.
   const views = new WeakMap();
   const show = (drawing, from, to) => {
     const width = Math.min(1, Math.max(1e-3, to - from)), start = Math.min(1 - width, Math.max(0, from));
-    const group = drawing.querySelector(".ticks.x"), own = bounds(drawing.querySelector(".panel"));
-    const kept = views.get(drawing) ?? { ticks: group.innerHTML, line: group.querySelector("line").cloneNode(), text: group.querySelector("text").cloneNode(),
-      boxes: all(".curves", drawing).map((inner) => [inner, ...inner.getAttribute("viewBox").split(" ").slice(2).map(Number)]) };
+    const across = drawing.querySelector(".across"), own = bounds(drawing.querySelector(".panel"));
+    const kept = views.get(drawing) ?? { boxes: all(".curves", drawing).map((inner) => [inner, ...inner.getAttribute("viewBox").split(" ").slice(2).map(Number)]) };
     views.set(drawing, { ...kept, view: [start, start + width] });
     kept.boxes.forEach(([inner, wide, high]) => inner.setAttribute("viewBox", `${wide * start} 0 ${wide * width} ${high}`));
     all(".marks", drawing).forEach((marks) => { marks.style.display = width < 1 ? "none" : ""; });
-    if (width === 1) {
-      group.innerHTML = kept.ticks;
-      return;
-    }
+    // Other figures may refer to these ticks, so that they stay as they are.
+    drawing.querySelector(".closer")?.remove();
+    across.style.display = width < 1 ? "none" : "";
+    if (width === 1) return;
     const low = at(own.x, own.xLog, start), high = at(own.x, own.xLog, start + width);
-    group.textContent = "";
+    const group = made("g", { class: "ticks x" });
     for (const tick of ticks(low, high)) {
       const place = `${100 * (own.xLog ? Math.log(tick / low) / Math.log(high / low) : (tick - low) / (high - low))}%`;
-      const line = kept.line.cloneNode(), text = kept.text.cloneNode();
-      line.setAttribute("x1", place);
-      line.setAttribute("x2", place);
-      text.setAttribute("x", place);
-      text.textContent = short(tick, high - low).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
-      group.append(line, text);
+      const text = short(tick, high - low).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
+      group.append(made("line", { x1: place, x2: place, y2: "100%" }), made("text", { x: place, y: "100%", dy: 16 }, text));
     }
+    const place = { y: across.getAttribute("y"), height: across.getAttribute("height") };
+    across.after(made("svg", { class: "across closer", ...place }, group));
   };
   const viewOf = (drawing) => views.get(drawing)?.view ?? [0, 1];
   const readout = document.createElement("div");
