@@ -11,7 +11,6 @@ from fdbench.benchmark.oracle import NAME as ORACLE
 from fdbench.benchmark.selection import NULL
 from fdbench.benchmark.statistics import LEVEL
 from fdbench.benchmark.store import Kept, RunKey, Store
-from fdbench.errors import FdbenchError
 from fdbench.metrics import Outcome
 from fdbench.metrics._coverage import HALF_WIDTH
 from fdbench.metrics._series import in_window
@@ -21,7 +20,7 @@ from fdbench.report._page import Block, Folded, Grid, note
 from fdbench.report._series import POINTS_FOR_A_BOUND, envelope, gaps, peak, thinned
 from fdbench.report._spectrum import spectrum
 from fdbench.report._templates import Html
-from fdbench.scenario import Scenario, Truth, load_scenario
+from fdbench.scenario import Scenario, Truth
 from fdbench.wording import quantity, scaled, si_text
 
 TIME = "time (s)"
@@ -33,15 +32,6 @@ ROOM, SMALL_ROOM = 1.25, 1.7  # of a common scale beyond its values
 DETAIL_PERIODS = 8.0
 DETAIL_ROWS = 150
 DETAIL_POINTS = 500  # of a series in it, on half of the width of a page
-
-
-def known_scenario(name: str, digest: str) -> Scenario | None:
-    """Return the scenario that results belong to, or None if it is not installed or has changed since."""
-    try:
-        scenario = load_scenario(name)
-    except FdbenchError:
-        return None
-    return scenario if scenario.content_digest == digest else None
 
 
 def pictures(

@@ -28,15 +28,16 @@ from fdbench.benchmark.statistics import (
     seed_means,
 )
 from fdbench.benchmark.store import OK, STATUSES, Store
+from fdbench.errors import FdbenchError
 from fdbench.metrics import metrics
 from fdbench.report import _runs as runs
 from fdbench.report._bars import dots
 from fdbench.report._page import Block, Folded, Grid, Section, breakable, note, paragraph, slug, table, write_page
 from fdbench.report._ranking import all_rankings, ranking_tables, winners
-from fdbench.report._scenario import known_scenario, pictures
+from fdbench.report._scenario import pictures
 from fdbench.report._series import CROWDED, points_of_a_series
 from fdbench.report._templates import Html, part
-from fdbench.scenario import TRACKS
+from fdbench.scenario import TRACKS, Scenario, load_scenario
 from fdbench.units import unit_of
 from fdbench.wording import quantity, unit_text
 
@@ -87,7 +88,7 @@ def _scenarios(store: Store, scores: "pd.DataFrame", parameters: "pd.DataFrame")
     yield part("filter", "scenarios", "details[data-name]")
     for key, own in scores.groupby("scenario"):
         name, digest, seed = str(key), str(own["scenario_digest"].iloc[0]), int(own["seed"].min())
-        scenario = known_scenario(name, digest)
+        scenario = _known_scenario(name, digest)
         order = ordered.get(name, {})
         names = sorted(str(estimator) for estimator in own["estimator"].unique())
         ranked = {track: list(dict.fromkeys([*order.get(track, ()), *names])) for track in TRACKS}
@@ -99,6 +100,15 @@ def _scenarios(store: Store, scores: "pd.DataFrame", parameters: "pd.DataFrame")
         identifier = f"scenario-{slug(name)}"
         best = [(track, *_winner(values)) for track, values in order.items()]
         yield Folded(part("scenario", name, identifier, best), blocks, identifier=identifier, name=name)
+
+
+def _known_scenario(name: str, digest: str) -> Scenario | None:
+    """Return the scenario that results belong to, or None if it is not installed or has changed since."""
+    try:
+        scenario = load_scenario(name)
+    except FdbenchError:
+        return None
+    return scenario if scenario.content_digest == digest else None
 
 
 def _winner(values: Mapping[str, str]) -> tuple[str, str]:

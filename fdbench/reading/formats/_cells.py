@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import io
 import itertools
 import re
 from collections.abc import Iterator
@@ -12,6 +13,8 @@ from fdbench.reading.formats._text import open_text
 
 LONGEST_LINE = 2**20  # bytes
 BLANK, BRACKETS = " ", ("[", "(")
+COMMENT_SIGNS = "#% "
+OURS = b"# fdbench "
 NUMBERS = {
     decimal: re.compile(rf"[+-]?((\d+({point}\d*)?|{point}\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
     for decimal, point in ((".", r"\."), (",", ","))
@@ -48,7 +51,7 @@ def cells_of(text: str, delimiter: str) -> list[str]:
     >>> cells_of("a b; c", ";"), cells_of("  time [s]   force  x ", BLANK)
     (['a b', 'c'], ['time [s]', 'force', 'x'])
     """
-    line = " ".join(text.split()) if delimiter == BLANK else text
+    line = " ".join(text.lstrip(COMMENT_SIGNS).split()) if delimiter == BLANK else text
     cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
     if delimiter != BLANK:
         return cells
@@ -62,7 +65,9 @@ def cells_of(text: str, delimiter: str) -> list[str]:
 
 
 def numbers_in(row: str, delimiter: str, decimal: str) -> int:
-    """Return how many numbers a line holds, 0 where it holds fewer than two or more words than numbers."""
+    """Return how many numbers a line holds, 0 where it holds fewer than two, more words, or a comment."""
+    if row.startswith(tuple(COMMENT_SIGNS.strip())):
+        return 0
     cells = [cell for cell in cells_of(row, delimiter) if cell]
     numbers = sum(is_number(cell, decimal) for cell in cells)
     return numbers if numbers >= 2 and 2 * numbers >= len(cells) else 0
@@ -90,3 +95,23 @@ def line_of(file: Path, header_line: int, sample: int) -> int:
     lines = enumerate(bounded_lines(file), 1)
     filled = (number for number, line in lines if number > header_line and line.strip(b"\r\n"))
     return next(itertools.islice(filled, sample, None))
+
+
+def check_end(file: Path, decimal: str) -> None:
+    """Refuse a file that was cut within its last number, where that can be told.
+
+    fdbench ends each line; elsewhere the last one need not have an end (RFC 4180), but has as many decimals as the
+    others where these all have as many.
+    """
+    with open_text(file) as stream:
+        is_ours = stream.read(len(OURS)) == OURS
+        stream.seek(max(0, stream.seek(0, io.SEEK_END) - LONGEST_LINE))
+        rows = stream.read().split(b"\n")
+    if rows[-1].strip() == b"":
+        return
+    mark = re.escape(decimal.encode())
+    decimals = [re.search(mark + rb"(\d+)\s*$", row) for row in rows[1:]]
+    digits = {0 if found is None else len(found[1]) for found in decimals[:-1]}
+    last = 0 if not decimals or decimals[-1] is None else len(decimals[-1][1])
+    if is_ours or (len(digits) == 1 and last < max(digits)):
+        raise RecordError(f"{file}: the last line has no end. The file was cut there: remove the line.")

@@ -5,26 +5,32 @@ import io
 import itertools
 import json
 import re
-import statistics
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, NamedTuple, Self, final
 
 from fdbench.errors import RecordError, SpecError
-from fdbench.reading.formats._cells import BLANK, LONGEST_LINE, bounded_lines, cells_of, is_number, line_of, numbers_in
+from fdbench.reading.formats._cells import (
+    BLANK,
+    OURS,
+    bounded_lines,
+    cells_of,
+    check_end,
+    is_number,
+    line_of,
+    numbers_in,
+)
 from fdbench.reading.formats._format import EVERYTHING, Format, Raw, choose, stored_provenance, unique
+from fdbench.reading.formats._layout import LONGEST_PREAMBLE, layout_of
 from fdbench.reading.formats._text import marked_encoding, open_text, with_single_blanks
 from fdbench.units import spelt_unit
 
-DELIMITERS = f";\t|,{BLANK}"
 ENCODINGS = ("utf-8", "cp1252")
 
 # All but the tab, which may stand between cells.
 _CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f]")
 LONGEST_NAME, LONGEST_CELL = 200, 60
-LONGEST_PREAMBLE = 100  # lines
-_OURS = b"# fdbench "
 
 
 class _Header(NamedTuple):
@@ -92,38 +98,10 @@ class Csv(Format):
     def survey(cls, file: Path) -> tuple[Self, Raw]:
         """Return how a file is written, by the layout in which most cells are numbers, and all columns of numbers."""
         try:
-            reader = cls._found(file)
+            reader = cls(*layout_of(file))
         except csv.Error as error:
             raise RecordError(f"{file}: no CSV file: {error}.") from error
         return reader, reader.read(file, EVERYTHING)
-
-    @classmethod
-    def _found(cls, file: Path) -> Self:
-        encoding = "utf-8" if all(map(_is_utf_8, bounded_lines(file))) else "cp1252"
-        lines = itertools.islice(bounded_lines(file), 2 * LONGEST_PREAMBLE)
-        head = b"".join(lines).decode(encoding, errors="replace").splitlines()[: 2 * LONGEST_PREAMBLE]
-        layouts = [(mark, decimal) for mark in DELIMITERS for decimal in ".," if mark != decimal]
-        found = max(layouts, key=lambda layout: sum(numbers_in(row, *layout) for row in head))
-        plain = cls(*found, encoding=encoding)
-        widths = {place: len(plain._cells(row)) for place, row in enumerate(head) if plain._is_data(row)}
-        if not widths:
-            raise RecordError(
-                f"{file}: no line of at least two numbers among the first {len(head)}, between commas, semicolons, "
-                "tabs, bars or blanks: no table of samples."
-            )
-        width = statistics.mode(widths.values())  # a line above the names may hold numbers too
-        first = next(place for place in widths if widths[place] == width)
-        above = [place for place in range(first) if len(plain._cells(head[place])) == width and head[place].strip()]
-        if not above:
-            one_word = " Between blanks a name is one word, or one in quotes." if plain.delimiter == BLANK else ""
-            raise RecordError(
-                f"{file}: line {first + 1} holds {width} numbers, but no line above it as many names. Add one."
-                f"{one_word}"
-            )
-        # Of two such lines the lower one has the units.
-        header = above[-2] if len(above) > 1 and above[-2:] == [first - 2, first - 1] else above[-1]
-        is_first = not any(row.strip() for row in head[:header]) and not head[header].startswith("#")
-        return cls(*found, skip_lines=None if is_first else header, encoding=encoding)
 
     def _read(self, file: Path, wanted: Collection[str] | None) -> Raw:
         import pyarrow
@@ -138,7 +116,7 @@ class Csv(Format):
             raise RecordError(f"{file}: a character that {self.encoding} has not: {error}.") from error
         except pyarrow.ArrowInvalid as error:
             raise self._fault(file, header, chosen, str(error)) from error
-        self._check_end(file)
+        check_end(file, self.decimal)
         if wanted is EVERYTHING:
             chosen = [name for name in chosen if not table.column(name).null_count]
         elif any(column.null_count for column in table.columns):
@@ -169,27 +147,7 @@ class Csv(Format):
             )
 
     def _open(self, file: Path) -> IO[bytes]:
-        """Return the file with one character between its cells."""
         return with_single_blanks(file) if self.delimiter == BLANK else open_text(file)
-
-    def _check_end(self, file: Path) -> None:
-        """Refuse a file that was cut within its last number, where that can be told.
-
-        fdbench ends each line; elsewhere the last one need not have an end (RFC 4180), but has as many decimals as the
-        others where these all have as many.
-        """
-        with open_text(file) as stream:
-            is_ours = stream.read(len(_OURS)) == _OURS
-            stream.seek(max(0, stream.seek(0, io.SEEK_END) - LONGEST_LINE))
-            rows = stream.read().split(b"\n")
-        if rows[-1].strip() == b"":
-            return
-        mark = re.escape(self.decimal.encode())
-        decimals = [re.search(mark + rb"(\d+)\s*$", row) for row in rows[1:]]
-        digits = {0 if found is None else len(found[1]) for found in decimals[:-1]}
-        last = 0 if not decimals or decimals[-1] is None else len(decimals[-1][1])
-        if is_ours or (len(digits) == 1 and last < max(digits)):
-            raise RecordError(f"{file}: the last line has no end. The file was cut there: remove the line.")
 
     def _numeric(self, file: Path, header: _Header) -> list[str]:
         """Return the columns that hold a number, or nothing, in each of the first rows."""
@@ -208,8 +166,8 @@ class Csv(Format):
         skipped = self.skip_lines or 0
         for line in self._lines(file, skipped):
             number, text = line
-            if text.startswith(_OURS.decode()):
-                stored = stored_provenance(text.removeprefix(_OURS.decode()), file)
+            if text.startswith(OURS.decode()):
+                stored = stored_provenance(text.removeprefix(OURS.decode()), file)
             if text.strip() and (self.skip_lines is not None or not text.startswith("#")):
                 break
         else:
@@ -238,9 +196,8 @@ class Csv(Format):
             return _Header(names, number, {}, stored)
         names = unique(names)
         below = next(((place, self._cells(row)) for place, row in self._lines(file, number) if row.strip()), None)
-        if below is None or len(below[1]) != len(names) or any(is_number(cell, self.decimal) for cell in below[1]):
-            return _Header(names, number, {}, stored)
-        if not any(spelt_unit(cell) for cell in below[1]):
+        has_units = below is not None and len(below[1]) == len(names) and any(map(spelt_unit, below[1]))
+        if below is None or not has_units or any(is_number(cell, self.decimal) for cell in below[1]):
             return _Header(names, number, {}, stored)
         return _Header(names, below[0], dict(zip(names, below[1], strict=True)), stored)
 
@@ -270,10 +227,7 @@ class Csv(Format):
         return text
 
     def _cells(self, text: str) -> list[str]:
-        return cells_of(text.lstrip("#% ") if self.delimiter == BLANK else text, self.delimiter)
-
-    def _is_data(self, row: str) -> bool:
-        return numbers_in(row, self.delimiter, self.decimal) > 0
+        return cells_of(text, self.delimiter)
 
     def _below_preamble(self, file: Path, number: int, text: str) -> tuple[int, str]:
         """Return the header: the first line, or below lines of another width the first as wide as the numbers."""
@@ -317,8 +271,9 @@ class Csv(Format):
                         )
                     if not is_number(cell, self.decimal):
                         shown = cell if len(cell) <= LONGEST_CELL else f"{cell[:LONGEST_CELL]}..."
-                        hint = self._text_hint(cells, cell)
-                        return RecordError(f"{where}, column {name}: {shown!r} is not a number.{hint}")
+                        return RecordError(
+                            f"{where}, column {name}: {shown!r} is not a number.{self._text_hint(cells, cell)}"
+                        )
         return RecordError(f"{file}: 0 samples; a record needs at least 3." if empty else f"{file}: {message}")
 
     def _hint(self, names: list[str]) -> str:
@@ -335,11 +290,3 @@ class Csv(Format):
         if not any(is_number(other) for other in cells):
             return " A line of units does not belong in the file: remove it, and name the units in a mapping file."
         return " Correct or remove it."
-
-
-def _is_utf_8(line: bytes) -> bool:
-    try:
-        line.decode("utf-8")
-    except UnicodeDecodeError:
-        return False
-    return True
