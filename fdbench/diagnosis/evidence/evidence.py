@@ -8,7 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.diagnosis.evidence.segment_products import diagonal, segment_counts, segment_length, segment_products
+from fdbench.diagnosis.evidence.segment_products import (
+    DIVERGED,
+    diagonal,
+    segment_counts,
+    segment_length,
+    segment_products,
+)
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
@@ -37,6 +43,8 @@ class Evidence:
         The same stretch of time has one group over all channels, for the bootstrap.
     run, channel : (n_segments,) array of int
         Place in those of the split, and in those of the run.
+    lost : (n_columns,) array of bool
+        Variants that diverge: they have no response in any fit, and are as far off as can be where they are tried.
     """
 
     products: FloatArray
@@ -47,13 +55,14 @@ class Evidence:
     group: NDArray[np.intp]
     run: NDArray[np.intp]
     channel: NDArray[np.intp]
+    lost: NDArray[np.bool_]
 
     def misfits(self, held_out: bool) -> FloatArray:
         r"""Return the misfit of the base and of each variant on one part, (n_columns,).
 
         .. math:: M = 1 + \sum_s w_s (g_s - n_s) / \sum_s n_s
 
-        so that 1 is noise alone, and nothing exceeds :math:`1 + 1 / \kappa`.
+        so that 1 is noise alone, and no base exceeds :math:`1 + 1 / \kappa`.
         """
         part = self.held_out == held_out
         return misfit(self.squares(held_out), self.weights[part], self.counts[part])
@@ -65,12 +74,16 @@ class Evidence:
 
     def squared_gaps(self) -> FloatArray:
         """Return the squared gap of the base and of each variant, (n_segments, n_columns)."""
-        return _squared_gaps(self.diagonal, self.products[:, 0])
+        gaps = _squared_gaps(self.diagonal, self.products[:, 0])
+        gaps[:, self.lost] = DIVERGED**2 * self.counts[:, None]
+        return gaps
 
     def squares(self, held_out: bool) -> FloatArray:
         """Return the same, weighted and summed over one part, (n_columns,)."""
-        sums = self.sums[int(held_out)]
-        return _squared_gaps(np.diagonal(sums), sums[0])
+        sums, part = self.sums[int(held_out)], self.held_out == held_out
+        gaps = _squared_gaps(np.diagonal(sums), sums[0])
+        gaps[self.lost] = DIVERGED**2 * float(self.weights[part] @ self.counts[part])
+        return gaps
 
     def by_group(self, held_out: bool) -> FloatArray:
         """Return the weighted squared gaps on one part, summed over the channels of a group, (n_groups, n_columns)."""
@@ -98,7 +111,8 @@ class Evidence:
     def of_run(self, place: int) -> "Evidence":
         """Return the evidence of one run, by its place in the split."""
         own = self.run == place
-        return Evidence(**{item.name: getattr(self, item.name)[own] for item in dataclasses.fields(self)})
+        parts = {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
+        return Evidence(**{name: value if name == "lost" else value[own] for name, value in parts.items()})
 
     def worst(self) -> float:
         """Return the mean squared gap of the stretch of time in which it is largest, over all channels."""
@@ -149,7 +163,7 @@ def gather(
     base : Hypothesis
         Its readings are kept.
     variants : sequence of Hypothesis
-        One that diverges counts as the base.
+        One that diverges has no response.
     places : sequence of int, optional
         Of the runs, such as ``split.fitted``; without, all.
     keep : sequence of Hypothesis
@@ -173,12 +187,13 @@ def gather(
     band = np.zeros((n_segments, neighbours, n_columns - n_common))
     counts, outs, groups, owners, channels, known = [], [], [], [], [], []
     first = offset = 0
+    lost = np.zeros(n_columns, dtype=np.bool_)
     simulated = readings.each(numbers, lanes, [base, *keep], lent=True)
     for number, count, own in zip(numbers, segments, simulated, strict=True):
         run, out, n = split.runs[number], split.held_out[number], len(count)
         last = first + n_channels * n
         written = (part[first:last].reshape(n_channels, n, *part.shape[1:]) for part in (products, band))
-        segment_products(split, number, own, counted_from, *written)
+        lost |= segment_products(split, number, own, counted_from, *written)
         for place, name in enumerate(run.channels):
             counts.append(count)
             outs.append(out[:: segment_length(run)])
@@ -198,6 +213,7 @@ def gather(
         group=np.concatenate(groups),
         run=np.concatenate(owners),
         channel=np.concatenate(channels),
+        lost=lost,
     )
 
 

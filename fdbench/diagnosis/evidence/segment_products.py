@@ -7,6 +7,7 @@ another reading, scaled and multiplied is a piece that fits. Changes from run to
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdbench.diagnosis.evidence.run_to_run import Change
 from fdbench.diagnosis.evidence.split import Split
@@ -37,8 +38,8 @@ def segment_products(
     counted_from: Sequence[int],
     products: FloatArray,
     band: FloatArray,
-) -> None:
-    r"""Fill in the products of the gap of a run and of responses, for each channel and segment.
+) -> NDArray[np.bool_]:
+    r"""Fill in the products of the gap of a run and of responses, for each channel and segment; return which diverge.
 
     Parameters
     ----------
@@ -87,6 +88,7 @@ def segment_products(
         products[:] = found[:, :, :n_common, :n_columns]
     if lost[0]:
         products[:, :, 0, 0] = DIVERGED**2 * segment_counts(run)
+    return np.asarray(lost)
 
 
 def diagonal(products: FloatArray, band: FloatArray) -> FloatArray:

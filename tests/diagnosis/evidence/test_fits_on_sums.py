@@ -20,6 +20,7 @@ def evidence_of(gap: np.ndarray, columns: np.ndarray) -> Evidence:
         group=zero,
         run=zero,
         channel=zero,
+        lost=np.zeros(len(signals), dtype=np.bool_),
     )
 
 

@@ -31,6 +31,13 @@ def test_assumed_noise_is_that_of_the_quietest_parts() -> None:
     assert np.sqrt(assumed([noise]).sum()) == pytest.approx(2.0, rel=0.1)
 
 
+def test_a_line_at_the_lowest_frequencies_is_no_noise() -> None:
+    """1.25 periods of a piece of 256 samples: there are no frequencies below it to take a median with."""
+    noise = 2.0 * np.random.default_rng(3).standard_normal(N)
+    line = 20.0 * np.sin(2.0 * np.pi * 4.9 * np.arange(N) * PERIOD_S)
+    assert np.sqrt(assumed([noise + line]).sum()) == pytest.approx(2.0, rel=0.1)
+
+
 def test_an_artefact_adds_its_energy() -> None:
     found = raised({"position_m": white(3.0, measured=True)}, {"position_m": 16.0})["position_m"]
     assert found.rms == pytest.approx(5.0)

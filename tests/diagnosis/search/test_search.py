@@ -282,3 +282,18 @@ def test_what_is_fitted_together_has_the_products_that_all_have(monkeypatch: pyt
             together[:3] = together[:, :3] = True
             assert found[together] == pytest.approx(expected[together], rel=1e-9, abs=1e-6)
             assert not found[~together].any()
+
+
+def test_what_diverges_explains_nothing() -> None:
+    """Counted as its base it would win by its lower penalty."""
+    own = search(effects.get("quadratic_drag").typical())
+    runaway = effects.get("structural_mode").typical(moving_mass_kg=60.0, natural_frequency_Hz=2000.0)
+    places = {item.name: place for place, item in enumerate(nominal_parameters(NOMINAL))}
+    shifts = [4.0 * float(place == places["motor_viscous"]) for place in range(len(places))]
+    base, lost = start(NOMINAL).moved(shifts), start(NOMINAL).with_effect(runaway)
+    assert not np.isfinite(own.readings.alone(0, lost)["position_m"]).all()
+    with np.errstate(over="ignore", invalid="ignore"):
+        assert own.refinement.better(base, [lost, base]) is base
+        stage = own.compared(base, [(type(runaway), lost, True)])
+    assert stage.gain(stage.rivals[0]) < 0.0
+    assert stage.present() < 1e-6
