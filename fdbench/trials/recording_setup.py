@@ -14,10 +14,10 @@ import numpy as np
 from fdbench.diagnosis.diagnose import judged
 from fdbench.diagnosis.evidence.prepare import Aligned, aligned
 from fdbench.diagnosis.evidence.run_to_run import Repeatability
+from fdbench.diagnosis.model.commands import at_each_loop
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.known_effects import silent
 from fdbench.diagnosis.model.nominal import Nominal
-from fdbench.diagnosis.model.replay import at_each_loop
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
 from fdbench.diagnosis.records.runs import COMMAND, DEFLECTION, SIDES, RecordedRun
 from fdbench.diagnosis.repaired import table_of, toml_lines

@@ -22,6 +22,8 @@ def intervals(search: Search, final: Hypothesis) -> list[dict[str, Pair]]:
     left as it is, correlated in time or not (White 1980; segments as clusters). Every other effect of the library may
     be there too, with a standard deviation of 5 % of its typical size, which the numbers may make up for.
     """
+    if not final.effects:
+        return []
     numbers, others = adjustables_of(final), one_of_each(final)
     evidence = search.refinement.responses(final, others, search.split.fitted, effects=True)
     inside = ~evidence.held_out

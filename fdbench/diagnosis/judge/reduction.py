@@ -87,7 +87,7 @@ def explained_fraction(before: float, after: float) -> float | None:
 
 def channel_gaps(readings: Readings, split: Split, hypotheses: Sequence[Hypothesis]) -> FloatArray:
     """Return the mean squared held-out gap of each channel in units of the floor, (n_hypotheses, n_channels)."""
-    evidence = gather(readings, split, hypotheses[0], hypotheses[1:], split.judged)
+    evidence = gather(readings, split, hypotheses[0], hypotheses[1:], split.judged, common=1)
     out = evidence.held_out
     squares = evidence.squared_gaps()[out]
     inside = evidence.channel[out] == np.arange(len(split.noise_models))[:, None]
@@ -103,7 +103,8 @@ def reductions_of(readings: Readings, split: Split, base: Hypothesis, final: Hyp
     effects = list(final.effects)
     subsets = [c for n in range(len(effects) + 1) for c in itertools.combinations(range(len(effects)), n)]
     variants = [_subset(base, final, [effects[index] for index in subset]) for subset in subsets]
-    shifted = final.moved_in_turn()
+    # Both ends are fitted as they are: nothing is re-calibrated where no subset lies between them.
+    shifted = final.moved_in_turn() if len(effects) > 1 else []
     evidence = gather(readings, split, variants[0], [*variants, *shifted], keep=[final, *shifted])
     outside = evidence.held_out
     judged, (train, _) = evidence.products[outside], evidence.sums
@@ -115,10 +116,11 @@ def reductions_of(readings: Readings, split: Split, base: Hypothesis, final: Hyp
     for place, variant in enumerate(variants):
         residual = np.zeros(1 + n + m)
         residual[0], residual[1 + place] = 1.0, -1.0
-        normal = responses @ train @ responses.T + np.eye(m)
-        right = responses @ train @ residual - np.asarray(variant.shifts)
-        combined = residual if variant in (base, final) else residual - np.linalg.solve(normal, right) @ responses
-        gaps.append(np.einsum("i,sij,j->s", combined, judged, combined))
+        if variant not in (base, final):
+            normal = responses @ train @ responses.T + np.eye(m)
+            right = responses @ train @ residual - np.asarray(variant.shifts)
+            residual -= np.linalg.solve(normal, right) @ responses
+        gaps.append(np.einsum("i,sij,j->s", residual, judged, residual))
     return Reductions(
         subsets=subsets,
         by_segment=np.array(gaps).T,

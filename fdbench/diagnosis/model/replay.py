@@ -2,16 +2,19 @@
 
 import copy
 import dataclasses
+import itertools
 import os
+from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.diagnosis.model.commands import Commands
 from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
 from fdbench.effects import Effect
 from fdbench.plants.feed_drive import FeedDrive
@@ -87,27 +90,6 @@ def _mechanics(plant: FeedDrive) -> Mechanics:
     return dataclasses.replace(plant.mechanics(), position_limit_m=np.inf, velocity_limit_m_per_s=np.inf)
 
 
-def at_each_loop(reference: FloatArray, period_s: float, loops: int) -> FloatArray:
-    """Return a command (n, 3) as a controller takes it that acts several times in a sampling time, (n * loops, 3).
-
-    Positions and velocities are cubics between samples, accelerations straight lines.
-
-    >>> at_each_loop(np.array([[0.0, 0.0, 2.0], [1.0, 2.0, 2.0]]), 1.0, 2)[1].tolist()
-    [0.25, 1.0, 2.0]
-    """
-    if loops == 1:
-        return reference
-    after = np.vstack((reference[1:], reference[-1:]))
-    rows = np.empty((len(reference), loops, 3))
-    for place in range(loops):
-        part = place / loops
-        rise, leave, arrive = part**2 * (3.0 - 2.0 * part), part * (1.0 - part) ** 2, part**2 * (part - 1.0)
-        rows[:, place] = reference + rise * (after - reference)
-        rows[:, place, :2] += period_s * (leave * reference[:, 1:] + arrive * after[:, 1:])
-        rows[:, place, 2] = reference[:, 2] + part * (after[:, 2] - reference[:, 2])
-    return rows.reshape(-1, 3)
-
-
 @lru_cache(maxsize=1)
 def _threads() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(os.cpu_count(), "replay")
@@ -154,6 +136,7 @@ class Replay:
         self._last = {kind: place for place, kind in enumerate(self.kinds)}  # of a kind, is no known one
         self._stepper = compose(self.kinds, WIDTH)
         self._lanes: Lanes = WeakKeyDictionary()
+        self._last_commands: Commands | None = None
         self.memory = Memory()
 
     def simulate(self, run: RecordedRun, variants: Sequence[Variant]) -> dict[str, FloatArray]:
@@ -174,12 +157,12 @@ class Replay:
             for item in replayed
             for variant, place in zip(item.variants, item.places, strict=True)
         ]
-        lanes.sort(key=lambda lane: (sorted(kind.name for kind in lane.variant.kinds()), lane.run.n_samples))
-        blocks = [lanes[first : first + WIDTH] for first in range(0, len(lanes), WIDTH)]
-        if len(blocks) == 1:
-            self._advance(blocks[0])
+        lanes.sort(key=lambda lane: (sorted(kind.name for kind in lane.variant.kinds()), -lane.run.n_samples))
+        parts, advance = _parts(lanes), partial(self._advance, self._commands([item.run for item in replayed]))
+        if len(parts) == 1:
+            advance(parts[0])
         else:
-            list(_threads().map(self._advance, blocks))
+            list(_threads().map(advance, parts))
 
     def alone(self, run: RecordedRun, variant: Variant) -> dict[str, FloatArray]:
         """Return each channel of the run as one variant has it, (n_samples,)."""
@@ -209,7 +192,7 @@ class Replay:
     def with_loops(self, loops: int) -> "Replay":
         """Return the simulator with another number of cycles of the controller in a sampling time."""
         found = copy.copy(self)
-        found.loops, found._lanes = loops, WeakKeyDictionary()
+        found.loops, found._lanes, found._last_commands = loops, WeakKeyDictionary(), None
         return found
 
     def _lane(self, variant: Variant, period_s: float) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -227,42 +210,57 @@ class Replay:
             kept[period_s] = blocks.values[0, :, 0], active
         return kept[period_s]
 
-    def _advance(self, lanes: Sequence["_ReplayLane"]) -> None:
-        """Simulate one block, piece by piece."""
-        cycle, n_loops = lanes[0].run.period_s / self.loops, self.loops
-        runs = list({id(lane.run): lane.run for lane in lanes}.values())
-        commands = [at_each_loop(run.reference, run.period_s, n_loops) for run in runs]
-        first_rows = dict(zip(map(id, runs), np.cumsum([0, *map(len, commands)]).tolist(), strict=False))
-        longest = max(map(len, commands))
-        reference = np.concatenate([*commands, np.zeros((longest, 3))])
-        made = [self._lane(lane.variant, lane.run.period_s) for lane in lanes]
+    def _commands(self, runs: Sequence[RecordedRun]) -> Commands:
+        """Return the commands of runs; those of the last runs are at hand."""
+        if self._last_commands is None or not self._last_commands.are_of(runs):
+            self._last_commands = Commands(runs, self.loops)
+        return self._last_commands
+
+    def _advance(self, commands: Commands, lanes: Sequence["_ReplayLane"]) -> None:
+        """Simulate lanes in one block, piece by piece; where a run ends, the next lane takes its place."""
+        cycle = lanes[0].run.period_s / self.loops
         blocks = Blocks(self.kinds, WIDTH, WIDTH)
-        blocks.values[0] = np.stack([rows for rows, _ in [*made, *[made[-1]] * (WIDTH - len(made))]], axis=1)
-        for place, lane in enumerate(lanes):
-            blocks.place(*lane.run.start, cycle, np.array([place]))
-            blocks.set_scalars({"FIRST_ROW": first_rows[id(lane.run)]}, np.array([place]))
-        active = np.logical_or.reduce([own for _, own in made])
-        logged = np.arange(layout.OUT_COLUMNS)
+        logged = np.array([layout.OUT_FORCE, layout.OUT_MOTOR, layout.OUT_TABLE])
         out = np.empty((PIECE, len(logged), 1, WIDTH))
-        columns = out[::n_loops, :, 0].transpose(1, 2, 0)
-        calls = self._stepper.calls(active)
-        ahead = room_ahead(len(calls[0]), self._steps_of_a_loop)
-        motor, scale = layout.OUT_MOTOR, layout.OUT_TABLE
-        read_from = {
-            "motor_force_N": layout.OUT_FORCE,
-            "position_m": scale if self.drive.controller.uses_table else motor,
-        }
-        piece = PIECE // n_loops * n_loops
-        for start in range(0, longest, piece):
-            n = min(piece, longest - start)
-            settings = self._steps_of_a_loop, cycle, *calls, ahead, reference, logged
-            self._stepper.advance(blocks.flat, 0, n, *settings, *self._no_noise, out)
-            first = start // n_loops
-            for name in lanes[0].channels:
-                found = columns[motor] - columns[scale] if name == DEFLECTION else columns[read_from[name]]
-                for lane, values in zip(lanes, np.ascontiguousarray(found), strict=False):
-                    read = lane.channels[name][first : first + -(-n // n_loops)]
-                    read[:] = values[: len(read)]
+        force, motor, scale = out[:: self.loops, :, 0].transpose(1, 2, 0)
+        read_from = {"motor_force_N": force, "position_m": scale if self.drive.controller.uses_table else motor}
+        waiting, working = deque(lanes), dict[int, _ReplayLane]()
+        left, kinds = [0] * WIDTH, np.zeros((WIDTH, len(self.kinds)), dtype=np.bool_)
+        while waiting or any(left):
+            for place in (place for place, n in enumerate(left) if n == 0):
+                kinds[place] = False
+                working.pop(place, None)
+                if waiting:
+                    lane = working[place] = waiting.popleft()
+                    left[place] = lane.run.n_samples
+                    blocks.values[0, :, place], kinds[place] = self._lane(lane.variant, lane.run.period_s)
+                    blocks.place(*lane.run.start, cycle, np.array([place]))
+                    blocks.set_scalars({"FIRST_ROW": commands.first_rows[id(lane.run)]}, np.array([place]))
+            calls = self._stepper.calls(np.logical_or.reduce(kinds))
+            ahead = room_ahead(len(calls[0]), self._steps_of_a_loop)
+            settings = self._steps_of_a_loop, cycle, *calls, ahead, commands.rows, logged
+            until_next = min(left[place] for place in working)
+            for start in range(0, until_next, PIECE // self.loops):
+                n = min(PIECE // self.loops, until_next - start)
+                self._stepper.advance(blocks.flat, 0, n * self.loops, *settings, *self._no_noise, out)
+                for name in lanes[0].channels:
+                    found = motor - scale if name == DEFLECTION else read_from[name]
+                    values = np.ascontiguousarray(found[:, :n])
+                    for place, lane in working.items():
+                        first = lane.run.n_samples - left[place] + start
+                        lane.channels[name][first : first + n] = values[place]
+            for place in working:
+                left[place] -= until_next
+
+
+def _parts(lanes: Sequence["_ReplayLane"]) -> list[Sequence["_ReplayLane"]]:
+    """Return lanes in as many parts as there are processors, but fewer where there is less than a block for each."""
+    lengths = np.array([lane.run.n_samples for lane in lanes])
+    if not len(lengths):
+        return []
+    n = max(1, min(os.cpu_count() or 1, int(lengths.sum()) // (WIDTH * int(lengths.max()))))
+    ends = np.searchsorted(np.cumsum(lengths), lengths.sum() * np.arange(n + 1) / n, side="right")
+    return [lanes[first:last] for first, last in itertools.pairwise(ends.tolist())]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

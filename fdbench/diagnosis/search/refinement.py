@@ -191,7 +191,7 @@ class Refinement:
     def _squares(self, base: Hypothesis, trials: Sequence[Hypothesis]) -> list[float]:
         """Return the weighted squares of a base and of trials, with the weights of the base."""
         about = Tangent(about=[base] * len(trials), moved=[*trials])
-        evidence = self._gather(base, about, trials, self.split.fitted)
+        evidence = self._gather(base, about, trials, self.split.fitted, common=1)
         squares: list[float] = evidence.squares(held_out=False).tolist()
         return squares
 

@@ -125,7 +125,7 @@ class Search:
         rivalling = [hypothesis for _, hypothesis, _ in hypotheses]
         bare = [item.without_effect(kind) if item.has(kind) else item for kind, item, _ in hypotheses]
         n, about = len(rivalling), [*[base] * len(rivalling), *rivalling]
-        evidence = gather(self.readings, self.split, base, [*rivalling, *bare], keep=rivalling, about=about)
+        evidence = gather(self.readings, self.split, base, [*rivalling, *bare], keep=rivalling, about=about, common=1)
         alone, *misfits = evidence.misfits(held_out=True)[: 1 + n].tolist()
         outside = evidence.held_out
         sizes = evidence.sizes(self.split)[1:].reshape(2, n).T.tolist()

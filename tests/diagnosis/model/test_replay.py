@@ -7,10 +7,11 @@ import pytest
 from axis_lab import drive
 
 from fdbench.diagnosis.experiment.trajectory import moves
+from fdbench.diagnosis.model.commands import at_each_loop
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.readings import Readings
-from fdbench.diagnosis.model.replay import Replay, Replayed, at_each_loop
+from fdbench.diagnosis.model.replay import Replay, Replayed
 from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
 from fdbench.diagnosis.settings import changed
 from fdbench.effects import effects

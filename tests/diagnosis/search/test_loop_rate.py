@@ -8,8 +8,8 @@ from axis_lab import drive
 
 from fdbench.diagnosis.evidence.prepare import aligned
 from fdbench.diagnosis.experiment.trajectory import moves
+from fdbench.diagnosis.model.commands import at_each_loop
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
-from fdbench.diagnosis.model.replay import at_each_loop
 from fdbench.diagnosis.search.loop_rate import Calibrated, at_likely_rate
 from fdbench.record import Record
 from fdbench.simulate.system import Noise, Setup, Timing
