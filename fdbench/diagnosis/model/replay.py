@@ -254,13 +254,12 @@ class Replay:
 
 
 def _parts(lanes: Sequence["_ReplayLane"]) -> list[Sequence["_ReplayLane"]]:
-    """Return lanes in as many parts as there are processors, but fewer where there is less than a block for each."""
+    """Return lanes in as many parts as there are processors, but at least a block's and whole blocks in each."""
     lengths = np.array([lane.run.n_samples for lane in lanes])
-    if not len(lengths):
-        return []
-    n = max(1, min(os.cpu_count() or 1, int(lengths.sum()) // (WIDTH * int(lengths.max()))))
-    ends = np.searchsorted(np.cumsum(lengths), lengths.sum() * np.arange(n + 1) / n, side="right")
-    return [lanes[first:last] for first, last in itertools.pairwise(ends.tolist())]
+    n = min(os.cpu_count() or 1, len(lanes) // WIDTH) or 1
+    ends = np.searchsorted(np.cumsum(lengths), lengths.sum() * np.arange(1, n) / n)
+    ends = [0, *(WIDTH * np.unique(np.round(ends / WIDTH))).astype(int).tolist(), len(lanes)]
+    return [lanes[first:last] for first, last in itertools.pairwise(ends) if first < last]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
