@@ -46,8 +46,8 @@ def force_balances_removed(readings: Readings, split: Split, contest: Stage) -> 
     shifted = base.moved_in_turn()
     lanes = [base, *shifted, *others]
     sums = np.zeros((2, len(lanes), len(lanes)))
-    for place, (run, out) in enumerate(zip(split.runs, split.held_out, strict=True)):
-        simulated = readings.of(place, lanes)
+    every = readings.each(range(len(split.runs)), lanes, lent=True)
+    for run, out, simulated in zip(split.runs, split.held_out, every, strict=True):
         changes = {name: values - values[0] for name, values in simulated.items()}
         for name, measured in run.channels.items():
             changes[name][0] = measured - simulated[name][0]
