@@ -34,7 +34,7 @@ class StribeckFriction(Effect):
     confusable_with = ("position_dependent_friction", "friction_drift", "load_dependent_friction", "lugre_friction")
 
     stribeck_force_N: float = parameter("F_d", low=0.0, high=2000.0, typical=40.0)
-    stribeck_velocity_m_per_s: float = parameter("v_s", low=1e-4, high=0.1, typical=3e-3, grid=(1e-3, 3e-3, 1e-2, 3e-2))
+    stribeck_velocity_m_per_s: float = parameter("v_s", low=1e-4, high=0.1, typical=3e-3, grid=(1e-3, 3e-3, 1e-2))
     transition_velocity_m_per_s: float = parameter("v_0", low=1e-5, high=0.05, typical=5e-4)
 
     @kernel

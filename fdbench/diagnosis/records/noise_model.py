@@ -149,8 +149,9 @@ def assumed(signals: Sequence[FloatArray]) -> FloatArray:
     piece, beside = RECORDS.piece_samples, RECORDS.neighbouring_frequencies
     power = _powers(signals, piece, without_trend=True)
     quiet = np.quantile(power, RECORDS.assumed_quantile, axis=0)[1:-1] / -math.log(1.0 - RECORDS.assumed_quantile)
-    # At either end the median of the nearest whole window: a line there fills most of a shorter one.
-    smooth = np.pad(np.median(sliding_window_view(quiet, 2 * beside + 1), axis=1), beside, mode="edge")
+    # Reflected at either end: repeated there, a line would be most of its own window.
+    mirrored = np.pad(quiet, beside, mode="reflect")
+    smooth = np.median(sliding_window_view(mirrored, 2 * beside + 1), axis=1)
     return np.concatenate(([0.0], smooth / piece, [0.0]))
 
 
