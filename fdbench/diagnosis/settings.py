@@ -40,6 +40,9 @@ class RecordsSettings:
     profile_bin_m: float = number(2e-4, "of the way, over which what repeats with the position is alike")
     fewest_visits: int = number(3, "of a place, in one direction, that tell what repeats there")
     neighbouring_frequencies: int = number(4, "on either side, over which an assumed spectrum of noise is smoothed")
+    line: float = number(
+        15.0, "times the noise at higher frequencies, above which the lowest ones hold a line", zero=1.0
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

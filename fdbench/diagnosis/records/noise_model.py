@@ -149,9 +149,10 @@ def assumed(signals: Sequence[FloatArray]) -> FloatArray:
     piece, beside = RECORDS.piece_samples, RECORDS.neighbouring_frequencies
     power = _powers(signals, piece, without_trend=True)
     quiet = np.quantile(power, RECORDS.assumed_quantile, axis=0)[1:-1] / -math.log(1.0 - RECORDS.assumed_quantile)
-    # Reflected at either end: repeated there, a line would be most of its own window.
-    mirrored = np.pad(quiet, beside, mode="reflect")
-    smooth = np.median(sliding_window_view(mirrored, 2 * beside + 1), axis=1)
+    median = np.median(sliding_window_view(np.pad(quiet, beside, mode="edge"), 2 * beside + 1), axis=1)
+    # At either end windows are not whole, and a line may be most of one: there the nearest whole window tells.
+    whole = np.pad(median[beside:-beside], beside, mode="edge")
+    smooth = np.where(median > RECORDS.line * whole, whole, median)
     return np.concatenate(([0.0], smooth / piece, [0.0]))
 
 
