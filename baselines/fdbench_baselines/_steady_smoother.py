@@ -31,6 +31,38 @@ from fdbench.estimator import FloatArray
 from fdbench_baselines._kalman_filter import Observer, gain, steady_covariance
 
 
+class Steady(NamedTuple):
+    """A model with its steady filter, readings in units of their noise and states in units of P's diagonal.
+
+    Attributes
+    ----------
+    A, B, C, K, S, P : arrays
+        Of the model, the gain, and the covariances of a reading and of the states before it.
+    information : (n_outputs, n) array
+        S^-1 C.
+    beyond : (n, n) array
+        D, by which the covariance at the first reading exceeds P.
+    size, noise : (n,), (n_outputs,) arrays
+        SI values of states and readings at 1.
+    """
+
+    A: FloatArray
+    B: FloatArray
+    C: FloatArray
+    K: FloatArray
+    S: FloatArray
+    P: FloatArray
+    information: FloatArray
+    beyond: FloatArray
+    size: FloatArray
+    noise: FloatArray
+
+    @property
+    def transition(self) -> FloatArray:
+        """What takes an adjoint one sample back, (I - K C)^T A^T."""
+        return np.ascontiguousarray((self.A @ (np.eye(len(self.P)) - self.K @ self.C)).T)
+
+
 class SteadyFiltered(NamedTuple):
     """The steady filter of a model, run over readings in units of their noise, with states in units of P's diagonal.
 
@@ -112,6 +144,16 @@ def run_backward(transition, weighted, adjoints):  # type: ignore[no-untyped-def
             later[i] = adjoints[k, i]
 
 
+def settled(model: Observer) -> Steady:
+    """Return the steady filter of a model, whose P is the covariance one sampling time before the first reading."""
+    P = steady_covariance(model)
+    size, noise = np.sqrt(np.diag(P)), np.sqrt(model.R)
+    A, B, C = model.A / size[:, None] * size, model.B / size[:, None], model.C / noise[:, None] * size
+    P, start = P / np.outer(size, size), model.P / np.outer(size, size)
+    K, S = np.ascontiguousarray(gain(P, C, np.ones(len(C)))), C @ P @ C.T + np.eye(len(C))
+    return Steady(A, B, C, K, S, P, np.linalg.solve(S, C), A @ start @ A.T, size, noise)
+
+
 def filtered(model: Observer, u: FloatArray, y: FloatArray) -> SteadyFiltered:
     """Filter inputs (n_rows, n_inputs) and outputs (n_rows, n_outputs) forwards, and their innovations backwards.
 
@@ -124,19 +166,13 @@ def filtered(model: Observer, u: FloatArray, y: FloatArray) -> SteadyFiltered:
     """
     from scipy.linalg import solve_discrete_lyapunov
 
-    P = steady_covariance(model)
-    size, noise = np.sqrt(np.diag(P)), np.sqrt(model.R)
-    A, B, C = model.A / size[:, None] * size, model.B / size[:, None], model.C / noise[:, None] * size
-    P, start = P / np.outer(size, size), model.P / np.outer(size, size)
-    K, S = np.ascontiguousarray(gain(P, C, np.ones(len(C)))), C @ P @ C.T + np.eye(len(C))
-    information = np.linalg.solve(S, C)
-    transition = np.ascontiguousarray((A @ (np.eye(len(P)) - K @ C)).T)
+    A, B, C, K, S, P, information, beyond, size, noise = steady = settled(model)
+    transition = steady.transition
     N = np.asarray(solve_discrete_lyapunov(transition, C.T @ information), dtype=np.float64)
     states, errors, adjoints = np.empty((len(y), len(P))), np.empty(y.shape), np.empty((len(y), len(P)))
     first = np.zeros(len(P))
     for _ in range(2):
         run_forward(A, B, C, K, first, u, y / noise, states, errors)
         run_backward(transition, np.ascontiguousarray(errors @ information), adjoints)
-        beyond = A @ start @ A.T
         first = first + beyond @ np.linalg.solve(np.eye(len(P)) + N @ beyond, adjoints[0])
     return SteadyFiltered(P, N, S, states, errors, adjoints, size)

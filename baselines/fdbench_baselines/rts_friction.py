@@ -6,7 +6,6 @@ import numpy as np
 
 from fdbench.errors import SpecError
 from fdbench.estimator import BatchEstimator, Context, Estimate, FloatArray
-from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import Record
 from fdbench_baselines._drifting_forces import CLOSE, NoiseSearch, wave_columns, with_waves
 from fdbench_baselines._found_drive import simulated_target
@@ -15,17 +14,17 @@ from fdbench_baselines._friction_motion import (
     LOOP,
     Driven,
     DriveSheet,
-    bent,
     declined,
     driven,
     parameters_with_covariance,
     shape_knobs,
     sheet,
 )
-from fdbench_baselines._motion_smoother import MOTION, ForcedMotion
+from fdbench_baselines._motion_smoother import MOTION
 from fdbench_baselines._process_force import turns
 from fdbench_baselines._simulated_drive import LEAST
 from fdbench_baselines._slip import below_half
+from fdbench_baselines._walked_motion import walked
 
 FIRST, SEARCHED, COMPARED, MENDED = 60, 80, 30, 40  # evaluations of the likelihood
 MEANS = 2  # columns of a cut without a wave
@@ -143,7 +142,7 @@ class RtsFriction(BatchEstimator):
         if reason is not None:
             raise SpecError(f"rts_friction: {reason}.")
         drive, paper, rows = driven(context, record), sheet(context), context.regression(record).rows
-        search = self._search(context, drive, paper).likeliest(FIRST)
+        search = walked(context, drive, paper, self.shape_deviation).likeliest(FIRST)
         n, p = len(drive.force_N), search.own
         sums = np.zeros((n, p + 1))
         sums[:, p] = paper.force_unit_N
@@ -189,7 +188,7 @@ class RtsFriction(BatchEstimator):
             b = search.run().states[-1, MOTION : MOTION + search.own]
             level = max(paper.rigid(b).coulomb_N / paper.coulomb_N, 1.0 + LEAST)
             shapes = np.clip(self._shapes_at(paper, b), -FARTHEST, FARTHEST)
-            bent_motion = self._search(context, drive, paper, level, shapes).motion
+            bent_motion = walked(context, drive, paper, self.shape_deviation, level, shapes).motion
             columns = np.hstack((bent_motion.columns[:, : search.own], search.motion.columns[:, search.own :]))
             motion = search.motion._replace(known=bent_motion.known, columns=columns)
             other = search._replace(motion=motion).likeliest(MENDED)
@@ -217,34 +216,6 @@ class RtsFriction(BatchEstimator):
     def _shapes_at(self, paper: DriveSheet, b: FloatArray) -> FloatArray:
         """Return logarithms (n_shapes,) over the nominal shapes for coefficients b of the acceleration."""
         return self.shape_deviation * paper.rigid(b).mass_kg / paper.mass_kg * b[4:]
-
-    def _search(
-        self, context: Context, drive: Driven, paper: DriveSheet, level: float = 1.0, shapes: FloatArray | None = None
-    ) -> NoiseSearch:
-        """Return the motion under parameters and a walk, the friction bent about a level and shapes."""
-        plant = context.plant
-        if not isinstance(plant, FeedDrive):
-            raise SpecError(f"the plant of {context.model} is no feed drive.")
-        place, step_s, n = int(context.model == LOOP), context.sampling_time_s, len(drive.force_N)
-        per_N = step_s ** (2 - place) / (paper.mass_kg * drive.unit)
-        v = drive.mean_velocity_m_per_s
-        friction = bent(plant, drive, step_s, level, np.zeros(len(shape_knobs(plant))) if shapes is None else shapes)
-        pushed = drive.force_N - friction.rest_N
-        forces = np.column_stack((-pushed, paper.linear_N_s_per_m * v, friction.level_N, np.ones(n)))
-        own = np.hstack((forces * paper.deviations, self.shape_deviation * friction.slopes_N))
-        unit = per_N * paper.force_unit_N
-        columns = np.hstack((-per_N * own, np.full((n, 1), -unit)))
-        left = pushed - paper.linear_N_s_per_m * v - friction.level_N - paper.offset_N
-        motion = ForcedMotion(
-            known=per_N * left,
-            columns=columns,
-            reading=drive.reading / drive.unit,
-            missing=drive.held,
-            jolt=np.where(drive.held, unit**2, 0.0),
-            shock=np.zeros(n, dtype=np.bool_),
-            place=place,
-        )
-        return NoiseSearch(motion, own.shape[1], np.empty(0), np.zeros(3), step_s)
 
     def _with_waves(
         self, context: Context, record: Record, drive: Driven, paper: DriveSheet, search: NoiseSearch

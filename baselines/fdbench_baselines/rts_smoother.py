@@ -1,21 +1,16 @@
 """Input estimation by the Rauch-Tung-Striebel smoother: the force of a plant in state space, from the whole record."""
 
-import math
-from dataclasses import replace
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import numpy as np
 
 from fdbench.errors import SpecError
-from fdbench.estimator import BatchEstimator, Context, Estimate, FloatArray
-from fdbench.plants import StateSpacePlant
+from fdbench.estimator import BatchEstimator, Context, Estimate
 from fdbench.record import Record
-from fdbench_baselines._kalman_filter import observer
-from fdbench_baselines._steady_smoother import SteadyFiltered, filtered
+from fdbench_baselines._force_densities import ForceStart, declined, likeliest
+from fdbench_baselines._steady_smoother import filtered
 
 FORCE = -1
-FIRST_STEPS, CLOSE = (3.0, 5.0), 0.05  # of logarithms of densities
-NOISE_DOUBT = math.log(100.0)  # deviation of the logarithm of a variance: a sheet's noise holds within a factor of ten
 
 
 @final
@@ -82,36 +77,11 @@ class RtsSmoother(BatchEstimator):
 
     def skip(self, context: Context) -> str | None:
         """Skip where the plant's model is not one in state space."""
-        if context.model == "state_space" and isinstance(context.plant, StateSpacePlant):
-            return None
-        return "the scenario's model is not one in state space"
+        return declined(context)
 
     def fit(self, context: Context, record: Record) -> Estimate:
         """Find both densities by likelihood, filter forwards and smooth backwards."""
-        from scipy.optimize import minimize
-
-        plant, readings, reason = context.plant, context.regression(record).readings, self.skip(context)
-        if not isinstance(plant, StateSpacePlant) or readings is None or reason is not None:
-            raise SpecError(f"rts_smoother: {reason or 'the regression has no readings'}.")
-        period_s = context.sampling_time_s
-        space = plant.state_space(period_s)
-        u, y = (np.ascontiguousarray(part) for part in np.split(readings, [len(space.inputs)], axis=1))
-
-        def run(logarithms: FloatArray) -> SteadyFiltered:
-            q, *factor = np.exp(logarithms)
-            known = replace(space, process_variances=space.process_variances * (factor or [1.0])[0])
-            return filtered(observer(known, period_s, q, self.initial_force_N, True), u, y)
-
-        sought = 1 + int(space.process_variances.any())
-        start: FloatArray = np.log([self.q_N2_per_s, self.process_factor])[:sought]
-        simplex = np.vstack((start, start + np.diag(FIRST_STEPS)[:sought, :sought]))
-
-        def loss(logarithms: FloatArray) -> float:
-            likely = run(logarithms)
-            return 0.5 * (math.log(likely.scale) / NOISE_DOUBT) ** 2 - likely.log_likelihood
-
-        options: Any = {"initial_simplex": simplex, "xatol": CLOSE, "fatol": 10.0 * CLOSE}
-        found = minimize(loss, start, method="Nelder-Mead", options=options)
-        force, variance = run(found.x).smoothed(FORCE)
+        begin = ForceStart(self.q_N2_per_s, self.process_factor, self.initial_force_N)
+        force, variance = filtered(*likeliest("rts_smoother", context, record, begin)).smoothed(FORCE)
         force[1:] = 0.5 * (force[1:] + force[:-1])
         return Estimate(disturbance_N=force, disturbance_variance_N2=np.full(len(force), variance))
