@@ -182,7 +182,7 @@ class Hypothesis:
 
 
 def merged(offsets: Sequence[Effect], effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Return the effects with the offsets of re-calibration added to those of the same class."""
+    """Return the effects with the offsets of re-calibration added to those of the same class, within its bounds."""
     result = list(effects)
     for offset in offsets:
         kind = offset.declared
@@ -190,9 +190,11 @@ def merged(offsets: Sequence[Effect], effects: Sequence[Effect]) -> tuple[Effect
         if place is None:
             result.append(offset)
         else:
-            names = (kind.amplitude, *kind.further_amplitudes)
-            sums = {name: getattr(result[place], name) + getattr(offset, name) for name in names}
-            result[place] = result[place].changed(**sums)
+            own, names = result[place], (kind.amplitude, *kind.further_amplitudes)
+            bounds = {item.name: (item.low, item.high) for item in type(own).parameters()}
+            sums = {name: getattr(own, name) + getattr(offset, name) for name in names}
+            within = {name: min(max(value, bounds[name][0]), bounds[name][1]) for name, value in sums.items()}
+            result[place] = own.changed(**within)
     return tuple(result)
 
 

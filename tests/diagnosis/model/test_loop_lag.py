@@ -59,3 +59,10 @@ def test_a_lag_is_bounded_and_one_that_is_known_or_excluded_is_not_moved() -> No
     assert lags(dataclasses.replace(nominal(), exclude=(LAG.name,)).beside(COVERED)) == []
     known = dataclasses.replace(axis_lab.drive(), effects=(*axis_lab.drive().effects, LAG.typical()))
     assert lags(dataclasses.replace(nominal(), plant=known).beside(COVERED)) == []
+
+
+def test_a_lag_of_every_day_beside_the_longest_one_is_the_longest_one() -> None:
+    model = nominal().beside(COVERED)
+    shifts = [2.0 * float(isinstance(item, LoopLag)) for item in nominal_parameters(model)]
+    longest = LAG.typical(time_constant_s=20e-3)
+    assert start(model).moved(shifts).with_effect(longest).variant.extra == (longest,)
