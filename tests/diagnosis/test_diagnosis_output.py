@@ -486,7 +486,7 @@ def test_recalibrated_values_have_their_units(page: str, found: Diagnosis) -> No
     (mass,) = [item for item in nominal_parameters(found.final.nominal) if item.name == "motor_mass"]
     drive, place = found.final.nominal.drive, nominal_parameters(found.final.nominal).index(mass)
     moved = drive.motor.mass_kg * (1.0 + mass.deviation * found.calibrated.shifts[place])
-    row = re.findall(r"<td>motor mass</td>(.*?)</tr>", page)[0]
+    row = re.findall(r"<td[^>]*>motor mass</td>(.*?)</tr>", page)[0]
     cells = re.findall(r"<td[^>]*>(.*?)</td>", row)
     assert cells[:2] == [si_text(drive.motor.mass_kg, "kg"), si_text(moved, "kg")]
     assert cells[3] == f"{found.calibrated.shifts[place]:+.2f} σ"
