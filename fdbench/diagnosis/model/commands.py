@@ -1,4 +1,4 @@
-"""Commands of runs as a controller takes them."""
+"""LoopCommands of runs as a controller takes them."""
 
 import operator
 from collections.abc import Sequence
@@ -9,8 +9,8 @@ from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.record import FloatArray
 
 
-class Commands:
-    """Commands of runs as a controller takes them, one behind the other.
+class LoopCommands:
+    """LoopCommands of runs as a controller takes them, one behind the other.
 
     Attributes
     ----------

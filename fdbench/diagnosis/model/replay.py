@@ -14,7 +14,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.diagnosis.model.commands import Commands
+from fdbench.diagnosis.model.commands import LoopCommands
 from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
 from fdbench.effects import Effect
 from fdbench.plants.feed_drive import FeedDrive
@@ -136,7 +136,7 @@ class Replay:
         self._last = {kind: place for place, kind in enumerate(self.kinds)}  # of a kind, is no known one
         self._stepper = compose(self.kinds, WIDTH)
         self._lanes: Lanes = WeakKeyDictionary()
-        self._last_commands: Commands | None = None
+        self._last_commands: LoopCommands | None = None
         self.memory = Memory()
 
     def simulate(self, run: RecordedRun, variants: Sequence[Variant]) -> dict[str, FloatArray]:
@@ -210,13 +210,13 @@ class Replay:
             kept[period_s] = blocks.values[0, :, 0], active
         return kept[period_s]
 
-    def _commands(self, runs: Sequence[RecordedRun]) -> Commands:
+    def _commands(self, runs: Sequence[RecordedRun]) -> LoopCommands:
         """Return the commands of runs; those of the last runs are at hand."""
         if self._last_commands is None or not self._last_commands.are_of(runs):
-            self._last_commands = Commands(runs, self.loops)
+            self._last_commands = LoopCommands(runs, self.loops)
         return self._last_commands
 
-    def _advance(self, commands: Commands, lanes: Sequence["_ReplayLane"]) -> None:
+    def _advance(self, commands: LoopCommands, lanes: Sequence["_ReplayLane"]) -> None:
         """Simulate lanes in one block, piece by piece; where a run ends, the next lane takes its place."""
         cycle = lanes[0].run.period_s / self.loops
         blocks = Blocks(self.kinds, WIDTH, WIDTH)
