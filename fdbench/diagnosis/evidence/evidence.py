@@ -74,16 +74,22 @@ class Evidence:
 
     def squared_gaps(self) -> FloatArray:
         """Return the squared gap of the base and of each variant, (n_segments, n_columns)."""
-        gaps = _squared_gaps(self.diagonal, self.products[:, 0])
-        gaps[:, self.lost] = DIVERGED**2 * self.counts[:, None]
-        return gaps
+        return self._squared_gaps(self.diagonal, self.products[:, 0], self.counts[:, None])
 
     def squares(self, held_out: bool) -> FloatArray:
         """Return the same, weighted and summed over one part, (n_columns,)."""
         sums, part = self.sums[int(held_out)], self.held_out == held_out
-        gaps = _squared_gaps(np.diagonal(sums), sums[0])
-        gaps[self.lost] = DIVERGED**2 * float(self.weights[part] @ self.counts[part])
-        return gaps
+        return self._squared_gaps(np.diagonal(sums), sums[0], float(self.weights[part] @ self.counts[part]))
+
+    def _squared_gaps(self, squares: FloatArray, with_gap: FloatArray, counts: FloatArray | float) -> FloatArray:
+        """Return the squared distance of the gap from no response and from each, (..., n_columns), by their products.
+
+        That of a variant that diverges is by ``counts``, how many weighted samples the products are of.
+        """
+        own = squares.copy()
+        own[..., 1:] += with_gap[..., :1] - 2.0 * with_gap[..., 1:]
+        own[..., self.lost] = DIVERGED**2 * counts
+        return own
 
     def by_group(self, held_out: bool) -> FloatArray:
         """Return the weighted squared gaps on one part, summed over the channels of a group, (n_groups, n_columns)."""
@@ -133,13 +139,6 @@ def summed(values: FloatArray, groups: NDArray[np.intp]) -> FloatArray:
     sums = np.zeros((len(found), values.shape[1]))
     np.add.at(sums, place, values)
     return sums
-
-
-def _squared_gaps(squares: FloatArray, with_gap: FloatArray) -> FloatArray:
-    """Return the squared distance of the gap from no response and from each, (..., n_columns), by their products."""
-    own = squares.copy()
-    own[..., 1:] += with_gap[..., :1] - 2.0 * with_gap[..., 1:]
-    return own
 
 
 def gather(

@@ -191,9 +191,11 @@ def merged(offsets: Sequence[Effect], effects: Sequence[Effect]) -> tuple[Effect
             result.append(offset)
         else:
             own, names = result[place], (kind.amplitude, *kind.further_amplitudes)
-            bounds = {item.name: (item.low, item.high) for item in type(own).parameters()}
-            sums = {name: getattr(own, name) + getattr(offset, name) for name in names}
-            within = {name: min(max(value, bounds[name][0]), bounds[name][1]) for name, value in sums.items()}
+            within = {
+                item.name: min(max(getattr(own, item.name) + getattr(offset, item.name), item.low), item.high)
+                for item in type(own).parameters()
+                if item.name in names
+            }
             result[place] = own.changed(**within)
     return tuple(result)
 
