@@ -31,7 +31,7 @@ from fdbench.effects import effects as registry
 from fdbench.errors import FdbenchError, SpecError
 from fdbench.files import write_text
 from fdbench.simulate import integrator, layout
-from fdbench.simulate.ports import PORT_ARGUMENTS, Shared, ports, slots
+from fdbench.simulate.ports import PORT_ARGUMENTS, Shared, kernels, ports, slots
 
 GENERATED = "fdbench_generated."  # before the names of modules
 
@@ -90,24 +90,26 @@ def core_effects() -> tuple[type[Effect], ...]:
     return tuple(registry.get(name) for name, module in modules.items() if module == f"fdbench.effects.{name}")
 
 
-def source(effects: Sequence[type[Effect]], lanes: int, shared: Shared = (), *, alike: bool = True) -> str:
+def source(effects: Sequence[type[Effect]], lanes: int, shared: Shared = (), *, once: bool = True) -> str:
     """Return the text of the generated module, with a case for each of these effects.
 
-    ``alike``: lanes that have a force alike may compute it once.
+    ``once``: what lanes or substeps have alike may be computed once.
     """
     constants = [f"{name} = {row * lanes}" for row, name in enumerate(layout.ROWS)]
     constants += [f"OUT_COLUMNS = {layout.OUT_COLUMNS}", f"NORMAL_COLUMNS = {layout.NORMAL_COLUMNS}"]
     for number, effect in enumerate(effects):
         effect.check_signature()
-        constants.append(f"kernel_{number} = KERNELS[{number}]  # {effect.__module__}.{effect.__name__}")
+        constants.append(f"# {number}: {effect.__module__}.{effect.__name__}")
+    constants += [f"{name} = KERNELS[{place}]" for place, name in enumerate(kernels(effects, lanes, once=once))]
     names = ", ".join(effect.name for effect in effects) or "no effects"
-    called = ports(effects, lanes, shared, alike=alike)
+    called = ports(effects, lanes, shared, once=once)
     text = list(called.values())
     for function in (integrator.propagate, integrator.measure_and_control, integrator.integrate_substep):
         text.append("@inlined\n" + inspect.getsource(function))
     text.append("@compiled\n" + inspect.getsource(integrator.advance))
     # Every statement takes its time to compile: calls of ports without effects, and the number of the only lane.
-    empty = tuple(f"{name}(" for name in [*(port.value for port in PORT_ARGUMENTS), "look_ahead"] if name not in called)
+    every = *(port.value for port in PORT_ARGUMENTS), "look_ahead", "prepare"
+    empty = tuple(f"{name}(" for name in every if name not in called)
     lines = [line for line in "\n\n".join(text).splitlines() if not line.lstrip().startswith(empty)]
     body = "\n".join(lines)
     body = body.replace(" + i]", "]").replace(", i]", ", 0]") if lanes == 1 else body
@@ -118,10 +120,10 @@ def source(effects: Sequence[type[Effect]], lanes: int, shared: Shared = (), *, 
     return header + "\n\n" + body + "\n"
 
 
-def load(text: str, kernels: Sequence[Any]) -> ModuleType:
+def load(text: str, functions: Sequence[Any]) -> ModuleType:
     """Return the generated module of this text, in which ``KERNELS`` are these compiled functions."""
     digest = hashlib.sha256(text.encode())
-    for kernel in kernels:
+    for kernel in functions:
         digest.update(closure_digest(kernel).encode())
     name = f"stepper_{digest.hexdigest()[:24]}"
     path = cache_folder() / f"{name}.py"
@@ -129,7 +131,7 @@ def load(text: str, kernels: Sequence[Any]) -> ModuleType:
         write_text(path, text)
     module = ModuleType(f"{GENERATED}{name}")
     module.__file__ = str(path)
-    vars(module)["KERNELS"] = [_without_wrappers(kernel) for kernel in kernels]
+    vars(module)["KERNELS"] = [_without_wrappers(kernel) for kernel in functions]
     sys.modules[module.__name__] = module
     # From the text, not from the folder: what others may have left there, compiled or not, is not run.
     exec(compile(text, path, "exec"), vars(module))
@@ -221,5 +223,5 @@ def stepper(effects: Sequence[type[Effect]], lanes: int, cases: Sequence[int], a
 
 @lru_cache(maxsize=64)
 def _advance(kinds: tuple[type[Effect], ...], lanes: int, shared: Shared) -> Callable[..., None]:
-    advance: Callable[..., None] = load(source(kinds, lanes, shared), [kind.kernel for kind in kinds]).advance
+    advance: Callable[..., None] = load(source(kinds, lanes, shared), [*kernels(kinds, lanes).values()]).advance
     return advance

@@ -177,6 +177,7 @@ def advance(
     h = period / substeps
     for block in range(blocks.shape[0]):
         w = blocks[block]
+        prepare(w, calls, h)
         for k in range(n_samples):
             # Loops that touch other arrays stand alone: lanes of the others run as vectors.
             for i in range(LANES):

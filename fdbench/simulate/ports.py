@@ -6,11 +6,13 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from fdbench.effects import Effect, Port
 from fdbench.simulate import layout
+from fdbench.simulate.invariants import Parted, parted
 
 Shared = tuple[tuple[int, int, float], ...]  # number of the effect, index of the parameter, value
 
@@ -29,12 +31,20 @@ PORT_ARGUMENTS = {
 
 @dataclass(frozen=True)
 class Slot:
-    """Where one effect lies in a block: its on-flag, parameters and internal states, and its random number."""
+    """Where one effect lies in a block: its on-flag, parameters and internal states, and its random number.
+
+    Behind the states lies what `parted` finds to be constant.
+    """
 
     effect: type[Effect]
     flag: int
     first_state: int
     uniform: int
+
+    @property
+    def first_constant(self) -> int:
+        """First row of what is computed once for many substeps."""
+        return self.first_state + len(self.effect.states)
 
     def parameter(self, index: int) -> int:
         """Return the row of parameter ``index``."""
@@ -43,24 +53,31 @@ class Slot:
 
 @lru_cache(maxsize=256)
 def slots(effects: tuple[type[Effect], ...]) -> tuple[Slot, ...]:
-    """Lay out the effects behind the fixed rows of a block: flags and parameters first, then all internal states."""
+    """Lay out the effects behind the fixed rows of a block: flags and parameters first, then states and constants."""
     flags = np.cumsum([layout.FIRST_FREE_ROW, *(1 + len(effect.parameters()) for effect in effects)])
-    states = np.cumsum([flags[-1], *(len(effect.states) for effect in effects)])
+    states = np.cumsum([flags[-1], *(_changing_rows(effect) for effect in effects)])
     uniforms = np.cumsum([0, *(int(effect.random) for effect in effects)])
     return tuple(Slot(e, int(flags[n]), int(states[n]), int(uniforms[n])) for n, e in enumerate(effects))
 
 
 def block_rows(effects: Sequence[type[Effect]]) -> int:
     """Return the number of rows of a block."""
-    return layout.FIRST_FREE_ROW + sum(1 + len(e.parameters()) + len(e.states) for e in effects)
+    return layout.FIRST_FREE_ROW + sum(1 + len(effect.parameters()) + _changing_rows(effect) for effect in effects)
+
+
+def _changing_rows(effect: type[Effect]) -> int:
+    """Return how many internal states and constants of many substeps an effect has."""
+    parts = parted(effect)
+    return len(effect.states) + (len(parts.names) if parts else 0)
 
 
 @lru_cache(maxsize=256)
 def of_time_alone(effect: type[Effect]) -> bool:
-    """Return whether a force follows from time, command and parameters: its kernel reads nothing else of the axis."""
+    """Return whether a force changes with time or command alone: its kernel reads nothing else of the axis."""
     if not effect.port.is_force or effect.states or effect.random:
         return False
-    return not arguments_read(effect) & ({"x", "u"} if effect.follows_command else {"x", "v", "u"})
+    changing = {"t", "v"} if effect.follows_command else {"t"}
+    return bool(arguments_read(effect) & changing) and arguments_read(effect) <= {"h", *changing}
 
 
 @lru_cache(maxsize=256)
@@ -70,19 +87,36 @@ def arguments_read(effect: type[Effect]) -> frozenset[str]:
     return frozenset(effect.arguments()[:5]) & {node.id for node in read if isinstance(node, ast.Name)}
 
 
-def ports(effects: Sequence[type[Effect]], lanes: int, shared: Shared, *, alike: bool = True) -> dict[str, str]:
-    """Return the functions of those ports that have effects, and ``look_ahead`` where a force is of time alone.
+def kernels(effects: Sequence[type[Effect]], lanes: int, *, once: bool = True) -> dict[str, Any]:
+    """Return the compiled functions that the text of `ports` calls, by their names there."""
+    found: dict[str, Any] = {}
+    for number, effect in enumerate(effects):
+        parts = _parts(effect, lanes, once=once)
+        found |= {f"prepare_{number}": parts.prepare} if parts else {}
+        found[f"kernel_{number}"] = parts.rest if parts else effect.kernel
+    return found
 
-    ``shared`` are parameters that have this value in every lane, whatever the blocks say. ``alike``: lanes that have
-    such a force alike may compute it once.
+
+def _parts(effect: type[Effect], lanes: int, *, once: bool) -> Parted | None:
+    """Return the two parts of a kernel if several lanes call it in every substep."""
+    return parted(effect) if once and lanes > 1 and not of_time_alone(effect) else None
+
+
+def ports(effects: Sequence[type[Effect]], lanes: int, shared: Shared, *, once: bool = True) -> dict[str, str]:
+    """Return the functions of ports that have effects, and of what is computed once: ``look_ahead`` and ``prepare``.
+
+    ``shared`` are parameters that have this value in every lane, whatever the blocks say. ``once``: what lanes or
+    substeps have alike may be computed once.
     """
     calls: dict[Port, list[_Call]] = {port: [] for port in PORT_ARGUMENTS}
     for number, slot in enumerate(slots(tuple(effects))):
         told = {index: repr(value) for place, index, value in shared if place == number}
-        calls[slot.effect.port].append(_Call(number, slot, lanes, told, alike))
+        calls[slot.effect.port].append(_Call(number, slot, lanes, told, once))
     found = {port.value: _port(place, own, lanes) for place, (port, own) in enumerate(calls.items()) if own}
-    ahead = [call for own in calls.values() for call in own if call.is_ahead]
-    return found | ({"look_ahead": _look_ahead(ahead)} if ahead else {})
+    every = [call for own in calls.values() for call in own]
+    ahead, parts = [call for call in every if call.is_ahead], [call for call in every if call.parts]
+    found |= {"look_ahead": _look_ahead(ahead)} if ahead else {}
+    return found | ({"prepare": _prepare(parts)} if parts else {})
 
 
 @dataclass(frozen=True)
@@ -93,12 +127,23 @@ class _Call:
     slot: Slot
     lanes: int
     told: Mapping[int, str]
-    alike: bool
+    once: bool
 
     @property
     def is_ahead(self) -> bool:
         """Whether the force is computed before the substeps where lanes have it alike."""
-        return self.alike and self.lanes > 1 and of_time_alone(self.slot.effect)
+        return self.once and self.lanes > 1 and of_time_alone(self.slot.effect)
+
+    @property
+    def parts(self) -> Parted | None:
+        """The two parts of the kernel, if it is called so."""
+        return _parts(self.slot.effect, self.lanes, once=self.once)
+
+    @property
+    def constants(self) -> list[str]:
+        """What is handed from one part of the kernel to the other."""
+        names = self.parts.names if self.parts else ()
+        return [self._row("constant", self.slot.first_constant, j) for j in range(len(names))]
 
     @property
     def moving(self) -> str:
@@ -125,7 +170,9 @@ class _Call:
         arguments += [f"uniform[{'draw' if alone else self.slot.uniform}, i]"] if effect.random else []
         targets = ["value", *(["steep"] if effect.port.is_force else []), *(f"z_{j}" for j in range(len(states)))]
         result = ", ".join(targets) if len(targets) > 1 else "(value,)"
-        kernel = f"{result} = kernel_{self.number}({', '.join([*arguments, *self.parameters, *states])})"
+        kernel = (
+            f"{result} = kernel_{self.number}({', '.join([*arguments, *self.parameters, *self.constants, *states])})"
+        )
         taken = [] if alone else [f"on = {self._row('flag', self.slot.flag, 0)} > 0.5"]
 
         def put(place: str, value: str, plus: str = "") -> None:
@@ -150,6 +197,11 @@ class _Call:
             return every
         known = ["value, steep = ahead[n, 0], ahead[n, 1]", *_each("for i in range(LANES):", taken)]
         return [*_each("if ahead[n, 2] > 0.5:", known), *_each("else:", every)]
+
+    def prepare(self) -> list[str]:
+        """Return the lines that compute what all substeps have alike."""
+        computed = f"{', '.join(self.constants)}, = prepare_{self.number}({', '.join(['h', *self.parameters])})"
+        return _each("for i in range(LANES):", [computed])
 
     def look_ahead(self) -> list[str]:
         """Return the lines that compute the force of a whole sample, if all lanes have the same clock and rows."""
@@ -209,4 +261,12 @@ def _look_ahead(calls: Sequence[_Call]) -> str:
         "@inlined\ndef look_ahead(w, calls, period, h, ahead):\n    n_ahead = ahead.shape[2]\n"
         "    for n in range(calls.shape[0]):\n        case = calls[n, 0]\n"
         + _cases([(call.number, call.look_ahead()) for call in calls])
+    )
+
+
+def _prepare(calls: Sequence[_Call]) -> str:
+    """Return the function that computes what all substeps have alike."""
+    return (
+        "@inlined\ndef prepare(w, calls, h):\n    for n in range(calls.shape[0]):\n        case = calls[n, 0]\n"
+        + _cases([(call.number, call.prepare()) for call in calls])
     )

@@ -75,7 +75,7 @@ def _differentiated(dispatcher: Any, moves: Moves, is_reading: bool) -> Any:
 
 def tangent_source(effects: tuple[type[Effect], ...]) -> str:
     """Return the text of the stepper whose blocks have, behind the rows of all values, those of their tangents."""
-    tree = ast.parse(source(effects, LANES, alike=False))
+    tree = ast.parse(source(effects, LANES, once=False))
     inlined = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name != "compiled"]
     moves = {node.name: tuple(argument.arg in MOVED for argument in node.args.args) for node in inlined}
     moves |= {f"kernel_{number}": _moves(effect) for number, effect in enumerate(effects)}

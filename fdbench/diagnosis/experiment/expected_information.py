@@ -188,7 +188,8 @@ class Forecaster:
         self.changes = evidence.sizes(split)[self._columns]
         self.alone, now = self._fits(self.known)
         # What would have shown at its typical size is smaller, if it is there.
-        shown = [self._fits(self._as_gap(self.known, column))[0][-1] for column in self._columns[len(known.rivals) :]]
+        missing = self._columns[len(known.rivals) :]
+        shown = self._fits(self._as_gap(self.known, missing, np.ones(len(missing))))[0][:, -1]
         largest = np.sqrt((SEARCH.noise_alone - 1.0) * self.count / np.maximum(shown, 1e-12))
         self.sizes = np.concatenate((np.ones(len(known.rivals)), np.minimum(largest, 1.0)))
         # By how much the base hides of a rival, as nominal parameters stand in for it.
@@ -224,12 +225,15 @@ class Forecaster:
     def _forecast(self, trajectory: Trajectory, evidence: Evidence, split: Split) -> Forecast:
         count = float(evidence.counts.sum())
         changes = np.maximum(self.changes, evidence.sizes(split)[self._columns])
-        after = []
-        for truth, size in zip((*self._columns, 0), (*self.sizes, 0.0), strict=True):
-            excess = np.maximum(size**2 * evidence.products[:, truth, truth] / evidence.counts - 1.0, 0.0)
-            sums = np.tensordot(1.0 / (1.0 + EVIDENCE.model_error * excess), evidence.products, 1)
-            left, fitted = self._fits(self.known + self._as_gap(sums, truth, size))
-            after.append(self._read(self._judged(left - self.alone, changes * fitted**2, count)))
+        truths, sizes = [*self._columns, 0], np.append(self.sizes, 0.0)
+        squares = evidence.products[:, truths, truths].T * (sizes**2)[:, None]
+        weights = 1.0 / (1.0 + EVIDENCE.model_error * np.maximum(squares / evidence.counts - 1.0, 0.0))
+        sums = np.tensordot(weights, evidence.products, 1)
+        left, fitted = self._fits(self.known + self._as_gap(sums, truths, sizes))
+        after = [
+            self._read(self._judged(own - self.alone, changes * size**2, count))
+            for own, size in zip(left, fitted, strict=True)
+        ]
         return Forecast(
             trajectory=trajectory, names=self.names, now=self.now, before=self.before, after=np.array(after)
         )
@@ -254,27 +258,30 @@ class Forecaster:
         return found
 
     @staticmethod
-    def _as_gap(sums: FloatArray, truth: int, size: float = 1.0) -> FloatArray:
-        """Return sums in which the response of column ``truth``, times ``size``, is the gap."""
-        columns = [truth, *range(1, len(sums))]
-        scale = np.array([size, *np.ones(len(sums) - 1)])
-        return np.asarray(sums[np.ix_(columns, columns)] * np.outer(scale, scale))
+    def _as_gap(sums: FloatArray, truths: Sequence[int], sizes: FloatArray) -> FloatArray:
+        """Return sums, (n_truths, n_columns, n_columns), in which the response of each truth, resized, is the gap."""
+        n = sums.shape[-1]
+        columns = np.column_stack((np.asarray(truths, dtype=np.intp), np.tile(np.arange(1, n), (len(truths), 1))))
+        scales = np.column_stack((sizes, np.ones((len(truths), n - 1))))
+        every = np.broadcast_to(sums, (len(truths), n, n))
+        chosen = every[np.arange(len(truths))[:, None, None], columns[:, :, None], columns[:, None, :]]
+        return np.asarray(chosen * (scales[:, :, None] * scales[:, None, :]))
 
     def _fits(self, sums: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what each rival, and last the base, leaves of the gap re-calibrated, and each rival's best size."""
+        """Return what each rival, and last the base, leaves of each gap re-calibrated, and each rival's best size."""
         shifts = np.arange(1, 1 + self.n_shifts)
         rivals = np.array([[*shifts, column] for column in self._columns], dtype=np.intp)
         (left, fitted), (alone, _) = self._fit(sums, rivals), self._fit(sums, shifts[None])
-        return np.concatenate((left, alone)), fitted[:, -1]
+        return np.concatenate((left, alone), axis=-1), fitted[..., -1]
 
     def _fit(self, sums: FloatArray, columns: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        """Return what each row of columns leaves of the gap, and its coefficients."""
-        normal, right = sums[columns[:, :, None], columns[:, None, :]], sums[columns, 0]
+        """Return what each row of columns leaves of each gap, (..., n_rows), and its coefficients."""
+        normal, right = sums[..., columns[:, :, None], columns[:, None, :]], sums[..., columns, 0]
         priors = np.arange(self.n_shifts)
-        normal[:, priors, priors] += 1.0
-        right[:, priors] -= self.stage.base.shifts
+        normal[..., priors, priors] += 1.0
+        right[..., priors] -= self.stage.base.shifts
         fitted = solved(normal, right)
-        return np.asarray(sums[0, 0] - np.sum(right * fitted, axis=1)), fitted
+        return np.asarray(sums[..., 0, 0, None] - np.sum(right * fitted, axis=-1)), fitted
 
     def _read(self, stage: Stage) -> FloatArray:
         """Return the probability of each rival and, last, of none, as the verdict gives them."""

@@ -221,8 +221,9 @@ class Replay:
         cycle = lanes[0].run.period_s / self.loops
         blocks = Blocks(self.kinds, WIDTH, WIDTH)
         logged = np.array([layout.OUT_FORCE, layout.OUT_MOTOR, layout.OUT_TABLE])
-        out = np.empty((PIECE, len(logged), 1, WIDTH))
-        force, motor, scale = out[:: self.loops, :, 0].transpose(1, 2, 0)
+        # Samples of a lane lie behind each other: what the stepper scatters is in the cache, what is copied is whole.
+        read = np.empty((len(logged), 1, WIDTH, PIECE + 8))[..., :PIECE]
+        out, (force, motor, scale) = read.transpose(3, 0, 1, 2), read[:, 0, :, :: self.loops]
         read_from = {"motor_force_N": force, "position_m": scale if self.drive.controller.uses_table else motor}
         waiting, working = deque(lanes), dict[int, _ReplayLane]()
         left, kinds = [0] * WIDTH, np.zeros((WIDTH, len(self.kinds)), dtype=np.bool_)
@@ -244,11 +245,10 @@ class Replay:
                 n = min(PIECE // self.loops, until_next - start)
                 self._stepper.advance(blocks.flat, 0, n * self.loops, *settings, *self._no_noise, out)
                 for name in lanes[0].channels:
-                    found = motor - scale if name == DEFLECTION else read_from[name]
-                    values = np.ascontiguousarray(found[:, :n])
+                    found = (motor - scale)[:, :n] if name == DEFLECTION else read_from[name][:, :n]
                     for place, lane in working.items():
                         first = lane.run.n_samples - left[place] + start
-                        lane.channels[name][first : first + n] = values[place]
+                        lane.channels[name][first : first + n] = found[place]
             for place in working:
                 left[place] -= until_next
 
