@@ -2,10 +2,11 @@
 
 import math
 from dataclasses import dataclass
-from typing import Self, final
+from typing import ClassVar, Self, final
 
 from fdbench.diagnosis.model.known_effects import (
     OFFSET,
+    STIFFNESS,
     WIDTH,
     amplitude_of,
     is_friction,
@@ -79,31 +80,52 @@ class KnownAmplitude(_OfAKnownEffect):
         return self.known(nominal.drive).name
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
-class TransitionVelocity(_OfAKnownEffect):
-    """Speed over which a known friction turns its sign; its deviation is that of the natural logarithm."""
+class _InNoDataSheet(_OfAKnownEffect):
+    """Parameter of a known friction beside its size; its deviation is that of the natural logarithm."""
 
-    kind = "width"
     unit = ""
     stated = False
     nuisance = True
     changes_from_run_to_run = False
+    parameter: ClassVar[str]
+    in_doubt: ClassVar[str]  # name of the uncertainty
 
     @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
-        deviation = nominal.uncertainty.transition_velocity
-        known = [index for index, item in enumerate(nominal.drive.effects) if turns_sign(item) and deviation > 0.0]
-        return [cls(name=f"width_{nominal.drive.effects[i].name}", index=i, deviation=deviation) for i in known]
+        deviation = getattr(nominal.uncertainty, cls.in_doubt)
+        known = enumerate(nominal.drive.effects)
+        in_doubt = [(index, item.name) for index, item in known if hasattr(item, cls.parameter) and deviation > 0.0]
+        return [cls(name=f"{cls.kind}_{name}", index=index, deviation=deviation) for index, name in in_doubt]
 
     def apply(self, drive: FeedDrive, shift: float) -> Changed:
         known = self.known(drive)
-        bounds = next(item for item in known.parameters() if item.name == WIDTH)
-        width = min(max(getattr(known, WIDTH) * math.exp(shift * self.deviation), bounds.low), bounds.high)
-        return with_known(drive, self.index, known.changed(**{WIDTH: width})), ()
+        bounds = next(item for item in known.parameters() if item.name == self.parameter)
+        value = min(max(getattr(known, self.parameter) * math.exp(shift * self.deviation), bounds.low), bounds.high)
+        return with_known(drive, self.index, known.changed(**{self.parameter: value})), ()
 
     def text(self, drive: FeedDrive, shift: float) -> str:
-        return si_text(getattr(self.known(self.apply(drive, shift)[0]), WIDTH), unit_of(WIDTH))
+        return si_text(getattr(self.known(self.apply(drive, shift)[0]), self.parameter), unit_of(self.parameter))
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class TransitionVelocity(_InNoDataSheet):
+    """Speed over which a known friction turns its sign."""
+
+    kind = "width"
+    parameter = WIDTH
+    in_doubt = "transition_velocity"
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class BristleStiffness(_InNoDataSheet):
+    """Stiffness of a known friction's bristles, and so the way over which they bend before it slides."""
+
+    kind = "bristles"
+    parameter = STIFFNESS
+    in_doubt = "bristle_stiffness"
 
 
 @final

@@ -6,6 +6,7 @@ from fdbench.effects import Effect
 from fdbench.plants.feed_drive import FeedDrive
 
 WIDTH = "transition_velocity_m_per_s"  # parameter that any friction turns its sign over
+STIFFNESS = "bristle_stiffness_N_per_m"  # parameter that says over which way any friction bends before it slides
 OFFSET = "force_offset"  # what a constant force calibrates
 
 
@@ -30,9 +31,8 @@ def without(drive: FeedDrive, index: int) -> FeedDrive:
 
 
 def resized(drive: FeedDrive, index: int, ratio: float) -> FeedDrive:
-    """Return the drive with one of its known effects of another size."""
-    known = drive.effects[index]
-    return with_known(drive, index, with_amplitude(known, amplitude_of(known) * ratio))
+    """Return the drive with one of its known effects of another size, all its amplitudes alike."""
+    return with_known(drive, index, drive.effects[index].scaled(ratio))
 
 
 def with_known(drive: FeedDrive, index: int, effect: Effect) -> FeedDrive:

@@ -47,7 +47,8 @@ class Uncertainty:
     """Standard deviations of the nominal parameters; re-calibration moves within them.
 
     Masses, viscous frictions and the effects that the model knows are relative, the force offset is in newtons. No
-    data sheet says over which speed friction turns its sign: ``transition_velocity`` is that of its natural logarithm.
+    data sheet says over which speed friction turns its sign, or over which way it bends: ``transition_velocity`` and
+    ``bristle_stiffness`` are those of their natural logarithms.
     ``friction_side`` is the part of the known friction that acts on the motor instead of the table, and
     ``friction_form`` is that of friction at low speeds, relative to the known friction. ``controller_gains`` is that of
     each gain of a cascade, relative. ``reference_delay`` is that of the velocity's reference in a cascade, in sampling
@@ -60,6 +61,7 @@ class Uncertainty:
     viscous: float = positive(default=0.1)
     known_effects: float = positive(default=0.06)
     transition_velocity: float = nonnegative(default=1.0)
+    bristle_stiffness: float = nonnegative(default=1.0)
     friction_side: float = nonnegative(default=0.3)
     friction_form: float = nonnegative(default=0.05)
     controller_gains: float = nonnegative(default=0.02)

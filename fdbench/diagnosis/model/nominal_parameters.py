@@ -4,7 +4,13 @@ import functools
 from collections.abc import Sequence
 
 from fdbench.diagnosis.model.axis_parameters import ForceOffset, Mass, Viscous
-from fdbench.diagnosis.model.friction_parameters import FrictionForm, FrictionSide, KnownAmplitude, TransitionVelocity
+from fdbench.diagnosis.model.friction_parameters import (
+    BristleStiffness,
+    FrictionForm,
+    FrictionSide,
+    KnownAmplitude,
+    TransitionVelocity,
+)
 from fdbench.diagnosis.model.loop_parameters import ControllerGain, LoopLag, ReferenceDelay
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.nominal_parameter import NominalParameter
@@ -14,6 +20,7 @@ KINDS: Sequence[type[NominalParameter]] = (
     Viscous,
     KnownAmplitude,
     TransitionVelocity,
+    BristleStiffness,
     ForceOffset,
     FrictionForm,
     FrictionSide,
