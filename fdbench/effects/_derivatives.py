@@ -52,6 +52,12 @@ def exp(x, tangent):
 
 
 @kernel
+def plus_exp(a, tangent_a, b, tangent_b, x, tangent_x):
+    value = plain.exp(x)
+    return a + b * value, tangent_a + (tangent_b * value + b * (value * tangent_x))
+
+
+@kernel
 def log(x, tangent):
     return plain.log(x), tangent / x
 
@@ -97,6 +103,7 @@ DERIVATIVES: Mapping[Any, Any] = MappingProxyType(
         np.sqrt: square_root,
         **dict.fromkeys(STAIRCASES, rounded_down),
         plain.exp: exp,
+        plain.plus_exp: plus_exp,
         plain.log: log,
         plain.power: power,
         plain.tanh: tanh,

@@ -17,6 +17,7 @@ TWO_OVER_PI = 0.6366197723675814
 HALF_PI_HIGH = 1.57079632673412561417e00
 HALF_PI_MIDDLE = 6.07710050630396597660e-11
 HALF_PI_LOW = 2.02226624879595063154e-21
+LOST, MOST_LOST = -64.0, 1e10  # e^-64 times 1e10 is 2e-18, less than 2^-54
 
 
 @kept
@@ -40,6 +41,14 @@ def exp(x):
     p = p * r + 1.0
     p = p * r + 1.0
     return p * np.int64((np.int64(k) + 1023) << 52).view(np.float64)
+
+
+@kept
+@njit(error_model="numpy", forceinline=True)
+def plus_exp(a, b, x):
+    """Return a + b exp(x), to the bit, and do not wait for the exponential where the sum rounds it away."""
+    lost = (x < LOST) & (abs(b) < MOST_LOST * a)
+    return a if lost else a + b * exp(x)
 
 
 @kept

@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Self, final
 
 from fdbench.effects._effect import Effect, Port, kernel, parameter
-from fdbench.effects._functions import exp
+from fdbench.effects._functions import exp, plus_exp
 from fdbench.effects.coulomb_friction import CoulombFriction
 
 
@@ -68,7 +68,7 @@ class LugreFriction(Effect):
     @kernel
     def kernel(t, h, x, v, u, F_c, F_s, v_s, sigma_0, sigma_1, z):
         ratio = v / v_s
-        g = F_c + (F_s - F_c) * exp(-(ratio * ratio))
+        g = plus_exp(F_c, F_s - F_c, -(ratio * ratio))
         z_steady = g / sigma_0 if v >= 0.0 else -g / sigma_0
         y = min(sigma_0 * abs(v) * h / g, 700.0) if g > 0.0 else 700.0
         decay = exp(-y)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fdbench.effects import effects
-from fdbench.effects._functions import cos, log, power, sin, sin_cos
+from fdbench.effects._functions import cos, exp, log, plus_exp, power, sin, sin_cos
 
 TURN = 2.0 * math.pi
 
@@ -49,6 +49,16 @@ def test_forces_of_a_cutter_are_the_sum_over_its_teeth(teeth: int) -> None:
 def test_sine_and_cosine_together_have_the_bits_of_each() -> None:
     for x in np.random.default_rng(0).uniform(-1e3, 1e3, 2000):
         assert sin_cos(x) == (sin(x), cos(x))
+
+
+def test_an_exponential_that_is_left_out_would_change_no_bit() -> None:
+    random = np.random.default_rng(0)
+    levels = [0.0, -2.0, 1.0, 120.0, 5e-324, 1e-300, 1e300, math.inf, *(10.0 ** random.uniform(-12.0, 12.0, 200))]
+    for a in levels:
+        for factor in (0.0, 1e-3, -0.5, 9.9e9, -9.9e9, 1.1e10, 1e27, 1e40):
+            for x in (-1000.0, -800.0, -64.5, np.nextafter(-64.0, -65.0), -64.0, -1.0, 0.0, math.nan):
+                b = factor * a if a else factor
+                np.testing.assert_array_equal(plus_exp(a, b, x), a + b * exp(x))
 
 
 def test_logarithm_is_within_a_unit_in_the_last_place() -> None:
