@@ -180,8 +180,8 @@ class _Call:
             taken.append(f"{place} {plus}= {value}{otherwise}")
 
         if effect.port.is_force:
-            put("w[force + i]", "value", "+")
-            put("w[slope + i]", "steep", "+")
+            put("total_force" if alone else "w[force + i]", "value", "+")
+            put("total_slope" if alone else "w[slope + i]", "steep", "+")
             if effect.adds_to_disturbance():
                 put("w[PROCESS + i]", "value", "+")
         elif effect.port is Port.TRANSMISSION:
@@ -252,7 +252,11 @@ def _port(place: int, calls: Sequence[_Call], lanes: int) -> str:
         return f"{head}{loop}        case = calls[n, 0]\n{cases}"
     read = "    t, position, velocity = w[T], w[x], w[v]\n"
     told = "        flag, state, draw = calls[n, 1], calls[n, 2], calls[n, 3]\n"
-    return f"{head}{read}{loop}{told}        case = calls[n, 0] if w[flag] > 0.5 else -1\n{cases}"
+    summed = written = ""
+    if port.is_force:  # sums in registers: each effect would wait until what the one before has stored is read
+        summed = "    total_force, total_slope = w[force], w[slope]\n"
+        written = "    w[force], w[slope] = total_force, total_slope\n"
+    return f"{head}{read}{summed}{loop}{told}        case = calls[n, 0] if w[flag] > 0.5 else -1\n{cases}{written}"
 
 
 def _look_ahead(calls: Sequence[_Call]) -> str:
