@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from fdbench.effects import Effect
 from fdbench.simulate import layout
 from fdbench.simulate.exponential import exponential
+from fdbench.simulate.memory import aligned_zeros
 from fdbench.simulate.ports import block_rows, slots
 from fdbench.simulate.system import FloatArray
 
@@ -66,7 +68,12 @@ class Blocks:
 
     def __init__(self, effects: tuple[type[Effect], ...], n_lanes: int, width: int) -> None:
         self.slots = slots(effects)
-        self.values = np.zeros((-(-n_lanes // width), block_rows(effects), width))
+        self.values = aligned_zeros(-(-n_lanes // width), block_rows(effects), width)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.values = aligned_zeros(*self.values.shape)  # a copy begins anywhere
+        self.values[:] = state["values"]
 
     @property
     def flat(self) -> FloatArray:

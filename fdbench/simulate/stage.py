@@ -12,6 +12,7 @@ from fdbench.simulate.axis import SIDE_BY_SIDE
 from fdbench.simulate.block import by_blocks
 from fdbench.simulate.direct import compiled
 from fdbench.simulate.exponential import exponential, product
+from fdbench.simulate.memory import aligned_zeros
 from fdbench.simulate.random import RandomNumbers, RandomSource
 from fdbench.simulate.stage_stepper import ROWS, Pattern, compose
 from fdbench.simulate.start import Start
@@ -145,7 +146,7 @@ class StageSystem(System):
         self._n_states = state.shape[1]
         n_rows = len(ROWS) + self._n_states + sum(len(kind.states) for kind in self._kinds)
         self._n_blocks = -(-n_lanes // self._side_by_side)
-        self._blocks = np.zeros((self._n_blocks, len(axes), n_rows, self._side_by_side))
+        self._blocks = aligned_zeros(self._n_blocks, len(axes), n_rows, self._side_by_side)
         self.initial = np.zeros_like(self._blocks)
         self.initial[:, :, len(ROWS) : len(ROWS) + self._n_states] = state[..., None]
         self.initial[:, :, ROWS.index("DISPLACEMENT")] = start.positions(len(axes))[:, None]

@@ -20,6 +20,7 @@ from fdbench.simulate import integrator, layout
 from fdbench.simulate.axis import Axis
 from fdbench.simulate.compose import Stepper, load, room_ahead, source, stepper
 from fdbench.simulate.forward_mode import Called, ForwardMode, Moves
+from fdbench.simulate.memory import aligned_zeros
 from fdbench.simulate.ports import block_rows
 from fdbench.simulate.random import CHUNK, RandomNumbers
 from fdbench.simulate.system import FloatArray, Noise
@@ -128,7 +129,7 @@ def tangents(axis: Axis, directions: FloatArray, seed: int = 0) -> FloatArray:
     n_rows, n = directions.shape
     n_blocks = -(-n // LANES)
     n_lanes = n_blocks * LANES
-    blocks = np.zeros((n_blocks, 2, n_rows, LANES))
+    blocks = aligned_zeros(n_blocks, 2, n_rows, LANES)
     blocks[:, 0] = axis.initial[0]
     padded = np.hstack((directions, np.zeros((n_rows, n_lanes - n))))
     blocks[:, 1] = padded.reshape(n_rows, n_blocks, LANES).swapaxes(0, 1)

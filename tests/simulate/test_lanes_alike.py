@@ -1,11 +1,16 @@
 """A force that all lanes have alike is computed once for them, and is the same to the bit where they differ."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
 from fdbench.effects import effects
 from fdbench.scenario import load_scenario
 from fdbench.simulate.axis import Axis
+from fdbench.simulate.block import Blocks
+from fdbench.simulate.memory import CACHE_LINE
 from fdbench.simulate.ports import of_time_alone
 from fdbench.simulate.system import System
 
@@ -56,3 +61,11 @@ def test_a_lane_that_begins_later_leaves_the_others_their_bits(name: str) -> Non
     rest = np.arange(N_LANES) != 3
     assert np.array_equal(np.concatenate((first, found))[:, :, rest], expected[:, :, rest])
     assert np.array_equal(found[:, :, 3], expected[:200, :, 3])
+
+
+def test_blocks_and_their_copies_begin_at_a_cache_line() -> None:
+    blocks = Blocks((), N_LANES, N_LANES)
+    blocks.values[:] = 1.0
+    for same in (blocks, copy.deepcopy(blocks), pickle.loads(pickle.dumps(blocks))):
+        assert same.values.ctypes.data % CACHE_LINE == 0
+        np.testing.assert_array_equal(same.values, blocks.values)
