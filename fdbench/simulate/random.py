@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.simulate import pcg64
+from fdbench.simulate.memory import aligned_zeros
+
 CHUNK = 256  # samples of random numbers drawn at once
 
 
@@ -53,37 +56,32 @@ class RandomNumbers:
     ) -> None:
         self._sources = tuple(sources)
         self._width = width
-        self._generators: list[list[np.random.Generator]] = [[] for _ in range(n_lanes)]
         n_blocks = -(-n_lanes // width)
-        self.normal = np.zeros((n_blocks, CHUNK, n_normal, width))
-        self.uniform = np.zeros((n_blocks, CHUNK, n_uniform, width))
+        self._states = np.zeros((len(self._sources), 4, n_lanes), dtype=np.uint64)
+        self.normal = aligned_zeros(n_blocks, CHUNK, n_normal, width)
+        self.uniform = aligned_zeros(n_blocks, CHUNK, n_uniform, width)
         self.position = CHUNK
 
     def start(self, seeds: Sequence[int], lanes: NDArray[np.intp]) -> None:
         """Begin the streams of some lanes within the present chunk; of all of them: a new chunk."""
-        if len(lanes) == len(self._generators):
+        if len(lanes) == self._states.shape[2]:
             self.position = CHUNK
-        n = CHUNK - self.position
         for lane, seed in zip(lanes.tolist(), seeds, strict=True):
-            block, place = divmod(lane, self._width)
-            self._generators[lane] = [stream(seed, source.stream) for source in self._sources]
-            for generator, source in zip(self._generators[lane], self._sources, strict=True):
-                drawn = generator.standard_normal(n) if source.normal else generator.random(n)
-                self._of(source)[block, self.position :, source.column, place] = drawn
+            for states, source in zip(self._states, self._sources, strict=True):
+                states[:, lane] = pcg64.words(stream(seed, source.stream))
+                if self.position < CHUNK:
+                    self._fill(states, source, self.position, (lane, lane + 1))
 
     def refill(self) -> None:
-        """Draw a chunk for all lanes, one block at a time: a transposed copy is faster than columns far apart."""
-        drawn = np.zeros((self._width, CHUNK))
-        for number, source in enumerate(self._sources):
-            target = self._of(source)
-            for block in range(len(target)):
-                for row, generators in zip(drawn, self._generators[block * self._width :], strict=False):
-                    if source.normal:
-                        generators[number].standard_normal(out=row)
-                    else:
-                        generators[number].random(out=row)
-                target[block, :, source.column, :] = drawn.T
+        """Draw a chunk for all lanes."""
+        n_lanes = self._states.shape[2]
+        for states, source in zip(self._states, self._sources, strict=True):
+            for lane in range(0, n_lanes, self._width):
+                self._fill(states, source, 0, (lane, min(lane + self._width, n_lanes)))
         self.position = 0
 
-    def _of(self, source: RandomSource) -> NDArray[np.float64]:
-        return self.normal if source.normal else self.uniform
+    def _fill(self, states: NDArray[np.uint64], source: RandomSource, first: int, lanes: tuple[int, int]) -> None:
+        if source.normal:
+            pcg64.fill_normal(states, self.normal, first, source.column, lanes, pcg64.ziggurat())
+        else:
+            pcg64.fill_uniform(states, self.uniform, first, source.column, lanes)
