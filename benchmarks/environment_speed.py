@@ -181,7 +181,7 @@ def main() -> None:
         ],
         scale=1e9,
     )
-    # Less than an episode of any of them, so that none is reset.
+    # Less than an episode of any of them, so that none is reset; `FEW` steps draw no random numbers, `CHUNK` do.
     race(
         f"every scenario, {LANES} environments side by side: ns a substep of a lane",
         [
@@ -194,6 +194,13 @@ def main() -> None:
                 )
                 for env_id in environment_ids()
                 for name in [env_id.removeprefix("fdbench/")]
+            ),
+            Racer(
+                name="fdbench, ServoSpiral-v0, numbers drawn",
+                start=lambda: lane_steps(gymnasium.make_vec("fdbench/ServoSpiral-v0", num_envs=LANES)),
+                units=LANES * CHUNK * load_scenario("ServoSpiral-v0").setup.timing.substeps,
+                note=substeps("ServoSpiral-v0"),
+                bar=15.0,
             ),
             Racer(
                 name="CartPole-v1, its vector class",
