@@ -1,4 +1,4 @@
-"""What follows from substep and parameters alone is computed once, and a kernel in two parts is the kernel to the bit."""
+"""What follows from substep and parameters alone is computed once; a kernel in two parts is the kernel to the bit."""
 
 import math
 from dataclasses import dataclass
