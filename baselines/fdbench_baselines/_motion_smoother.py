@@ -165,6 +165,13 @@ def store(k, x, P, states, covariances):  # type: ignore[no-untyped-def]
             covariances[k, i, j] = P[i, j]
 
 
+@njit(error_model="numpy")
+def begin_in_motion(y, place, P):  # type: ignore[no-untyped-def]
+    """Write the velocity's variance at the first sample of positions: it may be any that the record has later."""
+    if place == 0 and len(y) > 1:
+        P[1, 1] = np.mean((y[1:] - y[:-1]) ** 2)
+
+
 @kept
 @njit(error_model="numpy")
 def run_motion(  # type: ignore[no-untyped-def]
@@ -175,10 +182,8 @@ def run_motion(  # type: ignore[no-untyped-def]
     M = m + MOTION
     x, P, K = np.zeros(M), np.zeros((M, M)), np.empty(M)
     x[place] = y[0]
-    # A record may begin in motion, and its velocity then is any that it has later.
     P[0, 0] = P[1, 1] = reading
-    if place == 0 and n > 1:
-        P[1, 1] = np.mean((y[1:] - y[:-1]) ** 2)
+    begin_in_motion(y, place, P)
     for j in range(m):
         P[j + MOTION, j + MOTION] = start[j]
     stored = n + 1 if keep else 1

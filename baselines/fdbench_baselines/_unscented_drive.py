@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from fdbench.compilation import kept
 from fdbench.estimator import FloatArray
+from fdbench_baselines._motion_smoother import begin_in_motion
 
 FLAT = 1e-13  # of a variance, below which what is left of it counts as none
 VELOCITY, BRISTLE, OWN, SHAPE, WALK, SLIP, MEAN, GROWS, WAVES = 1, 2, 3, 7, 8, 9, 10, 11, 12
@@ -233,9 +234,7 @@ def run_unscented(d, signals, noise, rows):  # type: ignore[no-untyped-def]
     x[d.place] = reading[0]
     for i in range(N):
         P[i, i] = start[i]
-    # A record may begin in motion, and its velocity then is any that it has later.
-    if d.place == 0 and n > 1:
-        P[VELOCITY, VELOCITY] = np.mean((reading[1:] - reading[:-1]) ** 2)
+    begin_in_motion(reading, d.place, P)
     log_likelihood = 0.0
     for k in range(n):
         if not missing[k]:

@@ -7,31 +7,19 @@ import numpy as np
 from fdbench.errors import SpecError
 from fdbench.estimator import BatchEstimator, Context, Estimate, FloatArray
 from fdbench.record import Record
-from fdbench_baselines._drifting_forces import NoiseSearch, wave_columns, with_waves
 from fdbench_baselines._fixed_lag import lagged_state, lagged_sum
 from fdbench_baselines._force_densities import ForceStart, likeliest
 from fdbench_baselines._force_densities import declined as no_state_space
 from fdbench_baselines._found_drive import simulated_target
-from fdbench_baselines._friction_motion import (
-    FEED,
-    LOOP,
-    DriveSheet,
-    declined,
-    driven,
-    parameters_with_covariance,
-    shape_knobs,
-    sheet,
-)
+from fdbench_baselines._friction_motion import declined, driven, parameters_with_covariance, sheet
 from fdbench_baselines._motion_smoother import MOTION
-from fdbench_baselines._slip import below_half
 from fdbench_baselines._steady_smoother import filtered
-from fdbench_baselines._walked_motion import walked
+from fdbench_baselines._walked_motion import found_shapes, under_waves, walked
 
 FORCE = -1
 BEGIN = ForceStart(q_N2_per_s=1e5, process_factor=20.0, initial_force_N=100.0)  # those of rts_smoother
 SHAPE_DEVIATION = 0.2  # that of rts_friction
-FIRST, SEARCHED, COMPARED, MENDED = 60, 80, 30, 40  # evaluations of the likelihood
-MEANS = 2  # columns of a cut without a wave
+FIRST = 60  # evaluations of the likelihood
 
 
 @final
@@ -151,8 +139,10 @@ class FixedLagSmoother(BatchEstimator):
         search = walked(context, drive, paper, SHAPE_DEVIATION).likeliest(FIRST)
         p, lag = search.own, self.lag + 1  # the walk at a sample is first read at the next one
         claimed = np.ones((len(drive.force_N), 1))
-        if context.disturbance_period_s is not None and self.harmonics > 0:
-            search, waves = self._with_waves(context, record, paper, search)
+        period_s = context.disturbance_period_s
+        if period_s is not None and self.harmonics > 0:
+            angle = 2.0 * np.pi * (record["time_s"] + 0.5 * context.sampling_time_s) / period_s
+            search, waves = under_waves(context, record, paper, search, angle, period_s, self.harmonics)
             claimed = np.hstack((claimed * float(not paper.has_friction), waves))
         run, kept_share = search.run(), search.drift().kept_share
         sums = np.zeros_like(search.motion.columns)
@@ -166,34 +156,10 @@ class FixedLagSmoother(BatchEstimator):
         own = slice(MOTION, MOTION + p)
         b, covariance = run.states[-1, own], run.covariances[-1, own, own]
         beta, spread = parameters_with_covariance(context, drive, paper, b, covariance)
-        shapes = SHAPE_DEVIATION * paper.rigid(b).mass_kg / paper.mass_kg * b[4:]
-        names = [knob.name for knob in shape_knobs(context.plant)]
-        self._shapes = dict(zip(names, shapes.tolist(), strict=True))
+        self._shapes = found_shapes(context, paper, SHAPE_DEVIATION, b)
         return Estimate(
             parameters=dict(zip(context.nominal, beta.tolist(), strict=True)),
             covariance=spread,
             disturbance_N=force[rows],
             disturbance_variance_N2=(heavier**2 * variance + paper.deviations[0] ** 2 * doubt * force**2)[rows],
         )
-
-    def _with_waves(
-        self, context: Context, record: Record, paper: DriveSheet, search: NoiseSearch
-    ) -> tuple[NoiseSearch, FloatArray]:
-        """Return the search with waves of a shaker or of a cutter at the nominal period, and these."""
-        unit, time_s, period_s = float(search.motion.columns[0, search.own]), record["time_s"], 1.0
-        if context.disturbance_period_s is not None:
-            period_s = context.disturbance_period_s
-        angle = 2.0 * np.pi * (time_s + 0.5 * context.sampling_time_s) / period_s
-        harmonics = self.harmonics if context.model == LOOP else below_half(time_s, period_s, self.harmonics)
-        waves, groups = wave_columns(angle, harmonics)
-        best = with_waves(search, unit, waves).likeliest(SEARCHED)
-        cut, cut_groups = wave_columns(angle, harmonics, record[FEED] if FEED in record else np.zeros(len(time_s)))
-        # Beside a friction the mean of a cut is not told from it; tried all the same, it takes the friction's place.
-        means = 0 if paper.has_friction else MEANS
-        cut, cut_groups = cut[:, : cut.shape[1] - MEANS + means], cut_groups[: cut.shape[1] - MEANS + means]
-        other = with_waves(best, unit, cut, means).likeliest(COMPARED)
-        if other.log_likelihood > best.log_likelihood:
-            best, waves, groups = other.likeliest(MENDED), cut, cut_groups
-        for _ in range(2):
-            best = best.told(groups, False).likeliest(MENDED)
-        return best.told(groups, False).likeliest(MENDED), waves

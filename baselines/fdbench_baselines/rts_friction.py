@@ -7,27 +7,23 @@ import numpy as np
 from fdbench.errors import SpecError
 from fdbench.estimator import BatchEstimator, Context, Estimate, FloatArray
 from fdbench.record import Record
-from fdbench_baselines._drifting_forces import CLOSE, NoiseSearch, wave_columns, with_waves
+from fdbench_baselines._drifting_forces import CLOSE, NoiseSearch
 from fdbench_baselines._found_drive import simulated_target
 from fdbench_baselines._friction_motion import (
-    FEED,
     LOOP,
     Driven,
     DriveSheet,
     declined,
     driven,
     parameters_with_covariance,
-    shape_knobs,
     sheet,
 )
 from fdbench_baselines._motion_smoother import MOTION
 from fdbench_baselines._process_force import turns
 from fdbench_baselines._simulated_drive import LEAST
-from fdbench_baselines._slip import below_half
-from fdbench_baselines._walked_motion import walked
+from fdbench_baselines._walked_motion import MENDED, found_shapes, under_waves, walked
 
-FIRST, SEARCHED, COMPARED, MENDED = 60, 80, 30, 40  # evaluations of the likelihood
-MEANS = 2  # columns of a cut without a wave
+FIRST = 60  # evaluations of the likelihood
 BENT = 3  # times that the friction's slopes are taken anew
 FARTHEST = 1.0  # logarithm of a shape over the nominal one
 RIGID = 4  # coefficients of mass, viscous and Coulomb friction, offset
@@ -146,8 +142,12 @@ class RtsFriction(BatchEstimator):
         n, p = len(drive.force_N), search.own
         sums = np.zeros((n, p + 1))
         sums[:, p] = paper.force_unit_N
-        if context.disturbance_period_s is not None and self.harmonics > 0:
-            search, waves = self._with_waves(context, record, drive, paper, search)
+        period_s = context.disturbance_period_s
+        if period_s is not None and self.harmonics > 0:
+            angle = self._angle(record["time_s"], search, period_s)
+            search, waves = under_waves(
+                context, record, paper, search, angle, period_s, self.harmonics, starts=context.model == LOOP
+            )
             walk = sums[:, p:] * float(not paper.has_friction)
             sums = np.hstack((sums[:, :p], walk, paper.force_unit_N * waves))
         search = self._bent_anew(context, drive, paper, search)
@@ -158,16 +158,15 @@ class RtsFriction(BatchEstimator):
         )
         mean, other = found.mean, None
         # Beside a process the walk holds the mean of its force, which least squares would give to the friction.
-        if paper.has_friction and context.disturbance_period_s is None:
+        if paper.has_friction and period_s is None:
             other = self._by_least_squares(search, b)
         if other is not None:
             moved, b, covariance = other[0] - b, *other
             with_walk = sums[:, p] / search.motion.columns[:, p]
             mean = mean - with_walk * (search.motion.columns[:, :p] @ moved)
         beta, spread = parameters_with_covariance(context, drive, paper, b, covariance)
-        names = [knob.name for knob in shape_knobs(context.plant)]
         rigid = paper.rigid(b)
-        self._shapes = dict(zip(names, self._shapes_at(paper, b).tolist(), strict=True))
+        self._shapes = found_shapes(context, paper, self.shape_deviation, b)
         heavier, doubt = rigid.mass_kg / paper.mass_kg, float(paper.deviations[0] ** 2 * covariance[0, 0])
         force = heavier * mean[rows]
         return Estimate(
@@ -182,12 +181,21 @@ class RtsFriction(BatchEstimator):
         found = simulated_target(context, estimate, self._shapes, command)
         return super().predict(context, estimate, command) if found is None else found
 
+    @staticmethod
+    def _angle(time_s: FloatArray, search: NoiseSearch, period_s: float) -> FloatArray:
+        """Return the angle (n,) of the first wave half a sample after each reading, in rad, as it slips and drifts."""
+        # What a walk makes of waves may be none of them; the innovations, whitened, hold them in any case.
+        run = search.run()
+        angle = turns(time_s, run.errors / np.sqrt(run.variances), period_s)
+        return angle + 0.5 * np.diff(angle, append=2.0 * angle[-1] - angle[-2])
+
     def _bent_anew(self, context: Context, drive: Driven, paper: DriveSheet, search: NoiseSearch) -> NoiseSearch:
         """Return the search with the friction's slopes about what was found, while that makes the record likelier."""
         for _ in range(BENT if paper.has_friction else 0):
             b = search.run().states[-1, MOTION : MOTION + search.own]
             level = max(paper.rigid(b).coulomb_N / paper.coulomb_N, 1.0 + LEAST)
-            shapes = np.clip(self._shapes_at(paper, b), -FARTHEST, FARTHEST)
+            found = found_shapes(context, paper, self.shape_deviation, b)
+            shapes = np.clip(list(found.values()), -FARTHEST, FARTHEST)
             bent_motion = walked(context, drive, paper, self.shape_deviation, level, shapes).motion
             columns = np.hstack((bent_motion.columns[:, : search.own], search.motion.columns[:, search.own :]))
             motion = search.motion._replace(known=bent_motion.known, columns=columns)
@@ -212,35 +220,3 @@ class RtsFriction(BatchEstimator):
         rigid = moved[:RIGID]
         distance = float(rigid @ np.linalg.pinv(covariance[:RIGID, :RIGID], hermitian=True) @ rigid)
         return (b + moved, covariance) if distance > CONTRADICTED else None
-
-    def _shapes_at(self, paper: DriveSheet, b: FloatArray) -> FloatArray:
-        """Return logarithms (n_shapes,) over the nominal shapes for coefficients b of the acceleration."""
-        return self.shape_deviation * paper.rigid(b).mass_kg / paper.mass_kg * b[4:]
-
-    def _with_waves(
-        self, context: Context, record: Record, drive: Driven, paper: DriveSheet, search: NoiseSearch
-    ) -> tuple[NoiseSearch, FloatArray]:
-        """Return the search with waves of a shaker or of a cutter, and these."""
-        unit = float(search.motion.columns[0, search.own])
-        time_s, period_s = record["time_s"], context.disturbance_period_s
-        if period_s is None:
-            return search, np.empty((len(time_s), 0))
-        # What a walk makes of waves may be none of them; the innovations, whitened, hold them in any case.
-        run = search.run()
-        angle = turns(time_s, run.errors / np.sqrt(run.variances), period_s)
-        angle = angle + 0.5 * np.diff(angle, append=2.0 * angle[-1] - angle[-2])
-        harmonics = self.harmonics if context.model == LOOP else below_half(time_s, period_s, self.harmonics)
-        waves, groups = wave_columns(angle, harmonics)
-        best = with_waves(search, unit, waves).likeliest(SEARCHED)
-        cut, cut_groups = wave_columns(angle, harmonics, record[FEED] if FEED in record else np.zeros(len(time_s)))
-        # Beside a friction the mean of a cut is not told from it; tried all the same, it takes the friction's place.
-        means = 0 if paper.has_friction else MEANS
-        cut, cut_groups = cut[:, : cut.shape[1] - MEANS + means], cut_groups[: cut.shape[1] - MEANS + means]
-        other = with_waves(best, unit, cut, means).likeliest(COMPARED)
-        is_cut = other.log_likelihood > best.log_likelihood
-        if is_cut:
-            best, waves, groups = other.likeliest(MENDED), cut, cut_groups
-        starts = context.model == LOOP and not is_cut
-        for _ in range(2):
-            best = best.told(groups, starts).likeliest(MENDED)
-        return best.told(groups, starts).likeliest(MENDED), waves
