@@ -7,12 +7,12 @@ from typing import final
 import numpy as np
 
 from fdbench.effects import Effect, LinearPart, Port
-from fdbench.errors import SpecError
 from fdbench.plants._friction_curve import friction_line
 from fdbench.plants._linear_system import LinearSystem
 from fdbench.record import FloatArray
 from fdbench.simulate.block import Mechanics
 from fdbench.simulate.exponential import exponential
+from fdbench.simulate.stability import check_finite
 
 OUTPUTS = ("motor_position_m", "motor_velocity_m_per_s", "table_position_m", "table_velocity_m_per_s")
 
@@ -93,8 +93,7 @@ def drive_plant(
     SpecError
         If masses and stiffnesses are too large or too small to compute with.
     """
-    if not (np.isfinite(mechanics.A).all() and np.isfinite(mechanics.B).all()):
-        raise SpecError("plant: the values of this machine are too large or too small to compute with.")
+    check_finite("plant", mechanics.A, mechanics.B)
     n = 2 if mechanics.rigid else 4
     table = n - 2  # a rigid axis has one pair of states for both sides
     A, B = mechanics.A[:n, :n].copy(), mechanics.B[:n].copy()

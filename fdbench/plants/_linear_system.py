@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.errors import SpecError
 from fdbench.record import FloatArray
-from fdbench.simulate.stability import check_loop, gain_margin, is_stable
+from fdbench.simulate.stability import check_finite, check_loop, gain_margin, is_stable
 
 if TYPE_CHECKING:
     import control
@@ -100,8 +99,8 @@ class LinearSystem:
 
     def __post_init__(self) -> None:
         for name, system in {"plant": self.plant, **self.loops, "closed loop": self.closed}.items():
-            if system is not None and not all(np.isfinite(m).all() for m in (system.A, system.B, system.C, system.D)):
-                raise SpecError(f"{name}: the values of this machine are too large or too small to compute with.")
+            if system is not None:
+                check_finite(name, system.A, system.B, system.C, system.D)
 
     @property
     def frequencies_Hz(self) -> FloatArray:

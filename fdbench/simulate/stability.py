@@ -6,6 +6,7 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdbench.effects import Effect, Port
 from fdbench.errors import SpecError, UnstableLoop
@@ -114,6 +115,12 @@ def gain_margin(A: FloatArray, B: FloatArray, C: FloatArray) -> float:
     return math.inf
 
 
+def check_finite(name: str, *matrices: NDArray[np.inexact]) -> None:
+    """Raise a SpecError that begins with a name where a matrix of a machine holds what is no finite number."""
+    if not all(np.isfinite(matrix).all() for matrix in matrices):
+        raise SpecError(f"{name}: the values of this machine are too large or too small to compute with.")
+
+
 def check_loop(A: FloatArray, B: FloatArray, C: FloatArray, period_s: float) -> None:
     """Raise an UnstableLoop where the control loop A - B C of a nominal plant is unstable; it says by how much.
 
@@ -125,8 +132,7 @@ def check_loop(A: FloatArray, B: FloatArray, C: FloatArray, period_s: float) -> 
         Sampling time.
     """
     closed = A - np.outer(B, C)
-    if not np.isfinite(closed).all():
-        raise SpecError("plant: the values of this machine are too large or too small to compute with.")
+    check_finite("plant", closed)
     if is_stable(closed):
         return
     poles = np.linalg.eigvals(closed)
