@@ -260,7 +260,7 @@ def _interval(value: float, resampled: FloatArray, known: bool) -> Interval:
 
 
 def standings(scores: "pd.DataFrame", track: str, plant: str | None = None) -> list[Standing]:
-    """Return the ranking of a track, best first; null and oracle have no rank.
+    """Return the ranking of a track, best score first and the same ones by name; null and oracle have no rank.
 
     With ``plant``, that of the scenarios of this kind of plant, and of the estimators that apply to one of them. A run
     that an estimator skips counts as 0, the score of null. Going down from the best score, an estimator shares
@@ -277,7 +277,7 @@ def standings(scores: "pd.DataFrame", track: str, plant: str | None = None) -> l
     good = set(scores.loc[scores["status"] == OK, "estimator"])
     lines: list[Standing] = []
     first, rank, n_ranked = "", 0, 0
-    for name in sorted(distributions, key=lambda column: (-round(distributions[column][0], 3), column)):
+    for name in sorted(distributions, key=lambda column: (-round(distributions[column][0] / ROUNDING), column)):
         value, resampled = distributions[name]
         is_ranked = name not in (NULL, ORACLE) and name in good
         if is_ranked:

@@ -268,6 +268,13 @@ def test_a_small_difference_that_is_always_there_decides() -> None:
     assert ranks(errors(first=list(noise), second=list(noise + 1e-12)))["second"] == 1  # another processor's rounding
 
 
+def test_scores_that_are_printed_alike_are_in_their_true_order_and_the_same_ones_by_name() -> None:
+    scores = errors(a=[10.01] * 2, c=[10.0] * 2, b=[10.0 + 1e-12] * 2)
+    lines = standings(scores, "parameters")
+    assert [line.estimator for line in lines] == ["oracle", "b", "c", "a", "null"]
+    assert len({f"{line.score.value:.3f}" for line in lines}) == 3
+
+
 def test_one_seed_decides_nothing() -> None:
     lines = standings(errors(first=[1.0], second=[90.0]), "parameters")
     assert {line.rank for line in lines} == {None, 1}
