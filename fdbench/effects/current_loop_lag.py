@@ -46,6 +46,7 @@ class CurrentLoopLag(Effect):
 
     @kernel
     def kernel(t, h, x, v, u, tau, rho, F, G):
+        # Both orders are computed: lanes side by side are vectorised without a branch, and slower with one.
         y = h / tau if tau > 0.0 else 1.0
         decay = exp(-y)
         mean = (1.0 - decay) / y if y > 1e-2 else 1.0 - y * (0.5 - y * (1.0 / 6.0 - y * (1.0 / 24.0 - y / 120.0)))
