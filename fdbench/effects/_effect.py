@@ -112,6 +112,14 @@ class Parameter:
         """Unit that the name states."""
         return unit_of(self.name)
 
+    def within(self, value: float) -> float:
+        """Return the value, or the bound that it is beyond.
+
+        >>> Parameter("gap_m", "b", low=0.0, high=1e-3, typical=1e-5).within(0.2)
+        0.001
+        """
+        return min(max(value, self.low), self.high)
+
 
 def parameter(
     symbol: str,
@@ -312,6 +320,11 @@ class Effect(ABC):
     def changed(self, **changes: float) -> Self:
         """Return the effect with other values of some parameters."""
         return dataclasses.replace(self, **changes)  # type: ignore[type-var]
+
+    def within(self, **changes: float) -> Self:
+        """Return the effect with other values of some parameters, each as far as its bounds allow."""
+        bounds = {item.name: item for item in self.parameters()}
+        return self.changed(**{name: bounds[name].within(value) for name, value in changes.items()})
 
     def values(self) -> tuple[float, ...]:
         """Return the parameter values in the order of the kernel's arguments."""

@@ -60,10 +60,8 @@ class LugreFriction(Effect):
         effect = cls.typical(**shape)
         stiffness = effect.bristle_stiffness_N_per_m * level / usual.coulomb_force_N
         damping = stiffness * usual.bristle_damping_N_s_per_m / usual.bristle_stiffness_N_per_m
-        wanted = {"bristle_stiffness_N_per_m": stiffness, "bristle_damping_N_s_per_m": damping}
-        bounds = {item.name: item for item in cls.parameters()}
-        bristles = {name: min(max(value, bounds[name].low), bounds[name].high) for name, value in wanted.items()}
-        return effect.changed(coulomb_force_N=level, static_force_N=level, **bristles)
+        bristles = effect.within(bristle_stiffness_N_per_m=stiffness, bristle_damping_N_s_per_m=damping)
+        return bristles.changed(coulomb_force_N=level, static_force_N=level)
 
     @kernel
     def kernel(t, h, x, v, u, F_c, F_s, v_s, sigma_0, sigma_1, z):

@@ -209,7 +209,7 @@ class Visibility:
         for _ in range(1 if is_value else RESIZED):
             if shown <= wanted and not is_value:
                 break
-            effect = _bounded(kind, effect, math.sqrt(wanted / shown))
+            effect = _bounded(effect, math.sqrt(wanted / shown))
             shown = self._shown(effect, is_value)
         return effect, shown
 
@@ -219,9 +219,7 @@ class Visibility:
         return found if math.isfinite(found) else 0.0
 
 
-def _bounded(kind: type[Effect], effect: Effect, factor: float) -> Effect:
+def _bounded(effect: Effect, factor: float) -> Effect:
     """Return the effect with its amplitudes multiplied, as far as their bounds allow."""
-    names = (kind.amplitude, *kind.further_amplitudes)
-    bounds = {item.name: (item.low, item.high) for item in kind.parameters() if item.name in names}
-    values = {name: min(max(factor * getattr(effect, name), low), high) for name, (low, high) in bounds.items()}
-    return effect.changed(**values)
+    names = (effect.amplitude, *effect.further_amplitudes)
+    return effect.within(**{name: factor * getattr(effect, name) for name in names})

@@ -281,5 +281,5 @@ def drawn_shape(
             value *= between(rng, 0.5, 2.0)
         elif item.grid:
             value = between(rng, min(item.grid), max(item.grid))
-        found[item.name] = min(max(value, item.low), item.high)
+        found[item.name] = item.within(value)
     return kind.shape(found)

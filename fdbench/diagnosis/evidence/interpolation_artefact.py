@@ -89,8 +89,7 @@ def interpolation_error(runs: Sequence[RecordedRun], nominal: Nominal) -> Interp
             continue
         size = abs(wave.error)
         shape = {length.name: wave.period_m, str(phase_of(kind)): math.atan2(wave.error.real, -wave.error.imag)}
-        bounds = next(item for item in kind.parameters() if item.name == kind.amplitude)
-        effect = kind.typical(**shape).changed(**{kind.amplitude: min(max(size, bounds.low), bounds.high)})
+        effect = kind.typical(**shape).within(**{kind.amplitude: size})
         low, high = size * (1.0 - wave.spread), size * (1.0 + wave.spread)
         found.append(
             (wave.spread, InterpolationError(effect=effect, length=length.name, size_m=size, low_m=low, high_m=high))

@@ -57,14 +57,13 @@ class Candidate:
             changes[phase] = math.remainder(turned, 2.0 * math.pi)
             coefficients = [math.hypot(*coefficients[:2]), *coefficients[2:]]
             del members[1]
-        bounds = {item.name: item for item in kind.parameters()}
+        lowest = {item.name: item.low for item in kind.parameters()}
         for name, member, coefficient in zip(amplitudes(kind), members, coefficients, strict=False):
             size = math.copysign(min(abs(coefficient), MODEL.largest_change), coefficient)
-            value = size * getattr(member, name)
-            if value < bounds[name].low:
+            changes[name] = size * getattr(member, name)
+            if changes[name] < lowest[name]:
                 return None
-            changes[name] = min(value, bounds[name].high)
-        return Candidate(members=(effect.changed(**changes),))
+        return Candidate(members=(effect.within(**changes),))
 
     def sizes(self, shares: Sequence[float]) -> "list[Candidate]":
         """Return the candidate at shares of its size; a replacement has no other size."""

@@ -100,9 +100,8 @@ class _InNoDataSheet(_OfAKnownEffect):
 
     def apply(self, drive: FeedDrive, shift: float) -> Changed:
         known = self.known(drive)
-        bounds = next(item for item in known.parameters() if item.name == self.parameter)
-        value = min(max(getattr(known, self.parameter) * math.exp(shift * self.deviation), bounds.low), bounds.high)
-        return with_known(drive, self.index, known.changed(**{self.parameter: value})), ()
+        value = getattr(known, self.parameter) * math.exp(shift * self.deviation)
+        return with_known(drive, self.index, known.within(**{self.parameter: value})), ()
 
     def text(self, drive: FeedDrive, shift: float) -> str:
         return si_text(getattr(self.known(self.apply(drive, shift)[0]), self.parameter), unit_of(self.parameter))

@@ -191,12 +191,7 @@ def merged(offsets: Sequence[Effect], effects: Sequence[Effect]) -> tuple[Effect
             result.append(offset)
         else:
             own, names = result[place], (kind.amplitude, *kind.further_amplitudes)
-            within = {
-                item.name: min(max(getattr(own, item.name) + getattr(offset, item.name), item.low), item.high)
-                for item in type(own).parameters()
-                if item.name in names
-            }
-            result[place] = own.changed(**within)
+            result[place] = own.within(**{name: getattr(own, name) + getattr(offset, name) for name in names})
     return tuple(result)
 
 
