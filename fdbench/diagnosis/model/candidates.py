@@ -133,13 +133,15 @@ def _of_kind(base: Hypothesis, kind: type[Effect], located: Mapping[str, Sequenc
             high = min(item.high, longest_s(base)) if item.unit == "s" else item.high
             axes.append([(item.name, value) for value in values if item.low <= value <= high])
     phase, further = phase_of(kind), kind.further_amplitudes
+    known = [(index, item) for index, item in enumerate(base.nominal.drive.effects) if index not in base.replaced]
     found = []
     for point in itertools.product(*axes):
         shape = kind.shape(dict(point))
-        for index, known in enumerate(base.nominal.drive.effects):
-            replacement = None if index in base.replaced else kind.in_place_of(known, shape)
-            if replacement is not None:
-                found.append(Candidate(members=(replacement,), replaces=index))
+        others = [(index, kind.in_place_of(item, shape)) for index, item in known]
+        replacements = [Candidate(members=(other,), replaces=index) for index, other in others if other is not None]
+        if replacements:  # an axis has either of them, not one beside the other
+            found += replacements
+            continue
         effect = kind.typical(**shape, **dict.fromkeys(further, 0.0))
         members = [effect]
         if phase is not None and phase not in shape:
