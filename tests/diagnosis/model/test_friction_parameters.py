@@ -1,0 +1,55 @@
+"""What no data sheet says of a known friction is calibrated, and its size is one number whatever it is made of."""
+
+import dataclasses
+import math
+from typing import Any
+
+import axis_lab
+import pytest
+
+from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.model.friction_parameters import BristleStiffness
+from fdbench.diagnosis.model.known_effects import resized
+from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
+from fdbench.effects import effects
+
+LUGRE = effects.get("lugre_friction")
+
+
+def nominal(**uncertainty: float) -> Nominal:
+    """Return an axis that knows LuGre friction."""
+    known = LUGRE.typical(coulomb_force_N=100.0, static_force_N=130.0)
+    drive = dataclasses.replace(axis_lab.drive(), effects=(known,))
+    return Nominal(plant=drive, simulation=Simulation(substeps=10), uncertainty=Uncertainty(**uncertainty))
+
+
+def test_all_amplitudes_of_a_known_effect_have_one_size() -> None:
+    known: Any = resized(nominal().drive, 0, 1.5).effects[0]
+    assert (known.coulomb_force_N, known.static_force_N) == (150.0, 195.0)
+
+
+def test_the_stiffness_of_bristles_is_in_doubt_by_its_logarithm() -> None:
+    model = nominal(bristle_stiffness=0.5)
+    (found,) = [item for item in nominal_parameters(model) if isinstance(item, BristleStiffness)]
+    (before,), (after,) = model.drive.effects, found.apply(model.drive, 2.0)[0].effects
+    stiffness = "bristle_stiffness_N_per_m"
+    assert getattr(after, stiffness) == pytest.approx(getattr(before, stiffness) * math.e)
+    assert after.changed(**{stiffness: getattr(before, stiffness)}) == before
+    assert not any(isinstance(item, BristleStiffness) for item in nominal_parameters(nominal(bristle_stiffness=0.0)))
+
+
+def test_bristles_that_bend_twice_as_far_are_no_cause() -> None:
+    model = nominal()
+    (known,) = model.drive.effects
+    stiffness: Any = "bristle_stiffness_N_per_m"
+    built = dataclasses.replace(model.drive, effects=(known.changed(**{stiffness: 0.5 * getattr(known, stiffness)}),))
+    groups = [
+        [axis_lab.record(built, (), *motion, seed=10 * place + repeat) for motion in motions for repeat in range(2)]
+        for place, motions in enumerate(axis_lab.protocol(factor).values() for factor in (1.0, 1.3))
+    ]
+    found = diagnose(model, *groups)
+    assert not [cause.effect for cause in found.answer.causes if cause.probability > 0.5]
+    (own,) = [item for item in nominal_parameters(found.calibrated.nominal) if isinstance(item, BristleStiffness)]
+    shift = found.calibrated.shifts[nominal_parameters(found.calibrated.nominal).index(own)]
+    assert math.exp(shift * own.deviation) == pytest.approx(0.5, rel=0.2)
