@@ -15,8 +15,23 @@ from typing import Any
 from fdbench.effects import Effect, kernel
 
 COSTLY = (ast.Call, ast.Div, ast.Pow)  # what is worth to be kept rather than computed again
-NOT_REAL = (ast.Compare, ast.BoolOp)
-WHOLE = ("int", "int64", "round", "len", "bool")
+REAL = (
+    "sqrt",
+    "exp",
+    "expm1",
+    "log",
+    "log1p",
+    "sin",
+    "cos",
+    "tan",
+    "tanh",
+    "sinh",
+    "cosh",
+    "atan2",
+    "hypot",
+    "sin_cos",
+)
+AS_GIVEN = ("abs", "max", "min")  # of reals a real
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,7 +69,8 @@ def parted(effect: type[Effect]) -> Parted | None:
     read = frozenset[str]().union(*map(_read, left))
     names = tuple(dict.fromkeys(name for item in moved for name in sorted(_assigned(item)) if name in read))
     costly = any(isinstance(node, COSTLY) for item in moved for node in ast.walk(item))
-    if not names or not costly or not all(_can_be_handed_on(name, statements) for name in names):
+    reals = _reals(moved, given, function)
+    if not names or not costly or not all(name in reals and _is_read_late(name, statements) for name in names):
         return None
     own = list(effect.arguments())
     place = len(own) - len(effect.states)
@@ -98,19 +114,37 @@ def _read(node: ast.AST) -> set[str]:
     return added | {item.id for item in ast.walk(node) if isinstance(item, ast.Name) and isinstance(item.ctx, ast.Load)}
 
 
-def _can_be_handed_on(name: str, statements: list[ast.stmt]) -> bool:
-    """Return whether a name is that of a real number, and is read where it has its last value alone."""
-    places = [place for place, item in enumerate(statements) if name in _assigned(item)]
-    early = (item for item in statements[: places[-1]] if name in _read(item) and name not in _assigned(item))
-    return not any(early) and all(_is_real(statements[place]) for place in places)
+def _is_read_late(name: str, statements: list[ast.stmt]) -> bool:
+    """Return whether a name is read where it has its last value alone, or where it gets another one."""
+    last = max(place for place, item in enumerate(statements) if name in _assigned(item))
+    return not any(name in _read(item) and name not in _assigned(item) for item in statements[:last])
 
 
-def _is_real(statement: ast.stmt) -> bool:
-    """Return whether a statement assigns neither a truth value nor a whole number."""
-    value = statement.value if isinstance(statement, ast.Assign | ast.AugAssign) else None
-    called = getattr(value.func, "attr", getattr(value.func, "id", "")) if isinstance(value, ast.Call) else ""
-    negated = isinstance(value, ast.UnaryOp) and isinstance(value.op, ast.Not)
-    return not negated and not isinstance(value, NOT_REAL) and called not in WHOLE
+def _reals(statements: list[ast.stmt], given: list[str], function: FunctionType) -> set[str]:
+    """Return the names that are real for certain wherever they are assigned, neither whole numbers nor truth values."""
+    found = {*given, *(name for name, value in function.__globals__.items() if isinstance(value, float))}
+    never: set[str] = set()
+
+    def is_real(node: ast.expr) -> bool:
+        match node:
+            case ast.Constant(value=value):
+                return isinstance(value, float)
+            case ast.Name(id=name):
+                return name in found - never
+            case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
+                return is_real(operand)
+            case ast.BinOp(op=op, left=left, right=right):
+                return isinstance(op, ast.Div) or is_real(left) or is_real(right)
+            case ast.IfExp(body=body, orelse=other):
+                return is_real(body) and is_real(other)
+            case ast.Call(func=ast.Name(id=name) | ast.Attribute(attr=name), args=arguments):
+                return name in REAL or (name in AS_GIVEN and any(map(is_real, arguments)))
+        return False
+
+    for statement in statements:
+        value = statement.value if isinstance(statement, ast.Assign | ast.AugAssign) else None
+        (found if value is not None and is_real(value) else never).update(_assigned(statement))
+    return found - never
 
 
 def _compiled(function: FunctionType, name: str, arguments: list[str], lines: list[str]) -> Any:

@@ -73,9 +73,28 @@ class Whole(Effect):
     @kernel
     def kernel(t, h, x, v, u, a):
         n = int(a / 1.0)
-        total = 0.0
+        scale = math.sqrt(a)
+        total = scale
         for _ in range(n):
             total += v
+        return total, 0.0
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Counted(Effect):
+    """Sums as many harmonics as a number without a point says."""
+
+    port = Port.TABLE_FORCE
+    amplitude = "size_N"
+    size_N: float = parameter("a", low=0.0, high=9.0, typical=3.0)
+
+    @kernel
+    def kernel(t, h, x, v, u, a):
+        n, total = 3, 0.0
+        scale = math.sqrt(a)
+        for k in range(n):
+            total += scale * v / (k + 1)
         return total, 0.0
 
 
@@ -102,6 +121,7 @@ class Branched(Effect):
 def test_values_that_cannot_be_handed_on_leave_a_kernel_whole() -> None:
     assert parted(Early) is None
     assert parted(Whole) is None
+    assert parted(Counted) is None
 
 
 def test_a_value_of_a_branch_stays_with_it() -> None:
