@@ -27,6 +27,7 @@ Lanes = WeakKeyDictionary["Variant", dict[float, tuple[FloatArray, NDArray[np.bo
 
 WIDTH = 8  # few effects in a block beat many lanes in it
 PIECE = 1024  # samples worked on at once, which stay in the processor's cache
+APART = PIECE + 8  # from lane to lane: rows a power of two apart would push each other out of the cache
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -222,7 +223,7 @@ class Replay:
         blocks = Blocks(self.kinds, WIDTH, WIDTH)
         logged = np.array([layout.OUT_FORCE, layout.OUT_MOTOR, layout.OUT_TABLE])
         # Samples of a lane lie behind each other: what the stepper scatters is in the cache, what is copied is whole.
-        read = np.empty((len(logged), 1, WIDTH, PIECE + 8))[..., :PIECE]
+        read = np.empty((len(logged), 1, WIDTH, APART))[..., :PIECE]
         out, (force, motor, scale) = read.transpose(3, 0, 1, 2), read[:, 0, :, :: self.loops]
         read_from = {"motor_force_N": force, "position_m": scale if self.drive.controller.uses_table else motor}
         waiting, working = deque(lanes), dict[int, _ReplayLane]()
