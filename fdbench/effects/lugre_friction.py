@@ -63,6 +63,11 @@ class LugreFriction(Effect):
         bristles = effect.within(bristle_stiffness_N_per_m=stiffness, bristle_damping_N_s_per_m=damping)
         return bristles.changed(coulomb_force_N=level, static_force_N=level)
 
+    def within(self, **changes: float) -> Self:
+        """Return it as far as its bounds allow; what a fit finds resists at rest as much as when it slides, or more."""
+        effect = super().within(**changes)
+        return effect.changed(static_force_N=max(effect.static_force_N, effect.coulomb_force_N))
+
     @kernel
     def kernel(t, h, x, v, u, F_c, F_s, v_s, sigma_0, sigma_1, z):
         ratio = v / v_s

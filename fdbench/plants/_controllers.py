@@ -11,10 +11,10 @@ from fdbench.specification import bounded, check_bounds, nonnegative, positive
 FEEDBACK = ("motor", "table")
 
 
-def check_feedback(feedback: str) -> None:
+def check_feedback(feedback: str, name: str = "feedback") -> None:
     """Raise a SpecError unless the feedback is that of the motor or of the table."""
     if feedback not in FEEDBACK:
-        raise SpecError(f"feedback: unknown side '{feedback}'.{did_you_mean(feedback, FEEDBACK)}")
+        raise SpecError(f"{name}: unknown side '{feedback}'.{did_you_mean(feedback, FEEDBACK)}")
 
 
 @final
@@ -51,8 +51,15 @@ class Cascade:
         F = K_p e + K_i \int e\,dt + m_{ff} a_r, \quad |F| \le F_{max}
 
     The velocity's reference comes later than the position's by :math:`\delta`, to first order; earlier where it is
-    negative. The velocity is the difference of the position reading over ``difference_span`` samples (0: a tachometer),
-    the integral stops while the force is limited. Source: Altintas, Manufacturing Automation (2012), section 5.5.
+    negative. The velocity v is the difference of the reading on the side of ``velocity_feedback`` (that of the position
+    without it) over ``difference_span`` samples (0: a tachometer), behind a filter of first order with the time
+    constant :math:`\tau` = ``velocity_filter_s``,
+
+    .. math:: \hat v_k = \hat v_{k-1} + \frac{T}{T + \tau} (v_k - \hat v_{k-1})
+
+    with the sampling time T of the velocity loop, of which the position loop takes ``position_loop_cycles``: between
+    them, the velocity that it asks for is held. The integral stops while the force is limited. Source: Altintas,
+    Manufacturing Automation (2012), section 5.5.
     """
 
     position_gain_per_s: float = nonnegative()
@@ -64,6 +71,9 @@ class Cascade:
     feedback: str = "motor"
     difference_span: int = bounded(0, 2)
     velocity_reference_delay_s: float = bounded(-0.1, 0.1, default=0.0)
+    velocity_feedback: str | None = None
+    velocity_filter_s: float = nonnegative(default=0.0)
+    position_loop_cycles: int = bounded(1, 64, default=1)
 
     action_row: ClassVar[str] = "ACTION_POSITION"
     action_name: ClassVar[str] = "position_m"
@@ -71,17 +81,22 @@ class Cascade:
     def __post_init__(self) -> None:
         check_bounds(self)
         check_feedback(self.feedback)
+        if self.velocity_feedback is not None:
+            check_feedback(self.velocity_feedback, "velocity_feedback")
 
     @property
     def uses_table(self) -> bool:
-        """Whether the table's scale closes the loop."""
+        """Whether the table's scale closes the position loop."""
         return self.feedback == "table"
 
     def rows(self) -> Mapping[str, float]:
         """Return the controller's rows of a block."""
         return {
             "USE_TABLE": float(self.uses_table),
+            "VELOCITY_OF_TABLE": float((self.velocity_feedback or self.feedback) == "table"),
+            "VELOCITY_FILTER": self.velocity_filter_s,
             "DIFFERENCE_SPAN": float(self.difference_span),
+            "POSITION_LOOP_CYCLES": float(self.position_loop_cycles),
             "POSITION_GAIN": self.position_gain_per_s,
             "VELOCITY_FEEDFORWARD": self.velocity_feedforward,
             "VELOCITY_REFERENCE_DELAY": self.velocity_reference_delay_s,
@@ -167,6 +182,7 @@ class Following:
         """Return the controller's rows of a block."""
         return {
             "USE_TABLE": float(self.uses_table),
+            "VELOCITY_OF_TABLE": float(self.uses_table),
             "DIFFERENCE_SPAN": float(self.difference_span),
             "POSITION_GAIN": self.position_gain_per_s,
             "VELOCITY_FEEDFORWARD": 1.0,

@@ -7,12 +7,13 @@ from typing import final
 import numpy as np
 
 from fdbench.effects import Effect, LinearPart, Port
+from fdbench.errors import SpecError
 from fdbench.plants._friction_curve import friction_line
 from fdbench.plants._linear_system import LinearSystem
 from fdbench.record import FloatArray
 from fdbench.simulate.block import Mechanics
 from fdbench.simulate.exponential import exponential
-from fdbench.simulate.stability import check_finite
+from fdbench.simulate.stability import check_finite, check_loop
 
 OUTPUTS = ("motor_position_m", "motor_velocity_m_per_s", "table_position_m", "table_velocity_m_per_s")
 
@@ -168,8 +169,9 @@ class DriveLoop:
         e_k = k_v v_{r,k} + K_x (x_{r,k} - x_k) - \hat v_k, \quad F_k = K_p e_k + K_i I_k + m_{ff} a_{r,k}, \quad
         I_{k+1} = I_k + T e_k
 
-    x is read on the side that closes the loop; :math:`\hat v` is its difference over 1 or 2 samples, or a tachometer's.
-    The force limit is left out.
+    x is read on the side that closes the loop; :math:`\hat v` is the filtered difference of its own reading over 1 or 2
+    samples, or a tachometer's. A position loop that acts every n-th sample is a loop of its own, around the closed
+    velocity loop n samples on. The force limit is left out.
 
     Parameters
     ----------
@@ -181,17 +183,24 @@ class DriveLoop:
 
     def __init__(self, plant: DrivePlant, rows: Mapping[str, float], period_s: float) -> None:
         A, B, C = plant.sampled(period_s)
-        own = 2 if rows.get("USE_TABLE", 0.0) else 0
-        span = round(rows.get("DIFFERENCE_SPAN", 0.0))
-        n, width = len(A), len(A) + span
-        self.A, self.B = np.zeros((width, width)), np.concatenate((B, np.zeros(span)))
+        own, turning = (2 if rows.get(name, 0.0) else 0 for name in ("USE_TABLE", "VELOCITY_OF_TABLE"))
+        span, filter_s = round(rows.get("DIFFERENCE_SPAN", 0.0)), rows.get("VELOCITY_FILTER", 0.0)
+        n, filtered = len(A), int(filter_s > 0.0)
+        width = n + span + filtered
+        self.A, self.B = np.zeros((width, width)), np.concatenate((B, np.zeros(span + filtered)))
         self.A[:n, :n] = A
-        self.position = np.concatenate((C[own], np.zeros(span)))
-        self.velocity = np.concatenate((C[own + 1], np.zeros(span)))
+        self.position, read, self.velocity = (
+            np.concatenate((C[row], np.zeros(width - n))) for row in (own, turning, turning + 1)
+        )
         if span:  # the readings one and two samples ago
-            self.A[n] = self.position
-            self.A[n + 1 :, n:-1] += np.eye(span - 1)
-            self.velocity = (self.position - np.eye(width)[-1]) / (span * period_s)
+            self.A[n] = read
+            self.A[n + 1 : n + span, n : n + span - 1] += np.eye(span - 1)
+            self.velocity = (read - np.eye(width)[n + span - 1]) / (span * period_s)
+        if filtered:  # the velocity one sample ago
+            kept = filter_s / (period_s + filter_s)
+            self.velocity = (1.0 - kept) * self.velocity + kept * np.eye(width)[-1]
+            self.A[-1] = self.velocity
+        self.position_loop_cycles = max(round(rows.get("POSITION_LOOP_CYCLES", 1.0)), 1)
         self.plant, self.period_s = plant, period_s
         self.position_gain, self.feedforward = rows.get("POSITION_GAIN", 0.0), rows.get("VELOCITY_FEEDFORWARD", 0.0)
         self.velocity_gain, self.integral_gain = rows.get("VELOCITY_GAIN", 0.0), rows.get("INTEGRAL_GAIN", 0.0)
@@ -211,13 +220,58 @@ class DriveLoop:
         return A, np.append(self.B, 0.0), c
 
     def broken_at_force(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return A, b, c of both loops together, broken at the motor's force."""
+        """Return A, b, c of both loops together, broken at the motor's force; of a velocity loop that is faster, alone.
+
+        What is fed back twice with two clocks has no response to one frequency.
+        """
+        if self.position_loop_cycles > 1:
+            return self.controlled(self.velocity)
         return self.controlled(self.velocity + self.position_gain * self.position)
 
+    def broken_at_velocity(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        r"""Return A, b, c of the position loop, from one of its cycles to the next, broken at the velocity it asks for.
+
+        .. math:: A = A_v^n, \quad b = \sum_{k=0}^{n-1} A_v^k b_v
+
+        with the closed velocity loop :math:`A_v, b_v` of each of its n samples, in which that velocity is held.
+        """
+        A, B, c = self.controlled(self.velocity)
+        wanted = self._wanted(B)
+        closed, held = A - np.outer(B, c), wanted
+        flow = closed
+        for _ in range(self.position_loop_cycles - 1):
+            held = closed @ held + wanted
+            flow = closed @ flow
+        return flow, held, self.position_gain * np.append(self.position, np.zeros(len(A) - len(self.position)))
+
+    def _wanted(self, force: FloatArray) -> FloatArray:
+        """Return what a wanted velocity adds to the states of the velocity loop in a sample, from what a force does."""
+        wanted = self.velocity_gain * force
+        if self.integral_gain != 0.0:
+            wanted[-1] = -self.period_s
+        return wanted
+
+    def check(self) -> None:
+        """Raise a SpecError where a loop is unstable, with words that say by how much."""
+        check_loop(*self.broken_at_force(), self.period_s)
+        if self.position_loop_cycles > 1:
+            check_loop(*self.broken_at_velocity(), self.position_loop_cycles * self.period_s)
+
     def linear_system(self) -> LinearSystem:
-        """Return the plant, its loops and the closed loop as systems of python-control."""
+        """Return the plant, its loops and the closed loop as systems of python-control.
+
+        Raises
+        ------
+        SpecError
+            If the position loop is slower than the velocity loop: there is no system with one clock.
+        """
         import control
 
+        if self.position_loop_cycles > 1:
+            raise SpecError(
+                f"controller.position_loop_cycles: {self.position_loop_cycles}. Two loops with clocks of their own "
+                "have no linear model with one; a position loop in each cycle (1) has."
+            )
         continuous = control.ss(
             self.plant.A, self.plant.B[:, None], self.plant.C, 0, inputs=["motor_force_N"], outputs=list(OUTPUTS)
         )
@@ -233,9 +287,7 @@ class DriveLoop:
 
         A, B, c = self.controlled(self.velocity)
         loops = {"velocity": system(A, B, c)}
-        wanted = self.velocity_gain * B
-        if self.integral_gain != 0.0:
-            wanted[-1] = -clock
+        wanted = self._wanted(B)
         if self.position_gain > 0.0:
             loops["position"] = system(A - np.outer(B, c), wanted, self.position_gain * wide(self.position, A))
             A, B, c = self.broken_at_force()

@@ -23,7 +23,7 @@ from fdbench.record import Record
 from fdbench.simulate import layout
 from fdbench.simulate.axis import Axis
 from fdbench.simulate.block import Mechanics
-from fdbench.simulate.stability import check_loop, check_substep, needed_substeps
+from fdbench.simulate.stability import check_substep, needed_substeps
 from fdbench.simulate.system import FloatArray, Sampled, Setup, Timing
 from fdbench.specification import positive
 
@@ -201,7 +201,7 @@ class FeedDrive(Plant):
 
     def check_loop(self, sampling_time_s: float) -> None:
         """Raise a SpecError where the nominal control loop is unstable, with words that say by how much."""
-        check_loop(*self.control_loop(sampling_time_s).broken_at_force(), sampling_time_s)
+        self.control_loop(sampling_time_s).check()
 
     def linear_system(self, sampling_time_s: float) -> LinearSystem:
         """Return the nominal axis and its loops; see `LinearisedPlant`."""

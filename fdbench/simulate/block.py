@@ -108,7 +108,8 @@ class Blocks:
         """Let an axis be in motion at a constant velocity, with the readings that it has made of that."""
         now, step = position_m, period_s * velocity_m_per_s
         state = {"X_M": now, "X_T": now, "V_M": velocity_m_per_s, "V_T": velocity_m_per_s, "BACK_1": now - step}
-        self.set_scalars({**state, "BACK_2": now - 2.0 * step, "LAST_MOTOR": now, "LAST_TABLE": now}, lanes)
+        read = {"BACK_2": now - 2.0 * step, "FILTERED": velocity_m_per_s, "LAST_MOTOR": now, "LAST_TABLE": now}
+        self.set_scalars({**state, **read}, lanes)
 
 
 def by_blocks(step: Callable[[FloatArray], None], rows: FloatArray, n_blocks: int, width: int) -> None:

@@ -36,16 +36,27 @@ def measure_and_control(w, calls, first_calls, period, uniform):
         use_table = w[USE_TABLE + i] > 0.5
         v_m, v_t = w[V_M + i], w[V_T + i]
         feedback = table if use_table else motor
-        tachometer = (v_t if use_table else v_m) + w[NOISE_VELOCITY + i] * w[NORMAL_VELOCITY + i]
+        of_table = w[VELOCITY_OF_TABLE + i] > 0.5
+        turning = table if of_table else motor
+        tachometer = (v_t if of_table else v_m) + w[NOISE_VELOCITY + i] * w[NORMAL_VELOCITY + i]
         span = w[DIFFERENCE_SPAN + i]
         back_1, back_2 = w[BACK_1 + i], w[BACK_2 + i]
         # What is not divided is divided by 1, for a division in a branch keeps lanes apart.
         differences = span > 0.5
-        change = feedback - (back_1 if span < 1.5 else back_2)
-        velocity = (change if differences else tachometer) / (max(span, 1.0) * period if differences else 1.0)
+        change = turning - (back_1 if span < 1.5 else back_2)
+        rough = (change if differences else tachometer) / (max(span, 1.0) * period if differences else 1.0)
+        time_constant = w[VELOCITY_FILTER + i]
+        velocity = rough + (w[FILTERED + i] - rough) * (time_constant / (period + time_constant))
         commanded = w[COMMANDED_V + i] - w[VELOCITY_REFERENCE_DELAY + i] * w[COMMANDED_A + i]
         wanted = w[VELOCITY_FEEDFORWARD + i] * (commanded + w[ACTION_VELOCITY + i])
         wanted += w[POSITION_GAIN + i] * (w[COMMANDED_X + i] + w[ACTION_POSITION + i] - feedback)
+        # Between two cycles of a slower position loop the last velocity that it asked for is held.
+        waits, cycles = w[UNTIL_WANTED + i], w[POSITION_LOOP_CYCLES + i]
+        due = waits < 0.5
+        wanted = wanted if due else w[WANTED + i]
+        w[WANTED + i] = wanted
+        w[UNTIL_WANTED + i] = (cycles if due else waits) - 1.0
+        w[FILTERED + i] = velocity
         error = wanted - velocity
         integral = w[INTEGRAL + i]
         free = w[VELOCITY_GAIN + i] * error + w[INTEGRAL_GAIN + i] * integral
@@ -53,7 +64,7 @@ def measure_and_control(w, calls, first_calls, period, uniform):
         limited = min(max(free, -w[FORCE_LIMIT + i]), w[FORCE_LIMIT + i])
         w[INTEGRAL + i] = integral + (error * period if limited == free else 0.0)
         w[BACK_2 + i] = back_1
-        w[BACK_1 + i] = feedback
+        w[BACK_1 + i] = turning
         w[REQUEST + i] = limited
         w[PROCESS_SUM + i] = 0.0
         read_held, index = w[READ_HELD + i], w[INDEX + i]

@@ -10,8 +10,9 @@ ROWS: tuple[str, ...] = (
     # the table.
     *("X_M", "V_M", "X_T", "V_T", "F_MOTOR", "F_TABLE", "AHEAD_MOTOR", "AHEAD_TABLE", "OFFSET"),
     *("OFFSET_RATE", "ACCELERATION"),
-    # State of the controller: integral of the velocity error, last two readings, sample number.
-    *("INTEGRAL", "BACK_1", "BACK_2", "INDEX"),
+    # State of the controller: integral of the velocity error, last two readings, filtered velocity, what the position
+    # loop asks for and cycles until it does so anew, sample number.
+    *("INTEGRAL", "BACK_1", "BACK_2", "FILTERED", "WANTED", "UNTIL_WANTED", "INDEX"),
     # What is handed out of each sample, in the order of OUT: command, last row of the log, process force, flags.
     *("COMMANDED_X", "COMMANDED_V", "LAST_MOTOR", "LAST_TABLE", "LAST_VELOCITY", "LAST_FORCE"),
     *("DISTURBANCE", "HELD", "DIVERGED"),
@@ -23,6 +24,7 @@ ROWS: tuple[str, ...] = (
     *("NOISE_MOTOR", "NOISE_TABLE", "NOISE_VELOCITY", "NOISE_EQUATION", "NOISE_COMMAND"),
     # Row of the reference with which a lane begins, and how far its positions are displaced; controller.
     *("FIRST_ROW", "DISPLACEMENT", "USE_TABLE", "DIFFERENCE_SPAN", "POSITION_GAIN"),
+    *("VELOCITY_OF_TABLE", "VELOCITY_FILTER", "POSITION_LOOP_CYCLES"),
     *("VELOCITY_FEEDFORWARD", "VELOCITY_REFERENCE_DELAY", "VELOCITY_GAIN", "INTEGRAL_GAIN"),
     *("ACCELERATION_FEEDFORWARD", "FORCE_LIMIT"),
     # Action: deviation from the scenario's own command.

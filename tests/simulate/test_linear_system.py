@@ -31,6 +31,13 @@ CASCADE = Cascade(
     difference_span=1,
 )
 SLOW = dataclasses.replace(CASCADE, velocity_gain_N_s_per_m=4e3, integral_gain_N_per_m=1e5)
+MULTISINE = SchroederMultisine(
+    mean_velocity_m_per_s=0.0,
+    scale_m_per_s=0.02,
+    harmonics=200,
+    fundamental_rad_per_s=2.0 * math.pi,
+    first_phase_rad=0.3,
+)
 TACHOMETER = VelocityLoop(gain_N_s_per_m=2e4, force_limit_N=1e9)
 
 
@@ -130,6 +137,18 @@ LINEAR: list[tuple[str, FeedDrive, tuple[Effect, ...]]] = [
     ("table", damped(controller=dataclasses.replace(CASCADE, feedback="table", velocity_gain_N_s_per_m=4e3)), ()),
     ("tachometer", damped(controller=dataclasses.replace(CASCADE, difference_span=0)), ()),
     ("two samples", damped(controller=dataclasses.replace(CASCADE, difference_span=2)), ()),
+    ("velocity filter", damped(controller=dataclasses.replace(CASCADE, velocity_filter_s=0.7e-3)), ()),
+    (
+        "filtered tachometer",
+        damped(controller=dataclasses.replace(SLOW, difference_span=0, velocity_filter_s=2e-3)),
+        (),
+    ),
+    ("two sensors", damped(controller=dataclasses.replace(CASCADE, feedback="table", velocity_feedback="motor")), ()),
+    (
+        "two sensors, two samples",
+        damped(controller=dataclasses.replace(SLOW, velocity_feedback="table", difference_span=2)),
+        (),
+    ),
     ("dead_time", damped(), (effect("dead_time", dead_time_s=0.7e-3),)),
     ("current_loop_lag", damped(), (effect("current_loop_lag", time_constant_s=0.8e-3, inverter_ratio=0.0),)),
     (
@@ -153,14 +172,7 @@ LINEAR: list[tuple[str, FeedDrive, tuple[Effect, ...]]] = [
 @pytest.mark.parametrize(("drive", "on"), [case[1:] for case in LINEAR], ids=[case[0] for case in LINEAR])
 def test_simulated_axis_follows_as_the_linear_model_says(drive: FeedDrive, on: tuple[Effect, ...]) -> None:
     """Tracking at 1 to 200 Hz by a multisine, complex, within 1 % of what the nominal loop predicts."""
-    motion = SchroederMultisine(
-        mean_velocity_m_per_s=0.0,
-        scale_m_per_s=0.02,
-        harmonics=200,
-        fundamental_rad_per_s=2.0 * math.pi,
-        first_phase_rad=0.3,
-    )
-    made = axis(drive, *on, motion=motion, duration_s=6.0)
+    made = axis(drive, *on, motion=MULTISINE, duration_s=6.0)
     rows = made.advance(made.n_samples)[-1000:]
     command = np.fft.rfft(column(made, rows, "reference_position_m"))[1:201]
     found = np.fft.rfft(column(made, rows, "position_m"))[1:201] / command
@@ -195,6 +207,36 @@ def test_gain_that_is_named_is_where_the_simulated_loop_turns_unstable() -> None
     for _ in range(5000):
         state = (A - np.outer(B, C)) @ state
     assert np.abs(state).max() > 1.0
+
+
+@pytest.mark.parametrize("cycles", [2, 5])
+def test_a_slower_position_loop_is_the_velocity_loop_around_which_it_acts(cycles: int) -> None:
+    """Positions at its own cycles, under a multisine, as the recursion from one to the next has them."""
+    loop = dataclasses.replace(CASCADE, velocity_feedforward=0.0, acceleration_feedforward_kg=0.0)
+    drive = damped(controller=dataclasses.replace(loop, position_loop_cycles=cycles), effects=())
+    made = axis(drive, motion=MULTISINE, duration_s=1.0)
+    rows = made.advance(made.n_samples)
+    found, wanted = (column(made, rows, name)[::cycles] for name in ("position_m", "reference_position_m"))
+    A, B, c = drive.control_loop(PERIOD_S).broken_at_velocity()
+    state, expected = np.zeros(len(A)), np.empty(len(found))
+    for place in range(len(found)):
+        expected[place] = state[0]
+        state = A @ state + B * (CASCADE.position_gain_per_s * (wanted[place] - wanted[0]) - c @ state)
+    np.testing.assert_allclose(found - found[0], expected, atol=1e-3 * np.ptp(expected))
+    with pytest.raises(SpecError, match="position_loop_cycles"):
+        drive.linear_system(PERIOD_S)
+
+
+def test_a_slower_position_loop_is_refused_where_it_is_unstable() -> None:
+    cascade = dataclasses.replace(CASCADE, position_gain_per_s=180.0)
+    damped(controller=cascade).check_loop(PERIOD_S)
+    with pytest.raises(SpecError, match=r"plant\.controller: the loop is unstable at a sampling time of 20 ms"):
+        damped(controller=dataclasses.replace(cascade, position_loop_cycles=20)).check_loop(PERIOD_S)
+
+
+def test_an_unknown_side_of_the_velocity_is_refused() -> None:
+    with pytest.raises(SpecError, match="velocity_feedback: unknown side 'tabel'"):
+        dataclasses.replace(CASCADE, velocity_feedback="tabel")
 
 
 def test_an_unstable_loop_is_refused_by_how_much() -> None:

@@ -70,6 +70,37 @@ class ReferenceDelay(_OfACascade):
 
 @final
 @dataclass(frozen=True, kw_only=True)
+class VelocityFilter(_OfACascade):
+    """Time constant of the filter of the velocity, ``given_s`` in the model; its deviation is in seconds.
+
+    Drives smooth the velocity that they difference, and not every data sheet says so; what smooths much is a cause.
+    """
+
+    kind = "velocity_filter"
+    unit = "s"
+    stated = False
+    nuisance = True
+    field = "velocity_filter_s"
+    given_s: float
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        controller, deviation = nominal.drive.controller, nominal.uncertainty.velocity_filter * nominal.covered.period_s
+        if not isinstance(controller, Cascade) or deviation == 0.0:
+            return []
+        return [cls(name=cls.kind, deviation=deviation, given_s=controller.velocity_filter_s)]
+
+    @property
+    def room(self) -> tuple[float, float]:
+        return -min(self.given_s / self.deviation, MODEL.most_filter), MODEL.most_filter
+
+    def value(self, drive: FeedDrive, shift: float) -> float:
+        """Return the time constant (s)."""
+        return max(self.given_s + shift * self.deviation, 0.0)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
 class LoopLag(NominalParameter):
     """Time by which the force follows its command, carried by ``effect``; its deviation is in seconds.
 

@@ -52,8 +52,9 @@ class Uncertainty:
     ``friction_side`` is the part of the known friction that acts on the motor instead of the table, and
     ``friction_form`` is that of friction at low speeds, relative to the known friction. ``controller_gains`` is that of
     each gain of a cascade, relative. ``reference_delay`` is that of the velocity's reference in a cascade, in sampling
-    times: none unless it is given, as a filter of the velocity acts alike. ``loop_lag`` is that of the time by which
-    the force follows its command, in sampling times. Without ``force_offset_N`` it is 2 N on an
+    times: none unless it is given, as a filter of the velocity acts alike. ``velocity_filter`` is that of the time
+    constant of such a filter, and ``loop_lag`` that of the time by which the force follows its command, in sampling
+    times both. Without ``force_offset_N`` it is 2 N on an
     axis of usual forces; see `Nominal.scale`.
     """
 
@@ -66,6 +67,7 @@ class Uncertainty:
     friction_form: float = nonnegative(default=0.05)
     controller_gains: float = nonnegative(default=0.02)
     reference_delay: float = nonnegative(default=0.0)
+    velocity_filter: float = nonnegative(default=0.1)
     loop_lag: float = nonnegative(default=0.05)
     force_offset_N: float | None = nonnegative(default=None)
 

@@ -11,7 +11,7 @@ from fdbench.diagnosis.model.friction_parameters import (
     KnownAmplitude,
     TransitionVelocity,
 )
-from fdbench.diagnosis.model.loop_parameters import ControllerGain, LoopLag, ReferenceDelay
+from fdbench.diagnosis.model.loop_parameters import ControllerGain, LoopLag, ReferenceDelay, VelocityFilter
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.nominal_parameter import NominalParameter
 
@@ -25,6 +25,7 @@ KINDS: Sequence[type[NominalParameter]] = (
     FrictionForm,
     FrictionSide,
     ReferenceDelay,
+    VelocityFilter,
     LoopLag,
     ControllerGain,
 )

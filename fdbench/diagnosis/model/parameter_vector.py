@@ -46,5 +46,5 @@ def with_parameters(hypothesis: Hypothesis, values: FloatArray) -> Hypothesis:
             place += 1
         phases = {item.name for item in type(effect).parameters() if item.phase}
         changes |= {name: math.remainder(changes[name], 2.0 * math.pi) for name in phases & changes.keys()}
-        effects.append(effect.changed(**changes))
+        effects.append(effect.within(**changes))
     return dataclasses.replace(hypothesis, shifts=tuple(values[:n].tolist()), effects=tuple(effects))

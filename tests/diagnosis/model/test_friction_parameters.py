@@ -9,9 +9,11 @@ import pytest
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.friction_parameters import BristleStiffness
+from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.known_effects import resized
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
+from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_vector, with_parameters
 from fdbench.effects import effects
 
 LUGRE = effects.get("lugre_friction")
@@ -53,3 +55,16 @@ def test_bristles_that_bend_twice_as_far_are_no_cause() -> None:
     (own,) = [item for item in nominal_parameters(found.calibrated.nominal) if isinstance(item, BristleStiffness)]
     shift = found.calibrated.shifts[nominal_parameters(found.calibrated.nominal).index(own)]
     assert math.exp(shift * own.deviation) == pytest.approx(0.5, rel=0.2)
+
+
+def test_a_fit_finds_no_less_friction_at_rest_than_while_sliding() -> None:
+    effect: Any = LUGRE.typical(coulomb_force_N=100.0, static_force_N=130.0)
+    assert (effect.within(static_force_N=20.0).static_force_N, effect.static_force_N) == (100.0, 130.0)
+    moved: Any = effect.within(coulomb_force_N=150.0)
+    assert (moved.coulomb_force_N, moved.static_force_N) == (150.0, 150.0)
+    hypothesis = start(nominal()).with_effect(effect)
+    numbers = [item.name for item in adjustables_of(hypothesis)]
+    values = parameter_vector(hypothesis)
+    values[numbers.index("static_force_N")] = 1.0
+    found: Any = with_parameters(hypothesis, values).effects[0]
+    assert found.static_force_N == found.coulomb_force_N == 100.0

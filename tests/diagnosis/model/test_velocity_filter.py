@@ -1,0 +1,71 @@
+"""A filter of the velocity that no data sheet tells of is calibrated, and one that smooths much is told of."""
+
+import dataclasses
+
+import axis_lab
+import pytest
+
+from fdbench.diagnosis.diagnose import Diagnosis, diagnose
+from fdbench.diagnosis.model.hypothesis import Hypothesis, start
+from fdbench.diagnosis.model.loop_parameters import VelocityFilter
+from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
+from fdbench.diagnosis.settings import MODEL
+from fdbench.plants.feed_drive import Cascade, FeedDrive
+
+COVERED = Covered(fastest_m_per_s=0.1, longest_s=5.0, force_N=100.0, period_s=1e-3)
+
+
+def smoothed(axis: FeedDrive, filter_s: float) -> FeedDrive:
+    assert isinstance(axis.controller, Cascade)
+    return dataclasses.replace(axis, controller=dataclasses.replace(axis.controller, velocity_filter_s=filter_s))
+
+
+def nominal(filter_s: float = 0.0, **uncertainty: float) -> Nominal:
+    plant = smoothed(axis_lab.drive(), filter_s)
+    return Nominal(plant=plant, simulation=Simulation(substeps=10), uncertainty=Uncertainty(**uncertainty))
+
+
+def filters(model: Nominal) -> list[VelocityFilter]:
+    return [item for item in nominal_parameters(model) if isinstance(item, VelocityFilter)]
+
+
+def diagnosed(filter_s: float) -> Diagnosis:
+    axis = smoothed(axis_lab.as_built(2), filter_s)
+    groups = [
+        [axis_lab.record(axis, (), *motion, seed=10 * place + repeat) for motion in motions for repeat in range(2)]
+        for place, motions in enumerate(axis_lab.protocol(factor).values() for factor in (1.0, 1.3))
+    ]
+    return diagnose(nominal(), *groups)
+
+
+def found_s(hypothesis: Hypothesis) -> float:
+    controller = hypothesis.variant.plant.controller
+    assert isinstance(controller, Cascade)
+    return controller.velocity_filter_s
+
+
+def test_a_filter_of_a_part_of_a_sampling_time_is_found_and_no_cause() -> None:
+    found = diagnosed(0.15e-3)
+    assert found_s(found.final) == pytest.approx(0.15e-3, rel=0.15)
+    assert [cause.effect for cause in found.answer.causes if cause.probability > 0.5] == []
+    assert found.answer.no_gap_probability > 0.5 > found.answer.unknown_probability
+
+
+def test_a_filter_of_more_than_a_sampling_time_is_a_gap() -> None:
+    answer = diagnosed(2e-3).answer
+    assert answer.no_gap_probability < 0.05
+    assert answer.unknown_probability > 0.5
+
+
+def test_a_filter_is_bounded_and_never_negative() -> None:
+    (own,) = filters(nominal().beside(COVERED))
+    assert own.deviation == pytest.approx(0.1e-3)
+    assert own.room == (0.0, MODEL.most_filter)
+    (own,) = filters(nominal(0.05e-3).beside(COVERED))
+    assert own.room == pytest.approx((-0.5, MODEL.most_filter))
+    model = nominal(0.05e-3).beside(COVERED)
+    lower = start(model).moved([-3.0 * (item.kind == own.kind) for item in nominal_parameters(model)])
+    assert found_s(lower) == 0.0
+    assert filters(nominal()) == [], "no sampling time is known"
+    assert filters(nominal(velocity_filter=0.0).beside(COVERED)) == []
