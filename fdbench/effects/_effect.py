@@ -60,7 +60,7 @@ class Port(enum.Enum):
 
 
 LEADING_ARGUMENTS = ("t", "h", "x", "v", "u")
-Locate = Literal["", "line", "line_of_motion", "wavelength", "pitch", "pitch_of_ratio"]
+Locate = Literal["", "line", "line_of_motion", "wavelength", "pitch", "pitch_of_ratio", "resonance"]
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -89,10 +89,12 @@ class Parameter:
     phase : bool
         Whether it is a phase in radians; without a grid two values a quarter turn apart span all.
     locate : str
-        Where the diagnosis finds the values to try; nothing is tried where nothing is found. ``"line"`` or
+        Where the diagnosis finds the values to try, instead of the grid; nothing is tried where nothing is found.
+        ``"line"`` or
         ``"line_of_motion"``: what stands out of the gap's spectrum over time (Hz) like a line, or of that of the gap
         with the sign of the commanded velocity. ``"wavelength"``: the strongest of its spectrum over position (m).
         ``"pitch"`` or ``"pitch_of_ratio"``: those of them that a motor may have, or of its ratio to the force.
+        ``"resonance"``: of a mass on a spring that the measured motion would move as the gap's force asks (Hz).
     whole : bool
         Whether it is a whole number, which no fit moves.
     """

@@ -44,8 +44,8 @@ class StructuralMode(Effect):
     confusable_with = ("axial_compliance", "inertia_mismatch")
 
     moving_mass_kg: float = parameter("m", low=0.0, high=60.0, typical=6.0)
-    natural_frequency_Hz: float = parameter("f", low=1.0, high=2000.0, typical=60.0, grid=MODES_HZ)
-    damping_ratio: float = parameter("zeta", low=0.0, high=0.9, typical=0.03)
+    natural_frequency_Hz: float = parameter("f", low=1.0, high=2000.0, typical=60.0, grid=MODES_HZ, locate="resonance")
+    damping_ratio: float = parameter("zeta", low=0.0, high=0.9, typical=0.03, grid=(0.03,))
 
     @kernel
     def kernel(t, h, x, v, u, m, f, zeta, q, p):

@@ -277,9 +277,9 @@ def drawn_shape(
             value = float(rng.choice(item.grid))
         elif item.phase:
             value = float(rng.uniform(-math.pi, math.pi))
-        elif item.locate:
-            value *= between(rng, 0.5, 2.0)
         elif item.grid:
             value = between(rng, min(item.grid), max(item.grid))
+        elif item.locate:
+            value *= between(rng, 0.5, 2.0)
         found[item.name] = item.within(value)
     return kind.shape(found)

@@ -146,12 +146,12 @@ def test_the_documented_cause_of_emps_comes_first() -> None:
 
 
 def test_the_documented_cause_of_emps_removes_what_it_does_in_a_simulation_apart() -> None:
-    """38 % of the force's nominal gap and 47 % of the position's, in a simulation whose force has no lag."""
+    """38 % of the force's nominal gap and 47 % of the position's, in a simulation without lag and filter."""
     folder = shared_file("data", "emps", "DATA_EMPS.mat").parent
     record = read_record(REPOSITORY / "examples" / "emps" / "emps.toml", folder)
     nominal = load_nominal(scenario_folder() / "EMPS-v0.toml")
-    without_lag = dataclasses.replace(nominal, uncertainty=dataclasses.replace(nominal.uncertainty, loop_lag=0.0))
-    answer = diagnose(without_lag, [record]).answer
+    uncertainty = dataclasses.replace(nominal.uncertainty, loop_lag=0.0, velocity_filter=0.0)
+    answer = diagnose(dataclasses.replace(nominal, uncertainty=uncertainty), [record]).answer
     # Of the nominal gap: re-calibration has taken the error of the friction's form out before.
     for name, share in (("motor_force_N", 0.38), ("position_m", 0.47)):
         gap = answer.gap.channels[name]

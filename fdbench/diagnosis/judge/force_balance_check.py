@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
+from fdbench.diagnosis.evidence.inverse_dynamics import inverse_dynamics_residuals
 from fdbench.diagnosis.evidence.least_squares import distance, solved
 from fdbench.diagnosis.evidence.segment_products import HUGE
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.judge.localise import PHASES, phase_of
 from fdbench.diagnosis.model.readings import Readings
-from fdbench.diagnosis.search.periods import inverse_dynamics_residuals
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect

@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fdbench.diagnosis.answer import Course, ProcessForce
+from fdbench.diagnosis.evidence.inverse_dynamics import inertia_and_drag
 from fdbench.diagnosis.judge.force_balance_check import smoothed
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.conditions import Apart
 from fdbench.diagnosis.records.runs import RecordedRun, between_laps
-from fdbench.diagnosis.search.periods import inertia_and_drag
 from fdbench.diagnosis.settings import EVIDENCE, JUDGE
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray

@@ -101,7 +101,7 @@ def candidates(
     ----------
     located : mapping, optional
         Values found in the residual for parameters to be located: see `fdbench.diagnosis.search.periods`.
-        Without, they are typical.
+        Without, they are those of their grid, or typical.
     period_s : float, optional
         Sampling time of the records; no frequency above 0.8 of the Nyquist frequency is a candidate.
     """
@@ -128,7 +128,7 @@ def _of_kind(base: Hypothesis, kind: type[Effect], located: Mapping[str, Sequenc
     for item in kind.parameters():
         values: Sequence[float] = item.grid
         if item.locate:
-            values = (item.typical,) if located is None else located.get(item.locate, ())
+            values = item.grid or (item.typical,) if located is None else located.get(item.locate, ())
         if item.locate or values:
             high = min(item.high, longest_s(base)) if item.unit == "s" else item.high
             axes.append([(item.name, value) for value in values if item.low <= value <= high])

@@ -1,23 +1,22 @@
-"""Locate periods: the strongest lines of what the model lacks, over time and over position."""
+"""Locate periods: the strongest lines of what the model lacks, over time and over position, and its resonances."""
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.fft import next_fast_len
 
+from fdbench.diagnosis.evidence.inverse_dynamics import inverse_dynamics_residuals
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
-from fdbench.diagnosis.records.noise_model import NoiseModel
-from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
+from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.diagnosis.search.resonances import resonances
 from fdbench.diagnosis.settings import MODEL, SEARCH
-from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 
 
 def located(readings: Readings, split: Split, base: Hypothesis) -> Mapping[str, list[float]]:
-    """Return the lines (Hz) and wavelengths (m) of what the model lacks; see `fdbench.effects.Parameter.locate`.
+    """Return lines, resonances (Hz), wavelengths (m) of what the model lacks; see `fdbench.effects.Parameter.locate`.
 
     Lines are sought in the residual over time; wavelengths in the inverse-dynamics residual over position, also
     multiplied by the motor force, to expose effects that are proportional to it. Pitches are the wavelengths that a
@@ -51,54 +50,8 @@ def located(readings: Readings, split: Split, base: Hypothesis) -> Mapping[str, 
         "wavelength": waves,
         "pitch": [wave for wave in waves if wave <= longest_m],
         "pitch_of_ratio": [wave for wave in waves_of_ratio if wave <= longest_m],
+        "resonance": resonances([own[-1] for own in lacking], split, base.nominal.drive),
     }
-
-
-def inverse_dynamics_residuals(
-    run: RecordedRun, gap: Mapping[str, FloatArray], noise_models: Mapping[str, NoiseModel], drive: FeedDrive
-) -> FloatArray:
-    r"""Return the inverse-dynamics residuals of a run, (n_balances, ..., n_samples - 3), in units of their noise.
-
-    The gaps of two runs of one linear drive obey its equations of motion, so that what is left is what acts on the
-    motor side and on the table, at the time and the place where it acts, whatever the loop makes of it:
-
-    .. math::
-        d_m = \Delta F - m_m \Delta\ddot x_m - B_m \Delta\dot x_m - k \Delta s - c \Delta\dot s, \qquad
-        d_t = k \Delta s + c \Delta\dot s - m_t \Delta\ddot x_t - B_t \Delta\dot x_t
-
-    with the deflection of the screw :math:`s = x_m - x_t`; where it was not measured, the sum of both with one mass.
-    Derivatives are those in the middle between samples, where a force that is held acts on average.
-    """
-    h, force, position = run.period_s, gap["motor_force_N"][..., 1:-2], gap["position_m"]
-    noise = {name: floor.rms for name, floor in noise_models.items()}
-    motor, table, screw = drive.motor, drive.table, drive.screw
-
-    if screw is None or table is None or DEFLECTION not in gap:
-        left = force - inertia_and_drag(drive.mass_kg, drive.viscous_friction_N_s_per_m, position, h)
-        return np.asarray(left / math.hypot(noise["motor_force_N"], drive.mass_kg / h**2 * noise["position_m"]))[None]
-    deflection = gap[DEFLECTION]
-    x_t = position if drive.controller.uses_table else position - deflection
-    k, c = screw.stiffness_N_per_m, screw.damping_N_s_per_m
-    spring = (
-        k * 0.5 * (deflection[..., 1:-2] + deflection[..., 2:-1])
-        + c * (deflection[..., 2:-1] - deflection[..., 1:-2]) / h
-    )
-    spread = noise[DEFLECTION] * math.hypot(k / math.sqrt(2.0), c * math.sqrt(2.0) / h)
-    on_motor = force - inertia_and_drag(motor.mass_kg, motor.viscous_friction_N_s_per_m, x_t + deflection, h) - spring
-    on_table = spring - inertia_and_drag(table.mass_kg, table.viscous_friction_N_s_per_m, x_t, h)
-    jerky = noise["position_m"] / h**2
-    return np.stack(
-        [
-            on_motor / math.hypot(noise["motor_force_N"], motor.mass_kg * jerky, spread),
-            on_table / math.hypot(table.mass_kg * jerky, spread),
-        ]
-    )
-
-
-def inertia_and_drag(mass_kg: float, viscous: float, x: FloatArray, h: float) -> FloatArray:
-    """Return the force that moves a mass against viscous friction along x, in the middle between samples h apart."""
-    acceleration = (x[..., 3:] - x[..., 2:-1] - x[..., 1:-2] + x[..., :-3]) / (2.0 * h**2)
-    return np.asarray(mass_kg * acceleration + viscous * (x[..., 2:-1] - x[..., 1:-2]) / h)
 
 
 def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[RecordedRun]) -> list[float]:
