@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
 from fdbench.diagnosis.evidence.inverse_dynamics import inertia_and_drag, table_position
@@ -36,43 +37,58 @@ def resonances(lacking: Sequence[FloatArray], split: Split, drive: FeedDrive) ->
     split : Split
     drive : FeedDrive
     """
-    fastest = MODEL.highest_of_nyquist * 0.5 / max(run.period_s for run in split.runs)
-    n = int(np.log(fastest / SEARCH.lowest_line_Hz) / np.log(SPACING))
-    tried = SEARCH.lowest_line_Hz * SPACING ** np.arange(max(n, 0))
-    normal, right = np.zeros((len(tried), 3, 3)), np.zeros((len(tried), 3))
+    fastest_Hz = MODEL.highest_of_nyquist * 0.5 / max(run.period_s for run in split.runs)
+    if fastest_Hz <= SEARCH.lowest_line_Hz:
+        return []
+    n_tried = int(np.log(fastest_Hz / SEARCH.lowest_line_Hz) / np.log(SPACING))
+    tried_Hz: FloatArray = SEARCH.lowest_line_Hz * SPACING ** np.arange(n_tried, dtype=np.float64)
+    normal, right = np.zeros((n_tried, 3, 3)), np.zeros((n_tried, 3))
     noise_N, noise_m = (split.noise_models[name].rms for name in ("motor_force_N", "position_m"))
     for run, force in zip(split.runs, lacking, strict=True):
         x, h = table_position(run.channels, drive), run.period_s
+        signals = np.stack([inertia_and_drag(1.0, 0.0, x, h), inertia_and_drag(0.0, 1.0, x, h), force])
         n_padded = next_fast_len(len(force) + round(1.0 / (DAMPING * SEARCH.lowest_line_Hz * h)), real=True)
         at_Hz = np.fft.rfftfreq(n_padded, h)
-        inside = (at_Hz > 0.5 * SEARCH.lowest_line_Hz) & (at_Hz < fastest)
-        signals = np.stack([inertia_and_drag(1.0, 0.0, x, h), inertia_and_drag(0.0, 1.0, x, h), force])
-        spectra = np.fft.rfft(signals, n_padded)[:, inside]
-        at_Hz = at_Hz[inside]
+        inside = (at_Hz > 0.5 * SEARCH.lowest_line_Hz) & (at_Hz < fastest_Hz)
+        at_Hz, spectra = at_Hz[inside], np.fft.rfft(signals, n_padded)[:, inside]
         spectra /= np.hypot(noise_N, drive.mass_kg * (2.0 * np.pi * at_Hz) ** 2 * noise_m)
         firsts = np.arange(0, len(at_Hz), max(1, round(BIN_HZ * n_padded * h)))
         products = np.add.reduceat(spectra[:, None].conj() * spectra[None], firsts, axis=-1)
-        counts = np.diff(firsts, append=len(at_Hz))
-        s = 2j * np.pi * np.add.reduceat(at_Hz, firsts) / counts
-        omega = 2.0 * np.pi * tried[:, None]
-        follows = (2.0 * DAMPING * omega * s + omega**2) / (s**2 + 2.0 * DAMPING * omega * s + omega**2)
-        squares = np.abs(follows) ** 2 @ products[0, 0].real
-        # <follows A, other> = sum conj(follows) conj(A) other, of acceleration, speed and force in turn.
-        across = (follows.conj() @ products[0].T).real
+        centres_Hz: FloatArray = np.add.reduceat(at_Hz, firsts) / np.diff(firsts, append=len(at_Hz))
+        follows = transmissibility(tried_Hz[:, None], centres_Hz)
+        across = (follows.conj() @ products[0].T).real  # of the mode with acceleration, speed and force
         plain = products[:2].real.sum(axis=-1)
         normal[:, :2, :2] += plain[:, :2]
         normal[:, 2, :2] += across[:, :2]
-        normal[:, :2, 2] += across[:, :2]
-        normal[:, 2, 2] += squares
+        normal[:, 2, 2] += np.abs(follows) ** 2 @ products[0, 0].real
         right[:, :2] += plain[:, 2]
         right[:, 2] += across[:, 2]
-    if not len(tried) or not np.isfinite(normal).all() or not np.isfinite(right).all():
+    if not (np.isfinite(normal).all() and np.isfinite(right).all()):
         return []
-    # What a mode removes beside mass and damping: the last pivot of the normal equations.
-    beside = np.linalg.solve(normal[:, :2, :2] + 1e-12 * np.trace(normal[0]) * np.eye(2), normal[:, :2, 2:])[..., 0]
-    left = right[:, 2] - np.einsum("fi,fi->f", beside, right[:, :2])
-    pivot = normal[:, 2, 2] - np.einsum("fi,fi->f", beside, normal[:, :2, 2])
-    removed = np.where((left > 0.0) & (pivot > 1e-9 * normal[:, 2, 2]), left**2 / np.maximum(pivot, 1e-300), 0.0)
-    around = np.pad(removed, 1)
+    around = np.pad(_removed_beside_the_others(normal, right), 1)
+    removed = around[1:-1]
     peaks = np.flatnonzero((removed > around[:-2]) & (removed >= around[2:]))
-    return [float(tried[place]) for place in peaks[np.argsort(-removed[peaks])][: SEARCH.lines]]
+    return [float(tried_Hz[place]) for place in peaks[np.argsort(-removed[peaks])][: SEARCH.lines]]
+
+
+def transmissibility(natural_Hz: FloatArray, at_Hz: FloatArray) -> NDArray[np.complex128]:
+    """Return by how much a mass on a spring and a damper follows its base, :math:`T_f`, at some frequencies."""
+    omega, s = 2.0 * np.pi * natural_Hz, 2j * np.pi * at_Hz
+    pulled = 2.0 * DAMPING * omega * s + omega**2
+    return np.asarray(pulled / (s**2 + pulled))
+
+
+def _removed_beside_the_others(normal: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the squares that the last of three numbers removes beside the others, (n,), none where it is negative.
+
+    Parameters
+    ----------
+    normal, right : (n, 3, 3) and (n, 3) arrays
+        Normal equations; of their last column only the last number is read.
+    """
+    held = 1e-12 * np.trace(normal[0]) * np.eye(2)
+    of_others = np.linalg.solve(normal[:, :2, :2] + held, normal[:, 2, :2, None])[..., 0]
+    left = right[:, 2] - np.einsum("fi,fi->f", of_others, right[:, :2])
+    pivot = normal[:, 2, 2] - np.einsum("fi,fi->f", of_others, normal[:, 2, :2])
+    is_told = (left > 0.0) & (pivot > 1e-9 * normal[:, 2, 2])
+    return np.where(is_told, left**2 / np.maximum(pivot, 1e-300), 0.0)
