@@ -15,6 +15,7 @@ from fdbench.diagnosis.model.nominal import Nominal, Simulation, load_nominal
 from fdbench.effects import effects
 from fdbench.reading import read_record
 from fdbench.record import Record
+from fdbench.report.diagnosis_text import WORTH_SAYING
 from fdbench.scenario import load_scenario, scenario_folder
 
 ENCODERS = ("motor_position_m", "table_position_m")
@@ -128,7 +129,9 @@ def test_the_documented_cause_of_emps_comes_first() -> None:
     record = read_record(REPOSITORY / "examples" / "emps" / "emps.toml", folder)
     answer = diagnose(load_nominal(scenario_folder() / "EMPS-v0.toml"), [record]).answer
     json.dumps(answer.as_json(), allow_nan=False)
-    first, second = sorted(answer.causes, key=lambda cause: -cause.share)[:2]
+    # What is improbable may have the share of a part of what the library lacks; the verdict does not speak of it.
+    told = (cause for cause in answer.causes if cause.probability >= WORTH_SAYING)
+    first, second = sorted(told, key=lambda cause: -cause.share)[:2]
     assert first.effect == answer.causes[0].effect == "direction_dependent_friction"
     low, high = first.parameters["viscous_asymmetry_N_s_per_m"].ci95
     assert low < -36.8 < high < 0.0

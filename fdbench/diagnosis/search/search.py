@@ -161,6 +161,8 @@ class Search:
             One for each effect of the final hypothesis: the model without it, and what rivals make of that.
         """
         origin = {rival.kind: stage for stage in reversed(stages) for rival in stage.rivals}
+        # What was added has the rivals that it was chosen from, not those of a stage in which it was far behind.
+        origin |= {stage.rivals[0].kind: stage for stage in stages if not stage.is_last()}
         contests = self._contests(final, origin)
         for _ in range(SEARCH.reviews):
             weak = [item for item in contests if item.present() < 0.5]
@@ -179,9 +181,9 @@ class Search:
         return [self._contest(final, type(effect), origin[type(effect)]) for effect in final.effects]
 
     def _contest(self, final: Hypothesis, kind: type[Effect], origin: Stage) -> Stage:
-        present = {type(effect) for effect in final.effects}
-        if {type(effect) for effect in origin.base.effects} == present - {kind}:
+        if final is origin.rivals[0].hypothesis:
             return origin
+        present = {type(effect) for effect in final.effects}
         self.progress(f"doing without {kind.name}")
         others = self.refinement.refine(final.without_effect(kind))
         found = [(kind, final, True)]

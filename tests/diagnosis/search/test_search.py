@@ -64,6 +64,18 @@ def test_the_effect_that_is_there_comes_first() -> None:
     assert getattr(found, found.amplitude) == pytest.approx(getattr(true, true.amplitude), rel=0.1)
 
 
+def test_an_effect_is_reviewed_beside_the_rivals_that_it_was_chosen_from() -> None:
+    """The ripple is among those that come after the friction in the first round, too; the second round chose it."""
+    friction = effects.get("direction_dependent_friction").typical(viscous_asymmetry_N_s_per_m=120.0)
+    own = search(friction, effects.get("cogging").typical(cogging_force_N=20.0))
+    found, stages = own.run(start(NOMINAL))
+    final, contests = own.review(found, stages)
+    assert {effect.declared for effect in final.effects} == {effects.get("cogging"), type(friction)}
+    last = final.effects[-1]
+    assert any(rival.kind is type(last) for rival in stages[0].rivals[1:])
+    assert contests[-1] is stages[1]
+
+
 def test_noise_alone_needs_no_round() -> None:
     assert search().stage(start(NOMINAL)) is None
 
