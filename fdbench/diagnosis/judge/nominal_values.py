@@ -41,9 +41,9 @@ def deviating_parameters(
 ) -> Deviating:
     """Return the nominal parameters that moved further than their uncertainty.
 
-    A kind of value that is corrected on both sides of the screw counts once, with the sum of its changes. The share of
-    the gap that re-calibration closes, ``recalibrated``, is divided in proportion to what each correction closes beside
-    all others.
+    A kind of value that is corrected on both sides of the screw counts once, with the sum of its changes: as far off as
+    that sum, or as the side that is further off, where the records tell the sides. The share of the gap that
+    re-calibration closes, ``recalibrated``, is divided in proportion to what each correction closes beside all others.
     """
     scale = nominal_parameters(final.nominal)
     groups: dict[str, list[int]] = {}
@@ -62,7 +62,8 @@ def deviating_parameters(
         name = scale[places[0]].cause(final.nominal)
         # Without an effect that stands for them they are values of their own, whose changes do not add up.
         own = [abs(final.shifts[place]) for place in places]
-        distance = abs(change) / max(math.hypot(*sizes), 1e-30) if name else math.hypot(*own)
+        together = abs(change) / max(math.hypot(*sizes), 1e-30)
+        distance = max(together, *own) if name else math.hypot(*own)
         furthest = max(furthest, distance if name else max(own))
         moves.append((name, change, distance, without, scale[places[0]].unit))
     total = max(sum(max(without - closed, 0.0) for _, _, _, without, _ in moves), 1e-12)

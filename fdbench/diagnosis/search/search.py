@@ -181,7 +181,8 @@ class Search:
         return [self._contest(final, type(effect), origin[type(effect)]) for effect in final.effects]
 
     def _contest(self, final: Hypothesis, kind: type[Effect], origin: Stage) -> Stage:
-        if final is origin.rivals[0].hypothesis:
+        # Beside an effect that has gone since, a fit may come further than its round did, and so may all others.
+        if any(rival.kind is kind and rival.hypothesis is final for rival in origin.rivals):
             return origin
         present = {type(effect) for effect in final.effects}
         self.progress(f"doing without {kind.name}")

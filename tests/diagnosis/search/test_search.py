@@ -165,6 +165,20 @@ def test_a_strong_saturation_is_found_though_its_response_grows_with_its_square(
     assert best.hypothesis.effects[0].values()[0] == pytest.approx(true.values()[0], rel=0.1)
 
 
+def test_a_fit_that_came_further_than_its_round_is_judged_in_its_place() -> None:
+    """An effect at half of its size, where a round left it, does not stand for what was found beside others."""
+    true = effects.get("direction_dependent_friction").typical(viscous_asymmetry_N_s_per_m=60.0)
+    kind, own = type(true), search(true)
+    base = own.refinement.refine(start(NOMINAL))
+    stopped = base.with_effect(true.scaled(0.5))
+    further = own.refinement.refine(stopped)
+    final, (contest,) = own.review(further, [own.compared(base, [(kind, stopped, True)])])
+    assert final is further
+    assert contest.rivals[0].hypothesis is further
+    best = own.compared(base, [(kind, further, True)])
+    assert own.review(further, [best]) == (further, [best])
+
+
 def test_what_stands_in_for_an_effect_hides_it_from_its_base_alone() -> None:
     """Beside the re-calibrated axis a drag changes little; in its own hypothesis it changes what it does."""
     true = effects.get("quadratic_drag").typical()

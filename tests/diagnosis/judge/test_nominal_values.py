@@ -1,0 +1,61 @@
+"""Nominal values that deviate: how far off a kind of value is that a machine has on both sides of its screw."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from axis_lab import drive
+
+from fdbench.diagnosis.evidence.split import Split
+from fdbench.diagnosis.experiment.trajectory import moves
+from fdbench.diagnosis.judge import probability_models
+from fdbench.diagnosis.judge.nominal_values import Deviating, deviating_parameters
+from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
+from fdbench.diagnosis.model.readings import Readings
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.noise_model import white
+from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.diagnosis.search.refinement import Refinement
+from fdbench.diagnosis.search.search import Search
+
+PERIOD_S = 1e-3
+NOMINAL = Nominal(plant=drive(), simulation=Simulation(substeps=10))
+
+
+def deviating(motor: float, table: float) -> Deviating:
+    """Return what is said of a machine whose masses are off by so many standard deviations, all of which was found."""
+    moved = {"motor_mass": motor, "table_mass": table}
+    found = start(NOMINAL).moved([moved.get(item.name, 0.0) for item in nominal_parameters(NOMINAL)])
+    noise_models = {"motor_force_N": white(0.1, measured=True), "position_m": white(1e-8, measured=True)}
+    reference = moves((0.0, 0.06, 0.01), (0.08,), 2.0, PERIOD_S)
+    still = dict.fromkeys(noise_models, np.zeros(len(reference)))
+    run = RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=still, lap=None)
+    replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
+    simulated = replay.simulate(run, [found.variant])
+    run = dataclasses.replace(run, channels={name: simulated[name][0] for name in noise_models})
+    held_out = [np.arange(run.n_samples) >= run.n_samples // 2]
+    split = Split(runs=[run], held_out=held_out, noise_models=noise_models)
+    search = Search(Refinement(Readings(replay, [run]), split))
+    return deviating_parameters(search, found, 0.5, probability_models.models())
+
+
+def test_a_load_on_the_table_is_not_measured_by_the_motor() -> None:
+    """Seven deviations of the table's mass are fewer of both masses together, of which the motor's is known."""
+    found = deviating(-0.5, 7.0)
+    assert found.furthest == pytest.approx(7.0)
+    assert found.features["inertia_mismatch"]["distance"] == pytest.approx(math.log(7.0))
+    (cause,) = found.causes
+    sizes = {item.name: item.size(NOMINAL.drive) for item in nominal_parameters(NOMINAL)}
+    change = 7.0 * sizes["table_mass"] - 0.5 * sizes["motor_mass"]
+    assert cause.parameters["change"].value == pytest.approx(change)
+    assert change / math.hypot(sizes["motor_mass"], sizes["table_mass"]) < 6.0
+
+
+def test_a_mass_on_both_sides_is_further_off_than_on_either() -> None:
+    sizes = [item.size(NOMINAL.drive) for item in nominal_parameters(NOMINAL) if item.kind == "mass"]
+    together = 4.0 * sum(sizes) / math.hypot(*sizes)
+    assert 4.0 < together < 4.0 * math.sqrt(2.0) + 1e-9
+    assert deviating(4.0, 4.0).furthest == pytest.approx(together)
