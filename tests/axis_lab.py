@@ -78,6 +78,18 @@ def record(axis: FeedDrive, extra: tuple[Effect, ...], motion: object, duration_
     return Record({"time_s": np.arange(system.n_samples) * PERIOD_S, **columns}, {}, f"record {seed}")
 
 
+def repeated(axis: FeedDrive, *extra: Effect) -> list[list[Record]]:
+    """Return two repeats of each motion, and of each held-out one."""
+    return [
+        [
+            record(axis, extra, *motion, seed=10 * place + repeat)
+            for motion in protocol(factor).values()
+            for repeat in range(2)
+        ]
+        for place, factor in enumerate((1.0, 1.3))
+    ]
+
+
 def case(extra: tuple[Effect, ...], seed: int) -> tuple[Nominal, list[Record], list[Record]]:
     """Return the nominal model, two repeats of each motion, and one held-out record of each kind."""
     axis = as_built(seed)

@@ -28,11 +28,7 @@ def with_gains(axis: FeedDrive, ratios: tuple[float, ...]) -> FeedDrive:
 
 def test_gains_that_are_off_are_found_and_no_cause() -> None:
     axis = with_gains(axis_lab.as_built(2), tuple(1.0 + share for share in OFF))
-    groups = [
-        [axis_lab.record(axis, (), *motion, seed=10 * place + repeat) for motion in motions for repeat in range(2)]
-        for place, motions in enumerate(axis_lab.protocol(factor).values() for factor in (1.0, 1.3))
-    ]
-    found = diagnose(nominal(), *groups)
+    found = diagnose(nominal(), *axis_lab.repeated(axis))
     built, paper = found.final.variant.plant.controller, axis_lab.drive().controller
     for name, share in zip(GAINS, OFF, strict=True):
         assert getattr(built, name) / getattr(paper, name) - 1.0 == pytest.approx(share, abs=0.005), name

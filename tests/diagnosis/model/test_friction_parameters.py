@@ -46,11 +46,7 @@ def test_bristles_that_bend_twice_as_far_are_no_cause() -> None:
     (known,) = model.drive.effects
     stiffness: Any = "bristle_stiffness_N_per_m"
     built = dataclasses.replace(model.drive, effects=(known.changed(**{stiffness: 0.5 * getattr(known, stiffness)}),))
-    groups = [
-        [axis_lab.record(built, (), *motion, seed=10 * place + repeat) for motion in motions for repeat in range(2)]
-        for place, motions in enumerate(axis_lab.protocol(factor).values() for factor in (1.0, 1.3))
-    ]
-    found = diagnose(model, *groups)
+    found = diagnose(model, *axis_lab.repeated(built))
     assert not [cause.effect for cause in found.answer.causes if cause.probability > 0.5]
     (own,) = [item for item in nominal_parameters(found.calibrated.nominal) if isinstance(item, BristleStiffness)]
     shift = found.calibrated.shifts[nominal_parameters(found.calibrated.nominal).index(own)]

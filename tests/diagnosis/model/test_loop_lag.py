@@ -29,11 +29,7 @@ def lags(model: Nominal) -> list[LoopLag]:
 def test_a_trace_of_lag_is_no_cause_and_a_lag_is_one(samples: float) -> None:
     lag = LAG.typical(time_constant_s=samples * 1e-3)
     axis = axis_lab.as_built(2)
-    groups = [
-        [axis_lab.record(axis, (lag,), *motion, seed=10 * place + repeat) for motion in motions for repeat in range(2)]
-        for place, motions in enumerate(axis_lab.protocol(factor).values() for factor in (1.0, 1.3))
-    ]
-    found = diagnose(nominal(), *groups)
+    found = diagnose(nominal(), *axis_lab.repeated(axis, lag))
     named = [cause.effect for cause in found.answer.causes if cause.probability > 0.5]
     if samples < 3.0 * Uncertainty().loop_lag:
         (own,) = lags(found.calibrated.nominal)

@@ -50,11 +50,7 @@ def test_a_late_reference_asks_for_less_where_an_acceleration_begins() -> None:
 @pytest.mark.parametrize("delay_s", [HALF_S, -HALF_S])
 def test_half_a_sampling_time_is_found_and_no_cause(delay_s: float) -> None:
     axis = late(axis_lab.as_built(2), delay_s)
-    groups = [
-        [axis_lab.record(axis, (), *motion, seed=10 * place + repeat) for motion in motions for repeat in range(2)]
-        for place, motions in enumerate(axis_lab.protocol(factor).values() for factor in (1.0, 1.3))
-    ]
-    found = diagnose(in_doubt(), *groups)
+    found = diagnose(in_doubt(), *axis_lab.repeated(axis))
     assert delay(found.final) == pytest.approx(delay_s / axis_lab.PERIOD_S, abs=0.1)
     assert [cause.effect for cause in found.answer.causes if cause.probability > 0.5] == []
 

@@ -32,11 +32,7 @@ def filters(model: Nominal) -> list[VelocityFilter]:
 
 def diagnosed(filter_s: float) -> Diagnosis:
     axis = smoothed(axis_lab.as_built(2), filter_s)
-    groups = [
-        [axis_lab.record(axis, (), *motion, seed=10 * place + repeat) for motion in motions for repeat in range(2)]
-        for place, motions in enumerate(axis_lab.protocol(factor).values() for factor in (1.0, 1.3))
-    ]
-    return diagnose(nominal(), *groups)
+    return diagnose(nominal(), *axis_lab.repeated(axis))
 
 
 def found_s(hypothesis: Hypothesis) -> float:
