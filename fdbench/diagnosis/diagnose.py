@@ -32,6 +32,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.nominal import Nominal, Uncertainty
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
+from fdbench.diagnosis.records.plausibility import clock_warnings
 from fdbench.diagnosis.records.runs import merged
 from fdbench.diagnosis.search.loop_rate import Calibrated, at_likely_rate
 from fdbench.diagnosis.search.refinement import Refinement
@@ -41,6 +42,9 @@ from fdbench.diagnosis.settings import BASELINE, EVIDENCE
 from fdbench.record import FloatArray, Record
 from fdbench.rotary import LINEAR, spoken_of, spoken_unit, spoken_words
 from fdbench.units import unit_of
+
+# What no calibration on other motions tells: the form of friction, and how late a loop is.
+OF_FORM = ("transition_velocity", "friction_side", "friction_form", "velocity_filter", "reference_delay", "loop_lag")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,9 +124,16 @@ def _diagnosed(
     baseline: Sequence[Record],
 ) -> Diagnosis:
     healthy = None
+    on_paper = nominal.uncertainty
     if baseline:
         nominal, healthy = calibrated_on(nominal, baseline, progress)
-    found = _searched(nominal, records, holdouts, progress, healthy)
+    ready = aligned(nominal, records, holdouts, healthy)
+    if healthy is not None and not healthy.covers(ready.runs):
+        # Without records of the same command before, an error of the model's form does not cancel.
+        doubt = {name: getattr(on_paper, name) for name in OF_FORM}
+        nominal = dataclasses.replace(nominal, uncertainty=dataclasses.replace(nominal.uncertainty, **doubt))
+        ready = aligned(nominal, records, holdouts, healthy)
+    found = _searched(ready, progress, healthy)
     ready, given, findings = found.ready, found.given, found.findings
     nominal, search, reductions, final = ready.nominal, findings.search, findings.reductions, findings.final
     readings, split, drive = search.readings, search.split, nominal.drive
@@ -190,18 +201,11 @@ class _Searched:
     findings: Findings
 
 
-def _searched(
-    nominal: Nominal,
-    records: Sequence[Record],
-    holdouts: Sequence[Record],
-    progress: Callable[[str], None] | None,
-    healthy: Baseline | None,
-) -> _Searched:
-    ready = aligned(nominal, records, holdouts, healthy)
+def _searched(ready: Aligned, progress: Callable[[str], None] | None, healthy: Baseline | None) -> _Searched:
     if progress is not None:
         progress("re-calibrating the nominal parameters")
     # What the model's form gets wrong cancels beside a baseline, its rate with it.
-    found = at_likely_rate(ready) if healthy is None else Calibrated.of(ready)
+    found = at_likely_rate(ready) if healthy is None else Calibrated.of(ready, narrow=True)
     ready, refinement, calibrated = found.ready, found.refinement, found.hypothesis
     search, given = Search(refinement, progress), start(ready.nominal)
     split = with_run_to_run_covariance(refinement.readings.replay, ready, calibrated, healthy)
@@ -215,6 +219,9 @@ def _searched(
     last = Refinement(readings, plain, refinement.nominal)
     weighed = last.refine(final) if final.effects else calibrated
     calibrated = last.refine(calibrated, tempered=False)
+    simulated = readings.replay.on_each(ready.runs, calibrated.variant)
+    clocks = [text for run, own in zip(ready.runs, simulated, strict=True) for text in clock_warnings(run, own)]
+    ready = dataclasses.replace(ready, warnings=[*ready.warnings, *clocks])
     final = last.refine(weighed, tempered=False) if final.effects else calibrated
     findings = Findings(
         search=search,
@@ -240,7 +247,8 @@ def judged(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Recor
     See `diagnose` for parameters and errors.
     """
     with _diagnosing(nominal.axis):
-        return verdict(_searched(nominal, records, holdouts, None, None).findings, probability_models.models())
+        ready = aligned(nominal, records, holdouts)
+        return verdict(_searched(ready, None, None).findings, probability_models.models())
 
 
 def calibrated_on(
@@ -271,7 +279,7 @@ def calibrated_on(
     # The gains are those that are set, whatever the model had on paper: another day changes none of them.
     doubt = Uncertainty(**dataclasses.asdict(BASELINE), controller_gains=0.0, loop_lag=0.0)
     known = dataclasses.replace(as_nominal(model), uncertainty=doubt)
-    return known, Baseline(runs=runs, residuals=residuals)
+    return known, Baseline(runs=runs, residuals=residuals, artefacts=ready.artefacts)
 
 
 def write_experiment(found: Diagnosis, path: str | Path) -> Diagnosis:

@@ -118,20 +118,25 @@ def _made(plan: _Plan) -> _Made:
     """Write model and records of a case."""
     drawn = _case(plan.tier, plan.effects, plan.nonce, plan.name)
     place = plan.folder / plan.name
+    files = write_case(place, drawn)
+    salt = seal.salt(plan.nonce, plan.name)
+    truth = {"case": plan.name, **drawn.truth}
+    public = {
+        "truth_sha256": seal.commitment(salt, truth),
+        "files": {file: seal.file_digest(place / file) for file in files},
+    }
+    return _Made(plan.name, public, {"salt": salt, "truth": truth})
+
+
+def write_case(place: Path, drawn: Case) -> list[str]:
+    """Write model and records of a case to a new folder, and return the files by their paths in it, in order."""
     place.mkdir(parents=True)
     write_text(place / MODEL, "\n".join(toml_lines(drawn.model)).lstrip() + "\n")
     for part, records in (("records", drawn.records), ("holdouts", drawn.holdouts)):
         (place / part).mkdir()
         for title, record in records.items():
             record.save(place / part / f"{title}.{drawn.file_format}")
-    files = sorted(path for path in place.rglob("*") if path.is_file())
-    salt = seal.salt(plan.nonce, plan.name)
-    truth = {"case": plan.name, **drawn.truth}
-    public = {
-        "truth_sha256": seal.commitment(salt, truth),
-        "files": {path.relative_to(place).as_posix(): seal.file_digest(path) for path in files},
-    }
-    return _Made(plan.name, public, {"salt": salt, "truth": truth})
+    return [path.relative_to(place).as_posix() for path in sorted(place.rglob("*")) if path.is_file()]
 
 
 def _case(tier: Tier, effects: list[str], nonce: str, name: str) -> Case:
@@ -143,15 +148,20 @@ def _case(tier: Tier, effects: list[str], nonce: str, name: str) -> Case:
                 drawn = draw_foreign_case(tier, int(name), effects, rng)
             else:
                 drawn = draw_case(tier, effects, rng)
-            _check_usable(drawn)
+            check_usable(drawn)
             return drawn
         except (SimulationDiverged, UnstableLoop) as error:
             message = str(error)
     raise SimulationDiverged(f"case {name}: {MOST_ATTEMPTS} axes, none of them usable; the last: {message}")
 
 
-def _check_usable(drawn: Case) -> None:
-    """Raise an error where the owner of an axis would have noticed: an unstable loop, or an end of the way."""
+def check_usable(drawn: Case) -> None:
+    """Raise an error where the owner of an axis would have noticed: an unstable loop, or an end of the way.
+
+    Raises
+    ------
+    UnstableLoop, SimulationDiverged
+    """
     plant = drawn.model["plant"]
     if "controller" in plant:
         record = next(iter(drawn.records.values()))

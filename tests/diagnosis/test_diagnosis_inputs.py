@@ -19,7 +19,7 @@ from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import load_nominal
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.model.virtual_controller import prepared
-from fdbench.diagnosis.records.plausibility import check_alignment, check_record
+from fdbench.diagnosis.records.plausibility import check_record, clock_warnings
 from fdbench.diagnosis.records.runs import prepare, rate
 from fdbench.errors import FdbenchError, RecordError
 from fdbench.plants.feed_drive import FeedDrive, Following, LinearMotor, RotaryMotor
@@ -274,7 +274,7 @@ def test_a_late_force_without_command_is_warned_of() -> None:
     check_record(run, nominal.drive)
     replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
     as_nominal = replay.simulate(run, [start(nominal).variant])
-    warnings = check_alignment(run, {name: values[0] for name, values in as_nominal.items()})
+    warnings = clock_warnings(run, {name: values[0] for name, values in as_nominal.items()})
     assert "no column reference_position_m" in said
     (delay,) = [float(found) for text in warnings for found in re.findall(r"motor_force_N: ([\d.]+) samples", text)]
     assert delay == pytest.approx(12.0, abs=4.0)

@@ -25,7 +25,7 @@ from fdbench.diagnosis.model.nominal import Nominal, load_nominal
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.noise_model import white
-from fdbench.diagnosis.records.plausibility import check_alignment, check_record, delay_of
+from fdbench.diagnosis.records.plausibility import check_alignment, check_record, clock_warnings, delay_of
 from fdbench.diagnosis.records.runs import RecordedRun, prepare
 from fdbench.diagnosis.repaired import model_text, table_of, toml_lines, write_repaired
 from fdbench.effects import effects
@@ -553,7 +553,8 @@ def checked(nominal: Nominal, record: Record) -> list[str]:
     check_record(run, nominal.drive)
     replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
     on_paper = replay.simulate(run, [start(nominal).variant])
-    return check_alignment(run, {name: column[0] for name, column in on_paper.items()})
+    simulated = {name: column[0] for name, column in on_paper.items()}
+    return [*check_alignment(run, simulated), *clock_warnings(run, simulated)]
 
 
 def flawed(record: Record) -> Iterator[tuple[Record, str]]:

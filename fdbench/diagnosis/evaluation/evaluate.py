@@ -16,7 +16,7 @@ from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.model.virtual_controller import prepared
 from fdbench.diagnosis.records.noise_model import NoiseModel, noise_floor
-from fdbench.diagnosis.records.plausibility import check_alignment, check_record
+from fdbench.diagnosis.records.plausibility import check_alignment, check_record, clock_warnings
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import RECORDS
 from fdbench.errors import RecordError, SpecError
@@ -96,7 +96,7 @@ def _evaluated(models: Mapping[str, Nominal], records: Sequence[Record]) -> Eval
         closed = [predictions.closed_loop(replay, run) for run in bench.runs]
         said = [*bench.warnings, *_left_out(bench)]
         for run, own in zip(bench.runs, closed, strict=True):
-            said += check_alignment(run, own.predicted)
+            said += [*check_alignment(run, own.predicted), *clock_warnings(run, own.predicted)]
         warnings += [line if len(models) == 1 else f"{name}: {line}" for line in said]
         found["closed_loop", name] = closed
         found["inverse_dynamics", name] = [predictions.inverse_dynamics(drive, run, band_Hz) for run in bench.runs]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fdbench.diagnosis.evidence.sensor_artefacts import Artefact
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import RecordedRun, same_command
 from fdbench.record import FloatArray
@@ -24,10 +25,13 @@ class Baseline:
         One for each command, the mean of its repeats.
     residuals : sequence of mappings
         Channels of each, less those simulated, (n_samples,).
+    artefacts : sequence of Artefact
+        What its readings show by themselves.
     """
 
     runs: Sequence[RecordedRun]
     residuals: Sequence[Mapping[str, FloatArray]]
+    artefacts: Sequence[Artefact] = ()
 
     def of(self, run: RecordedRun) -> tuple[RecordedRun, Mapping[str, FloatArray]] | None:
         """Return the baseline of a run's command and its residuals, if there is one."""
@@ -39,7 +43,18 @@ class Baseline:
         known = self.of(run)
         if known is None:
             return run
-        return dataclasses.replace(run, channels={name: own - known[1][name] for name, own in run.channels.items()})
+        channels = {name: own - known[1][name] for name, own in run.channels.items()}
+        return dataclasses.replace(run, channels=channels, readings=run.readings or run.channels)
+
+    def covers(self, runs: Sequence[RecordedRun]) -> bool:
+        """Return whether the command of each run has a baseline."""
+        return all(self.of(run) is not None for run in runs)
+
+    def since(self, artefact: Artefact) -> Artefact:
+        """Return what readings show now, improbable as a cause where it was there before and is not surely larger."""
+        before = [item.high for item in self.artefacts if item.kind.declared is artefact.kind.declared]
+        was_there = artefact.low <= max(before, default=0.0)
+        return dataclasses.replace(artefact, probability=0.0) if was_there else artefact
 
     def noise(self, found: Mapping[str, NoiseModel], runs: Sequence[RecordedRun]) -> Mapping[str, NoiseModel]:
         r"""Return noise models that hold for corrected runs: the baseline's own noise is in all repeats alike.

@@ -85,7 +85,7 @@ def aligned(
         raise RecordError("no records: at least one is needed, better three repeats of several motions.")
     records, holdouts = nominal.on_the_arc(records), nominal.on_the_arc(holdouts)
     records, holdouts, copies = without_copies(records, holdouts)
-    nominal, raw_runs, warnings = prepared(nominal, [*records, *holdouts])
+    nominal, raw_runs, warnings = prepared(nominal, [*records, *holdouts], on_paper=baseline is None)
     warnings = [*copies, *warnings]
     drive = nominal.drive
     check_alike(raw_runs)
@@ -95,7 +95,9 @@ def aligned(
     longest = max(run.n_samples * run.period_s for run in raw_runs)
     force = max(rms(run.channels["motor_force_N"]) for run in raw_runs)
     period = raw_runs[0].period_s
-    covered = Covered(fastest_m_per_s=fastest, longest_s=longest, force_N=force, period_s=period)
+    covered = Covered(
+        fastest_m_per_s=fastest, longest_s=longest, force_N=force, period_s=period, before=baseline is not None
+    )
     nominal = nominal.beside(covered)
     # A model that follows the measured motion follows its errors, too.
     follows = isinstance(drive.controller, Following)
@@ -105,10 +107,11 @@ def aligned(
     replay, given = _replay(nominal), start(nominal)
     warnings += limits_of_forces([run.as_read() for run in raw_runs], drive)
     runs: list[RecordedRun] = []
-    counts, unsteady = [], []
+    counts, unsteady, fresh = [], [], []
     for run, as_nominal in zip(raw_runs, replay.on_each(raw_runs, given.variant), strict=True):
         warnings += check_alignment(run, as_nominal)
         mended, n_held = interpolated(run, as_nominal)
+        fresh.append(mended)
         if baseline is not None:
             mended = baseline.corrected(mended)
             if baseline.of(mended) is None:
@@ -132,12 +135,14 @@ def aligned(
     )
     if not fitted:
         fitted, judged = judged, []
-    runs, raw_runs = ([run for run, out in zip(own, left_out, strict=True) if not out] for own in (runs, raw_runs))
+    runs, raw_runs, fresh = (
+        [run for run, out in zip(own, left_out, strict=True) if not out] for own in (runs, raw_runs, fresh)
+    )
     counts = [count for count, out in zip(counts, left_out, strict=True) if not out]
     split, judged_on = split_runs(fitted, judged, noise_models(runs, nominal.way))
     if baseline is not None:
         split = dataclasses.replace(split, noise_models=baseline.noise(split.noise_models, split.runs))
-    held = held_artefact(raw_runs, runs, counts)
+    held = held_artefact(raw_runs, fresh, counts)
     artefacts = [] if held is None else [held]
     grid = grid_artefact([run.as_read() for run in runs], replay, nominal.scale.length)
     if grid is not None and mean_energy(grid, split.noise_models) > EVIDENCE.smallest_artefact:
@@ -147,6 +152,8 @@ def aligned(
         wave = interpolation_artefact(error, [run.as_read() for run in runs], replay, split.noise_models)
         split = dataclasses.replace(split, noise_models=raised(split.noise_models, wave.energy))
         artefacts.append(wave)
+    if baseline is not None:
+        artefacts = [baseline.since(artefact) for artefact in artefacts]
     return Aligned(
         nominal=nominal,
         runs=runs,

@@ -3,11 +3,14 @@
 import dataclasses
 import math
 
+from scipy.special import expit
+
 from fdbench.diagnosis.answer import VALUE, Cause, Quantity
 from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
 from fdbench.diagnosis.judge.reduction import channel_gaps
-from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.friction_parameters import FrictionSide, KnownAmplitude
+from fdbench.diagnosis.model.hypothesis import Hypothesis, penalty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.settings import JUDGE, MODEL, SEARCH
@@ -56,7 +59,9 @@ def deviating_parameters(
     closed, *left = gaps.mean(axis=1).tolist()
     moves: list[tuple[str, float, float, float, str]] = []
     furthest = 0.0
-    for places, without in zip(groups.values(), left, strict=True):
+    on_motor = _on_motor(final)
+    sides: dict[str, _OnMotor] = {}
+    for (group, places), without in zip(groups.items(), left, strict=True):
         sizes = [scale[place].size(final.nominal.drive) for place in places]
         change = sum(final.shifts[place] * size for place, size in zip(places, sizes, strict=True))
         name = scale[places[0]].cause(final.nominal)
@@ -65,6 +70,8 @@ def deviating_parameters(
         together = abs(change) / max(math.hypot(*sizes), 1e-30)
         distance = max(together, *own) if name else math.hypot(*own)
         furthest = max(furthest, distance if name else max(own))
+        if group in on_motor:
+            sides[name] = on_motor[group]
         moves.append((name, change, distance, without, scale[places[0]].unit))
     total = max(sum(max(without - closed, 0.0) for _, _, _, without, _ in moves), 1e-12)
     present = {item.name for item in final.effects}
@@ -81,16 +88,59 @@ def deviating_parameters(
             # In a quiet record a gain that is a little off closes much, and is no wonder.
             nameless = max(nameless, models.value.probability(features) if distance > MODEL.far_fetched else 0.0)
             continue
+        if any(name in cause.alternatives or name == cause.effect for cause in found):
+            continue  # a side of a friction of which it was said on which side it is more
         share = recalibrated * (without - closed) / total
+        chances = {name: models.value.probability(features, [name])}
+        if name in sides:
+            side = sides[name]
+            chances = {side.name: side.odds * chances[name], name: (1.0 - side.odds) * chances[name]}
+            if side.odds > 0.5:
+                name, change = side.name, side.change
         all_features[name] = features
         found.append(
             Cause(
                 effect=name,
                 kind=VALUE,
-                probability=models.value.probability(features, [name]),
+                probability=chances.pop(name),
                 share=share,
                 unique_share=share,
                 parameters={"change": Quantity(value=change, ci95=None, unit=spoken_unit(unit))},
+                alternatives=chances,
             )
         )
     return Deviating(causes=found, features=all_features, furthest=furthest, nameless=nameless)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _OnMotor:
+    """Friction of the motor: the effect's name, how probable it is as what is off, and its force in N."""
+
+    name: str
+    odds: float
+    change: float
+
+
+def _on_motor(final: Hypothesis) -> dict[str, _OnMotor]:
+    r"""Return for each known friction whether what it is off by acts on the motor, by the name of its group.
+
+    .. math:: \frac{p(M)}{p(T)} = \frac{t(s_F) / (\sigma_F F_0)}{t(s_p) / (\sigma_p F)}
+
+    M: friction of the motor came on top, and that of the table F (1 - p) is within its doubt, s_F standard deviations
+    from the F_0 that is known. T: the known friction has another size F, and its part p of the motor is within its
+    doubt. t is the prior of Student.
+    """
+    drive, scale = final.nominal.drive, nominal_parameters(final.nominal)
+    shift_of = dict(zip((item.name for item in scale), final.shifts, strict=True))
+    found = {}
+    for item in scale:
+        if isinstance(item, FrictionSide):
+            (size,) = (other for other in scale if isinstance(other, KnownAmplitude) and other.index == item.index)
+            part, growth = item.part(shift_of[item.name]), 1.0 + shift_of[size.name] * size.deviation
+            table = ((1.0 - part) * growth - 1.0) / size.deviation
+            log_motor = -0.5 * penalty(table) - math.log(size.deviation)
+            log_table = -0.5 * penalty(part / item.deviation) - math.log(item.deviation * growth)
+            change = part * growth * size.size(drive) / size.deviation
+            odds = float(expit(log_motor - log_table))
+            found[size.group] = _OnMotor(name=item.effect.name, odds=odds, change=change)
+    return found

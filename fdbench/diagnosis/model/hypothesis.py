@@ -79,7 +79,7 @@ class Hypothesis:
 
     def prior_penalty(self) -> float:
         r"""Return :math:`\sum_i (\nu + 1) \ln(1 + s_i^2 / \nu)`, minus twice the log prior of Student's t."""
-        return float(sum(map(_penalty, self.shifts)))
+        return float(sum(map(penalty, self.shifts)))
 
     def named_penalty(self) -> float:
         r"""Return `prior_penalty`, where what a value is off by may also be a cause of its own, for which it is named.
@@ -91,9 +91,9 @@ class Hypothesis:
         most, others, of_causes = 2.0 * math.log(max(len(self.nominal.library), 1)), 0.0, dict[str, float]()
         for item, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True):
             if item.cause(self.nominal):
-                of_causes[item.group] = of_causes.get(item.group, 0.0) + _penalty(shift)
+                of_causes[item.group] = of_causes.get(item.group, 0.0) + penalty(shift)
             else:
-                others += _penalty(shift)
+                others += penalty(shift)
         return others + sum(min(own, most) for own in of_causes.values())
 
     def priors(self, weight: float) -> list[tuple[float, float]]:
@@ -115,7 +115,18 @@ class Hypothesis:
         stated = (
             shift for item, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True) if item.stated
         )
-        return sum(max(0.0, _penalty(shift) - _penalty(MODEL.far_fetched)) for shift in stated)
+        return sum(max(0.0, penalty(shift) - penalty(MODEL.far_fetched)) for shift in stated)
+
+    @functools.cached_property
+    def implausible(self) -> float:
+        """What of `far_fetched` speaks against it: where the machine was well before, a changed value is a cause."""
+        if not self.nominal.covered.before:
+            return self.far_fetched
+        scale = nominal_parameters(self.nominal)
+        return dataclasses.replace(
+            self,
+            shifts=tuple(0.0 if item.cause(self.nominal) else x for item, x in zip(scale, self.shifts, strict=True)),
+        ).far_fetched
 
     @property
     def strain(self) -> float:
@@ -129,7 +140,7 @@ class Hypothesis:
             for item, shift in zip(scale, self.shifts, strict=True)
             if not (item.stated and item.cause(self.nominal))
         )
-        return sum(map(_penalty, own))
+        return sum(map(penalty, own))
 
     def on_one_side(self) -> "list[Hypothesis]":
         """Return it with a far-fetched change on both sides of a screw put on either side alone, if there is one.
@@ -219,6 +230,6 @@ def adjustables(effect: Effect, longest_s: float = math.inf) -> list[Adjustable]
     return found
 
 
-def _penalty(shift: float) -> float:
+def penalty(shift: float) -> float:
     """Return minus twice the log prior of a nominal parameter that moved by so many standard deviations."""
     return (MODEL.freedom + 1.0) * math.log1p(shift**2 / MODEL.freedom)

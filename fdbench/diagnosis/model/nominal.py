@@ -79,7 +79,8 @@ class Uncertainty:
 class Covered:
     """What records cover: fastest speed, longest time, greatest mean force, sampling time; 0 where not known yet.
 
-    ``seen`` names effects that readings show by themselves, which are not searched for.
+    ``seen`` names effects that readings show by themselves, which are not searched for. ``before`` says that the model
+    was calibrated on the same machine, so that a value far from it has changed.
     """
 
     fastest_m_per_s: float = nonnegative(default=0.0)
@@ -87,6 +88,7 @@ class Covered:
     force_N: float = nonnegative(default=0.0)
     period_s: float = nonnegative(default=0.0)
     seen: tuple[str, ...] = ()
+    before: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -203,10 +203,21 @@ def check_alignment(run: RecordedRun, simulated: Mapping[str, FloatArray]) -> li
         if not 1.0 / PLAUSIBLE.useless_gain < ratio < PLAUSIBLE.useless_gain:
             raise RecordError(text)
         warnings.append(f"{text} If not, nominal mass and friction are far off.")
-    return warnings + _clock_warnings(run, delays)
+    return warnings
 
 
-def _clock_warnings(run: RecordedRun, delays: Mapping[str, float]) -> list[str]:
+def clock_warnings(run: RecordedRun, simulated: Mapping[str, FloatArray]) -> list[str]:
+    """Return warnings of channels that come after or before a simulation throughout.
+
+    Parameters
+    ----------
+    run : RecordedRun
+    simulated : mapping of str to (n_samples,) array
+        Channels of the same command; of the re-calibrated model, as too much friction delays a loop as well.
+    """
+    if float(np.ptp(run.reference[:, 0])) == 0.0:
+        return []
+    delays = {name: delay_of(run, simulated, name) for name in (FORCE, POSITION)}
     late = {name: delay for name, delay in delays.items() if abs(delay) > 1.0}
     if len(late) == 2 and abs(late[FORCE] - late[POSITION]) <= 1.0 + PLAUSIBLE.common_delay * abs(late[POSITION]):
         late = {f"{FORCE} and {POSITION} together": late[POSITION]}

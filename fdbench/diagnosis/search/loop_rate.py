@@ -37,10 +37,10 @@ class Calibrated:
     cost: float
 
     @classmethod
-    def of(cls, ready: Aligned) -> "Calibrated":
-        """Re-calibrate the nominal parameters of a model."""
+    def of(cls, ready: Aligned, *, narrow: bool = False) -> "Calibrated":
+        """Re-calibrate the nominal parameters of a model; ``narrow`` says that they are known to a few per cent."""
         refinement, given = _refinement(ready)
-        found = refinement.calibrate(given)
+        found = refinement.calibrate(given, narrow=narrow)
         evidence = gather(refinement.readings, ready.split, found, ())
         misfit, cost = _judged(evidence, float(evidence.squares(held_out=False)[0]), found)
         return cls(ready=ready, refinement=refinement, hypothesis=found, misfit=misfit, cost=cost)

@@ -80,15 +80,19 @@ class Refinement:
         self.readings, self.split = readings, split
         self._fitted_readings, self._fitted_split = fitted_part(readings, split)
 
-    def calibrate(self, given: Hypothesis) -> Hypothesis:
+    def calibrate(self, given: Hypothesis, *, narrow: bool = False) -> Hypothesis:
         """Fit the nominal parameters: first those that a data sheet has, then the form of friction beside them.
 
         A form that moves from the start can stand in for a friction that is not yet of the right size. What moved far
-        on one side of a screw is tried on the other.
+        on one side of a screw is tried on the other. From a ``narrow`` prior, which has a second valley far off where a
+        value has changed, no step leads there: what records say with hardly any prior is a start, too.
         """
         form = [item.name for item in nominal_parameters(given.nominal) if isinstance(item, FrictionForm)]
         found = self.refine(self.refine(given, fixed=form)) if form else self.refine(given)
         others = [self.refine(item) for item in found.on_one_side()]
+        if narrow:
+            far = self.refine(given, fixed=form, tempered=False)
+            others += [self.refine(item) for item in (far, *far.on_one_side())]
         return self.better(found, [found, *others]) if others else found
 
     def refine(self, given: Hypothesis, fixed: Collection[str] = (), *, tempered: bool = True) -> Hypothesis:

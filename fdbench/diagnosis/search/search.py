@@ -82,15 +82,17 @@ class Search:
         screened = self._screen(base, rescaled)
         sized = self._best_of_class(base, rescaled, screened.fits)
         order = sorted(sized, key=lambda kind: _cost(base, sized[kind][1].misfit, sized[kind][1]))
+        # A shape that is not fitted yet can be right on what is fitted, and wrong on what is held out.
+        fitted_cost = _cost(base, screened.alone.train, screened.alone)
+        falls = {kind: fitted_cost - _cost(base, fit.train, fit) for kind, (_, fit) in sized.items()}
         without = _equivalent(base, screened.alone)
         gains = {kind: without - _equivalent(base, fit) for kind, (_, fit) in sized.items()}
-        most = max(gains.values(), default=0.0)
+        worthwhile = foremost(gains) | foremost(falls)
         hypotheses = []
-        for place, kind in enumerate(order):
+        for kind in order:
             candidate, fit = sized[kind]
             hypothesis = base.with_effect(candidate.members[0], candidate.replaces).moved(fit.coefficients)
-            first = place < SEARCH.refined or gains[kind] == most
-            serious = first and gains[kind] >= SEARCH.serious * most > 0.0
+            serious = kind in worthwhile
             if serious:
                 self.progress(f"refining {kind.name}")
                 begun = [self.refined_anew(start, base) for start in self._starts(base, hypothesis, candidate)]
@@ -237,12 +239,13 @@ class Search:
         return [hypothesis, self.refinement.better(base, smaller)]
 
     def refined_anew(self, hypothesis: Hypothesis, base: Hypothesis) -> Hypothesis:
-        """Return the better of two refinements: from here, and where the base is far-fetched, from nominal parameters.
+        """Return the better of two refinements: from here, and where the base may stand in, from nominal parameters.
 
-        Nominal parameters that stand in for an effect that is not there yet are far off, and stay there beside it.
+        Nominal parameters that stand in for an effect that is not there yet are far off, and stay there beside it; so
+        does a free form of friction beside an effect that is friction over velocity.
         """
         found = self.refinement.refine(hypothesis)
-        if base.far_fetched == 0.0:
+        if base.far_fetched == 0.0 and hypothesis.effects[-1].type_of() != "friction_over_velocity":
             return found
         anew = self.refinement.refine(dataclasses.replace(hypothesis, shifts=(0.0,) * len(hypothesis.shifts)))
         return self.refinement.better(base, [found, anew])
@@ -256,6 +259,13 @@ class _Screened:
     fits: list[Fit]
     gap: float
     sizes: list[float]
+
+
+def foremost(gains: Mapping[type[Effect], float]) -> set[type[Effect]]:
+    """Return the classes that gain most, as far as they gain a share of the most."""
+    most = max(gains.values(), default=0.0)
+    first = sorted(gains, key=lambda kind: -gains[kind])[: SEARCH.refined]
+    return {kind for kind in first if gains[kind] >= SEARCH.serious * most > 0.0}
 
 
 def _not_oversized(every: Sequence[Candidate], sizes: Sequence[float], gap: float) -> list[Candidate]:

@@ -162,6 +162,6 @@ def equivalent_misfit(misfit: float, hypothesis: Hypothesis, effective: float) -
 
     .. math:: M e^{p / n}
 
-    with p of `Hypothesis.far_fetched`: up to there values are what data sheets may be wrong by.
+    with p of `Hypothesis.implausible`: up to there values are what data sheets may be wrong by.
     """
-    return misfit * math.exp(hypothesis.far_fetched / effective)
+    return misfit * math.exp(hypothesis.implausible / effective)

@@ -20,14 +20,14 @@ from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.search.refinement import Refinement
 from fdbench.diagnosis.search.search import Search
+from fdbench.diagnosis.settings import JUDGE
 
 PERIOD_S = 1e-3
 NOMINAL = Nominal(plant=drive(), simulation=Simulation(substeps=10))
 
 
-def deviating(motor: float, table: float) -> Deviating:
-    """Return what is said of a machine whose masses are off by so many standard deviations, all of which was found."""
-    moved = {"motor_mass": motor, "table_mass": table}
+def deviating(**moved: float) -> Deviating:
+    """Return what is said of a machine whose values are off by so many standard deviations, all of which was found."""
     found = start(NOMINAL).moved([moved.get(item.name, 0.0) for item in nominal_parameters(NOMINAL)])
     noise_models = {"motor_force_N": white(0.1, measured=True), "position_m": white(1e-8, measured=True)}
     reference = moves((0.0, 0.06, 0.01), (0.08,), 2.0, PERIOD_S)
@@ -44,7 +44,7 @@ def deviating(motor: float, table: float) -> Deviating:
 
 def test_a_load_on_the_table_is_not_measured_by_the_motor() -> None:
     """Seven deviations of the table's mass are fewer of both masses together, of which the motor's is known."""
-    found = deviating(-0.5, 7.0)
+    found = deviating(motor_mass=-0.5, table_mass=7.0)
     assert found.furthest == pytest.approx(7.0)
     assert found.features["inertia_mismatch"]["distance"] == pytest.approx(math.log(7.0))
     (cause,) = found.causes
@@ -58,4 +58,22 @@ def test_a_mass_on_both_sides_is_further_off_than_on_either() -> None:
     sizes = [item.size(NOMINAL.drive) for item in nominal_parameters(NOMINAL) if item.kind == "mass"]
     together = 4.0 * sum(sizes) / math.hypot(*sizes)
     assert 4.0 < together < 4.0 * math.sqrt(2.0) + 1e-9
-    assert deviating(4.0, 4.0).furthest == pytest.approx(together)
+    assert deviating(motor_mass=4.0, table_mass=4.0).furthest == pytest.approx(together)
+
+
+def test_friction_that_came_on_top_is_told_by_its_side() -> None:
+    """Where the table has the friction that is known of it, the rest is the motor's; else the known one is wrong."""
+    (size,) = (item for item in nominal_parameters(NOMINAL) if item.name == "known_coulomb_friction")
+    (side,) = (item for item in nominal_parameters(NOMINAL) if item.name == "friction_side")
+    growth = 1.0 + 20.0 * size.deviation
+    (on_top,) = deviating(known_coulomb_friction=20.0, friction_side=(1.0 - 1.0 / growth) / side.deviation).causes
+    assert on_top.effect == "motor_coulomb_friction"
+    assert on_top.parameters["change"].value == pytest.approx(20.0 * size.size(NOMINAL.drive))
+    assert (1.0 - 1.0 / growth) / side.deviation > JUDGE.beyond_doubt
+    (grown,) = deviating(known_coulomb_friction=20.0, friction_side=0.0).causes
+    assert grown.effect == "coulomb_friction"
+    for cause, other in ((on_top, "coulomb_friction"), (grown, "motor_coulomb_friction")):
+        assert cause.probability > 5.0 * cause.alternatives[other] > 0.0
+    assert sum([on_top.probability, *on_top.alternatives.values()]) == pytest.approx(
+        sum([grown.probability, *grown.alternatives.values()]), rel=0.05
+    )

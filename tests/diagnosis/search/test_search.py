@@ -21,7 +21,7 @@ from fdbench.diagnosis.model.replay import Replay, Replayed
 from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.search.refinement import Refinement, Tangent
-from fdbench.diagnosis.search.search import Search
+from fdbench.diagnosis.search.search import Search, foremost
 from fdbench.diagnosis.search.stage import Rival, Stage
 from fdbench.diagnosis.settings import MODEL, SEARCH, changed
 from fdbench.effects import Effect, effects
@@ -113,6 +113,28 @@ def test_beside_a_far_fetched_base_an_effect_is_also_fitted_from_the_nominal_val
     assert found.prior_penalty() <= own.refinement.refine(tried).prior_penalty()
     assert found.prior_penalty() < 5.0
     assert found.effects[0].values()[0] == pytest.approx(true.values()[0], rel=0.2)
+
+
+def test_friction_over_velocity_is_also_fitted_without_a_free_form_of_friction() -> None:
+    """A form of friction at its limit stands in for Stribeck friction, and stays there where a fit begins beside it."""
+    true = effects.get("stribeck_friction").typical(stribeck_force_N=60.0)
+    own = search(true)
+    base = own.refinement.calibrate(start(NOMINAL))
+    assert base.far_fetched == 0.0
+    tried = base.with_effect(true.scaled(0.1))
+    found, beside_the_form = own.refined_anew(tried, base), own.refinement.refine(tried)
+    assert own.refinement.better(base, [found, beside_the_form]) is found
+    assert found.effects[0].values()[0] == pytest.approx(60.0, rel=0.2)
+    assert beside_the_form.effects[0].values()[0] < 0.8 * found.effects[0].values()[0]
+
+
+def test_what_is_right_on_what_is_fitted_is_refined_too() -> None:
+    """A drag of another shape is best on what is held out, Stribeck friction of a wrong velocity on what is fitted."""
+    kinds = [effects.get(name) for name in ("quadratic_drag", "stribeck_friction", "cogging", "backlash", "dead_time")]
+    gains = dict(zip(kinds, (10.0, -1.0, 3.0, 2.5, 2.4), strict=True))
+    assert foremost(gains) == set(kinds[:1]) | {kinds[2], kinds[3]}
+    assert foremost(dict(zip(kinds, (4.0, 20.0, 0.0, 0.0, 3.9), strict=True))) == {kinds[0], kinds[1]}
+    assert foremost(dict.fromkeys(kinds, -1.0)) == foremost({}) == set()
 
 
 def test_a_load_on_the_table_is_not_left_on_the_motor() -> None:

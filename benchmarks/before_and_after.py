@@ -1,0 +1,204 @@
+"""What has changed since: axes of foreign kinds, recorded before one effect was there and after, diagnosed with both.
+
+Kinds, data sheets, motions, traces of other effects and the sizes of what is planted are those of tier F. Each axis is
+recorded as it was, and again with one effect of the library or, in a third of the axes, with nothing: fresh noise, and
+friction that differs from run to run. The records after are diagnosed beside those before, and alone.
+
+Every axis is a line of a file, so that a run that was stopped goes on where it ended.
+"""
+
+import argparse
+import json
+import tempfile
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from time import process_time
+from typing import Any, NamedTuple
+
+import numpy as np
+from diagnosis_recall import finished
+from threadpoolctl import threadpool_limits
+
+from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.errors import FdbenchError, SimulationDiverged, UnstableLoop
+from fdbench.nonce import check_nonce, new_nonce
+from fdbench.record import FloatArray, Record
+from fdbench.trials import seal
+from fdbench.trials.answer import FAILED, OK, read_case
+from fdbench.trials.make import MOST_ATTEMPTS, check_usable, listed_effects, write_case
+from fdbench.trials.score import NAMED, per_effect, per_kind, sheet, table_of, text
+from fdbench.virtual_axes.cases import Case, Tier, described, inject
+from fdbench.virtual_axes.foreign import loops
+from fdbench.virtual_axes.foreign.bench import HELD_OUT, ForeignAxis, ForeignBench, record_of
+from fdbench.virtual_axes.foreign.kinds import FORMS, kinds, model_of, space_of
+from fdbench.virtual_axes.foreign.motions import RECIPES
+
+ONE_IN = 3  # axes on which nothing is planted
+BESIDE, ALONE = "beside the records before", "alone"
+
+
+class Machine(NamedTuple):
+    """An axis before and after; what is held out of the records after is so of those before."""
+
+    before: Case
+    after: Case
+
+
+# ---- one axis ----
+
+
+def draw(number: int, rng: np.random.Generator) -> Machine:
+    """Draw an axis as tier F does, and record it with and without what is planted; the kinds take turns."""
+    kind = kinds()[number % len(kinds())]
+    is_planted = (number + number // len(kinds())) % ONE_IN > 0
+    bench = ForeignBench(kind, Tier.F, rng)
+    space = space_of(kind, bench.value)
+
+    def command(name: str) -> FloatArray:
+        return loops.as_used(FORMS[kind.form], RECIPES[name](space, rng), kind.period_s)
+
+    commands = {name: command(name) for name in kind.motions}
+    other = {"other": command("other")} if rng.random() < HELD_OUT else {}
+    sides = ("motor_position_m", "table_position_m")
+    seen = sides if kind.columns == "both_positions" else sides[-1:] if kind.feedback == "table" else sides[:1]
+    planted, sizes = inject(bench, (int(is_planted), 0), listed_effects(), list(commands.values()), seen, rng)
+    repeats = int(rng.integers(1, 4))
+    truth = {"kind": kind.name, "repeats": repeats, **described(planted, sizes, bench.names(listed=True))}
+
+    def recorded(axis: ForeignAxis) -> Case:
+        return Case(
+            model=model_of(kind, bench.value),
+            records={
+                f"{name}_{repeat + 1}": record_of(axis, name, reference, seen, rng)
+                for name, reference in commands.items()
+                for repeat in range(repeats)
+            },
+            holdouts={name: record_of(axis, name, reference, seen, rng) for name, reference in other.items()},
+            truth=truth,
+            file_format=kind.file_format,
+        )
+
+    return Machine(recorded(bench.axis({})), recorded(bench.axis(planted)))
+
+
+def usable(nonce: str, number: int) -> Machine:
+    """Return an axis that its owner would run, before and after; another is drawn anew, as for a trial."""
+    for attempt in range(MOST_ATTEMPTS):
+        try:
+            drawn = draw(number, seal.generator(nonce, f"axis {number} before and after, attempt {attempt}"))
+            for case in drawn:
+                check_usable(case)
+        except (SimulationDiverged, UnstableLoop) as error:
+            message = str(error)
+        else:
+            return drawn
+    raise SimulationDiverged(f"axis {number}: {MOST_ATTEMPTS} draws, none of them usable; the last: {message}")
+
+
+def run(nonce: str, number: int) -> dict[str, Any]:
+    """Return the line of an axis: what is planted, and what is said with and without the records before."""
+    drawn = usable(nonce, number)
+    with tempfile.TemporaryDirectory() as folder:
+        places = Path(folder) / "before", Path(folder) / "after"
+        (_, *before), (nominal, records, holdouts) = (
+            read_case(place, write_case(place, case)) for place, case in zip(places, drawn, strict=True)
+        )
+    healthy = [record for part in before for record in part]
+    said = {BESIDE: answered(nominal, records, holdouts, healthy), ALONE: answered(nominal, records, holdouts, [])}
+    return {"key": f"{nonce}:{number}", "truth": drawn.after.truth, "said": said}
+
+
+def answered(
+    nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record], before: Sequence[Record]
+) -> dict[str, Any]:
+    """Return an answer in the form of a trial's, and how many records have no other of their command before."""
+    start = process_time()
+    none = {"status": FAILED, "effects": {}, "unknown": 0.0, "none": 0.0, "closure": None, "without_baseline": 0}
+    try:
+        with threadpool_limits(1):
+            answer = diagnose(nominal, records, holdouts, baseline=before).answer
+    except FdbenchError as error:
+        return {**none, "seconds": process_time() - start, "message": str(error)}
+    return {
+        "status": OK,
+        "effects": answer.chances(),
+        "unknown": answer.unknown_probability,
+        "none": answer.no_gap_probability,
+        "closure": answer.shrinkage.explained_fraction,
+        "seconds": process_time() - start,
+        "without_baseline": sum("no baseline record" in warning for warning in answer.warnings),
+    }
+
+
+# ---- what is printed ----
+
+
+def print_scores(lines: Sequence[Mapping[str, Any]], way: str) -> None:
+    """Print the score sheet of one way to ask, and the axes on which the planted effect is not the most probable."""
+    listed = listed_effects()
+    names = [line["key"].rsplit(":", 1)[1] for line in lines]
+    said = [line["said"][way] for line in lines]
+    cases = [{**item, "effects": {name: item["effects"].get(name, 0.0) for name in listed}} for item in said]
+    manifest = {"effects": listed, "cases": dict.fromkeys(names)}
+    opened = {"cases": {name: {"truth": line["truth"]} for name, line in zip(names, lines, strict=True)}}
+    table = table_of(manifest, opened, {"cases": dict(zip(names, cases, strict=True))}, Path(way))
+    scores = {
+        "diagnoser": way,
+        "constant_reference": False,
+        "tier": Tier.F.value,
+        "cases": len(lines),
+        "failed": sum(item["status"] == FAILED for item in said),
+        "seconds_per_case": float(np.median([item["seconds"] for item in said])),
+        "quantities": sheet(table),
+        "effects": per_effect(table),
+        "unlisted": [],
+        "kinds": per_kind(table, manifest, opened),
+    }
+    print(f"\n{text(scores)}\n")
+    for line in lines:
+        print_miss(line, way)
+
+
+def print_miss(line: Mapping[str, Any], way: str) -> None:
+    """Print an axis on which what is planted is not the most probable, or something is named where nothing is."""
+    truth, said = line["truth"], line["said"][way]
+    planted = {item["name"]: item["mean_square"] for item in truth["listed"]}
+    order = sorted(said["effects"], key=said["effects"].__getitem__, reverse=True)
+    first = order[0] if order and said["effects"][order[0]] > (0.0 if planted else NAMED) else ""
+    if first in planted or not (first or planted):
+        return
+    there = ", ".join(f"{name} (visible {size:.3g})" for name, size in planted.items()) or "nothing"
+    given = ", ".join(f"{name} {said['effects'][name]:.2f}" for name in order[:3] if said["effects"][name] > 0.0)
+    rest = f"unknown {said['unknown']:.2f}, none {said['none']:.2f}"
+    number = line["key"].rsplit(":", 1)[1]
+    print(f"- axis {number}, {truth['kind']}, {truth['repeats']} repeats: {there}; said: {given or '-'}; {rest}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--axes", type=int, default=108, help="12 kinds take turns")
+    parser.add_argument("--nonce", help="hexadecimal digits from which all is drawn; without, a new secret")
+    parser.add_argument("--out", type=Path, default=Path("before_and_after.jsonl"), help="file of the lines")
+    given = parser.parse_args()
+    nonce = new_nonce() if given.nonce is None else check_nonce(given.nonce)
+    print(f"nonce {nonce}, SHA-256 of the code {seal.code_digest()[:12]}", flush=True)
+    done = finished(given.out)
+    with given.out.open("a", encoding="utf-8") as file:
+        for number in range(given.axes):
+            if f"{nonce}:{number}" not in done:
+                line = run(nonce, number)
+                done[line["key"]] = line
+                file.write(json.dumps(line) + "\n")
+                file.flush()
+    lines = [done[f"{nonce}:{number}"] for number in range(given.axes)]
+    for way in (BESIDE, ALONE):
+        print_scores(lines, way)
+    apart = Counter(line["truth"]["kind"] for line in lines if line["said"][BESIDE]["without_baseline"])
+    words = ", ".join(f"{kind} ({count})" for kind, count in apart.items()) or "none"
+    print(f"\naxes with records whose motion before was another, so that nothing cancels: {words}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,85 @@
+"""Beside records of before, causes are of what has changed since: all of that, however large, and nothing else."""
+
+import dataclasses
+
+import pytest
+from axis_lab import as_built, drive, protocol, record
+
+from fdbench.diagnosis.answer import Answer
+from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.evidence.baseline import Baseline
+from fdbench.diagnosis.evidence.sensor_artefacts import Artefact
+from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.model.virtual_controller import prepared
+from fdbench.effects import Effect, effects
+from fdbench.errors import UnstableLoop
+from fdbench.plants._controllers import Cascade
+from fdbench.plants.feed_drive import FeedDrive
+from fdbench.record import Record
+
+WAVE = effects.get("encoder_interpolation_error").typical()
+
+
+def records(axis: FeedDrive, *extra: Effect, seed: int, factor: float = 1.0) -> list[Record]:
+    return [
+        record(axis, extra, motion, duration, seed + repeat)
+        for motion, duration in protocol(factor).values()
+        for repeat in range(2)
+    ]
+
+
+def answer_to(before: list[Record], now: list[Record]) -> Answer:
+    return diagnose(Nominal(plant=drive(), simulation=Simulation(substeps=10)), now, baseline=before).answer
+
+
+def named(answer: Answer) -> list[str]:
+    return [cause.effect for cause in answer.causes if cause.probability > 0.5]
+
+
+def test_a_load_of_a_hundred_deviations_is_named() -> None:
+    axis = as_built(1)
+    assert axis.table is not None
+    loaded = dataclasses.replace(axis, table=dataclasses.replace(axis.table, mass_kg=axis.table.mass_kg + 40.0))
+    answer = answer_to(records(axis, seed=100), records(loaded, seed=200))
+    assert named(answer) == ["inertia_mismatch"]
+    assert answer.causes[0].parameters["change"].value == pytest.approx(40.0, rel=0.05)
+
+
+def test_where_nothing_has_changed_nothing_is_named() -> None:
+    axis = as_built(2)
+    assert named(answer_to(records(axis, WAVE, seed=100), records(axis, WAVE, seed=200))) == []
+
+
+def test_an_error_of_the_encoder_that_is_new_is_named() -> None:
+    axis = as_built(2)
+    assert named(answer_to(records(axis, seed=100), records(axis, WAVE, seed=200))) == [WAVE.name]
+
+
+def test_motions_that_were_not_recorded_before_are_said() -> None:
+    axis = as_built(3)
+    answer = answer_to(records(axis, seed=100), records(axis, seed=200, factor=1.3))
+    assert named(answer) == []
+    assert sum("no baseline record has its command" in warning for warning in answer.warnings) == 4
+
+
+@pytest.mark.parametrize(("low", "probability"), [(1.9e-8, 0.0), (2.1e-8, 0.8)])
+def test_what_readings_showed_before_is_a_cause_only_where_it_grew(low: float, probability: float) -> None:
+    before = artefact(1e-8, 2e-8)
+    now = dataclasses.replace(artefact(low, 3e-8), probability=0.8)
+    assert Baseline(runs=(), residuals=(), artefacts=[before]).since(now).probability == probability
+    assert Baseline(runs=(), residuals=()).since(now).probability == 0.8
+
+
+def artefact(low: float, high: float) -> Artefact:
+    return Artefact(kind=type(WAVE), probability=0.1, value=0.5 * (low + high), low=low, high=high, energy={})
+
+
+def test_a_loop_that_records_are_fitted_by_may_be_at_the_edge_of_its_stability() -> None:
+    stable = drive()
+    assert isinstance(stable.controller, Cascade)
+    loud = dataclasses.replace(stable.controller, velocity_gain_N_s_per_m=1e6)
+    nominal = Nominal(plant=dataclasses.replace(stable, controller=loud), simulation=Simulation(substeps=10))
+    given = records(as_built(1), seed=100)
+    with pytest.raises(UnstableLoop):
+        prepared(nominal, given)
+    assert prepared(nominal, given, on_paper=False)[0] == nominal
