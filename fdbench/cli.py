@@ -129,6 +129,3 @@ def main() -> None:
     with threadpool_limits(1, user_api="blas"):
         app(prog_name="fdbench")
 
-
-if __name__ == "__main__":
-    main()

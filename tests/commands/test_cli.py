@@ -28,7 +28,7 @@ from fdbench.reading import read_record
 from fdbench.report.written import write_changed
 from fdbench.scenario import load_scenario
 
-PROGRAM = [sys.executable, "-m", "fdbench.cli"]
+PROGRAM = [sys.executable, "-m", "fdbench"]
 RUN = ["run", "--scenario", "ShakerConstant-v1", "--seeds", "1", "--jobs", "1"]
 MODEL = str(scenario_folder() / "BallScrewAxis-v0.toml")
 

@@ -262,7 +262,7 @@ def started(tmp_path: Path, jobs: int) -> tuple["subprocess.Popen[bytes]", set[i
     scenario = short_scenario(tmp_path, "Short-v0")
     arguments = ["run", "--scenario", scenario, "--estimator", str(file), "--seeds", "1", "--jobs", str(jobs)]
     main = subprocess.Popen(
-        [sys.executable, "-m", "fdbench.cli", *arguments, "--out", str(tmp_path / "out")],
+        [sys.executable, "-m", "fdbench", *arguments, "--out", str(tmp_path / "out")],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         # A suite that runs in the background of a shell ignores interrupts, and so would its children.
