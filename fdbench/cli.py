@@ -128,4 +128,3 @@ def main() -> None:
     # Threads of the linear algebra only get in each other's way on small matrices.
     with threadpool_limits(1, user_api="blas"):
         app(prog_name="fdbench")
-

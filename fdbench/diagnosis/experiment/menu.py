@@ -8,7 +8,7 @@ import numpy as np
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import Trajectory, from_position, moves, multisine
 from fdbench.diagnosis.model.nominal import Nominal
-from fdbench.diagnosis.settings import EXPERIMENT
+from fdbench.diagnosis.settings import EXPERIMENT, MODEL
 from fdbench.plants.feed_drive import FeedDrive, Following
 from fdbench.record import FloatArray
 from fdbench.wording import si_text
@@ -51,6 +51,8 @@ class Limits:
 def menu(limits: Limits, period_s: float, scale: float = 1.0) -> list[Trajectory]:
     """Return the motions that may be proposed: constant speeds, reversals, multisines, strokes and small sines.
 
+    None has a frequency that the samples would not show.
+
     One has strokes and multisines of all frequencies, for what nobody thinks of. Ways are ``scale`` times as long as
     those of a usual axis; see `fdbench.diagnosis.model.nominal.Nominal.scale`.
     """
@@ -76,17 +78,22 @@ def menu(limits: Limits, period_s: float, scale: float = 1.0) -> list[Trajectory
         reference = moves(stops, (speed,), gentle, period_s)
         add("nested reversals", f"within {si_text(stroke, 'm')} at {si_text(speed, 'm/s')}", reference)
 
-    def wave(band_Hz: tuple[float, float], part: float) -> tuple[str, FloatArray]:
+    highest_Hz = MODEL.highest_of_nyquist * 0.5 / period_s
+
+    def wave(low_Hz: float, high_Hz: float, part: float) -> tuple[str, FloatArray]:
+        seen_Hz = min(high_Hz, highest_Hz)
+        band_Hz = min(low_Hz, 0.5 * seen_Hz), seen_Hz
         _, speed, acceleration = multisine(0.0, 1.0, band_Hz, 5.0, period_s).std(axis=0)
         rms = min(part * fastest / speed, part * hardest / acceleration, 0.2 * length)
         words = f"{band_Hz[0]:g} to {band_Hz[1]:g} Hz, {si_text(rms, 'm')} rms"
         return words, multisine(middle, rms, band_Hz, 5.0, period_s)
 
-    for band_Hz, part in (((0.5, 10.0), 0.3), ((1.0, 60.0), 0.1), ((1.0, 60.0), 0.3), ((10.0, 150.0), 0.1)):
-        add("multisine", *wave(band_Hz, part))
+    for low_Hz, high_Hz, part in ((0.5, 10.0, 0.3), (1.0, 60.0, 0.1), (1.0, 60.0, 0.3), (10.0, 150.0, 0.1)):
+        if low_Hz < 0.5 * highest_Hz:
+            add("multisine", *wave(low_Hz, high_Hz, part))
     stops = [x + length * share for share in (0.0, 0.6, 0.1, 0.4, 0.0, 0.5)]
     strokes = moves(stops, (fastest,), 0.8 * hardest, period_s)
-    (slow, slowly), (quick, quickly) = wave((0.5, 10.0), 0.3), wave((1.0, 150.0), 0.3)
+    (slow, slowly), (quick, quickly) = wave(0.5, 10.0, 0.3), wave(1.0, 150.0, 0.3)
     words = f"up to {si_text(0.6 * length, 'm')} at {si_text(0.8 * hardest, 'm/s^2')}, then {slow}, then {quick}"
     add("strokes and multisine", words, np.concatenate((strokes, slowly, quickly)))
     for part in (0.3, 0.8):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -119,6 +120,14 @@ def test_menu_keeps_to_the_limits_and_starts_and_ends_at_rest(visited: tuple[flo
         slope = np.diff(position) / PERIOD_S
         largest = PERIOD_S * np.abs(acceleration).max()
         assert np.abs(slope - 0.5 * (velocity[1:] + velocity[:-1])).max() < largest, item.words
+
+
+@pytest.mark.parametrize("period_s", [0.01, 0.1])
+def test_no_motion_has_a_frequency_that_the_samples_do_not_show(period_s: float) -> None:
+    found = menu(Limits.of(nominal().drive, np.array([0.0, 0.1])), period_s)
+    said = [float(text) for item in found for text in re.findall(r"to ([\d.]+) Hz", item.words)]
+    assert said
+    assert max(said) == pytest.approx(0.4 / period_s)
 
 
 def test_no_menu_without_room() -> None:
