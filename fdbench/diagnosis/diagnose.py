@@ -133,7 +133,7 @@ def _diagnosed(
         doubt = {name: getattr(on_paper, name) for name in OF_FORM}
         nominal = dataclasses.replace(nominal, uncertainty=dataclasses.replace(nominal.uncertainty, **doubt))
         ready = aligned(nominal, records, holdouts, healthy)
-    found = _searched(ready, progress, healthy)
+    found = _searched(ready, _at_loops(nominal, records, holdouts), progress, healthy)
     ready, given, findings = found.ready, found.given, found.findings
     nominal, search, reductions, final = ready.nominal, findings.search, findings.reductions, findings.final
     readings, split, drive = search.readings, search.split, nominal.drive
@@ -201,11 +201,26 @@ class _Searched:
     findings: Findings
 
 
-def _searched(ready: Aligned, progress: Callable[[str], None] | None, healthy: Baseline | None) -> _Searched:
+def _at_loops(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Callable[[int], Aligned]:
+    """Return what prepares records for a controller that acts so many times between two samples."""
+
+    def anew(loops: int) -> Aligned:
+        simulation = dataclasses.replace(nominal.simulation, loops=loops)
+        return aligned(dataclasses.replace(nominal, simulation=simulation), records, holdouts)
+
+    return anew
+
+
+def _searched(
+    ready: Aligned,
+    at_loops: Callable[[int], Aligned],
+    progress: Callable[[str], None] | None,
+    healthy: Baseline | None,
+) -> _Searched:
     if progress is not None:
         progress("re-calibrating the nominal parameters")
     # What the model's form gets wrong cancels beside a baseline, its rate with it.
-    found = at_likely_rate(ready) if healthy is None else Calibrated.of(ready, narrow=True)
+    found = at_likely_rate(ready, at_loops) if healthy is None else Calibrated.of(ready, narrow=True)
     ready, refinement, calibrated = found.ready, found.refinement, found.hypothesis
     search, given = Search(refinement, progress), start(ready.nominal)
     split = with_run_to_run_covariance(refinement.readings.replay, ready, calibrated, healthy)
@@ -248,7 +263,8 @@ def judged(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Recor
     """
     with _diagnosing(nominal.axis):
         ready = aligned(nominal, records, holdouts)
-        return verdict(_searched(ready, None, None).findings, probability_models.models())
+        found = _searched(ready, _at_loops(nominal, records, holdouts), None, None)
+        return verdict(found.findings, probability_models.models())
 
 
 def calibrated_on(

@@ -92,7 +92,7 @@ def _evaluated(models: Mapping[str, Nominal], records: Sequence[Record]) -> Eval
     warnings, found = list(copies), {}
     for name, bench in benches.items():
         drive = bench.nominal.drive
-        replay = Replay(drive, (), bench.nominal.simulation.substeps, bench.nominal.simulation.cycles)
+        replay = Replay(drive, (), bench.nominal.simulation.substeps, bench.nominal.cycles)
         closed = [predictions.closed_loop(replay, run) for run in bench.runs]
         said = [*bench.warnings, *_left_out(bench)]
         for run, own in zip(bench.runs, closed, strict=True):

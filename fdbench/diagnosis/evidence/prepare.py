@@ -269,4 +269,4 @@ def merged_runs(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[
 
 
 def _replay(nominal: Nominal) -> Replay:
-    return Replay(nominal.drive, nominal.library, nominal.simulation.substeps, nominal.simulation.cycles)
+    return Replay(nominal.drive, nominal.library, nominal.simulation.substeps, nominal.cycles)

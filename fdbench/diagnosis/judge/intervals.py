@@ -66,9 +66,3 @@ def not_fitted(effect: Effect) -> list[str]:
     """Return the parameters that are neither searched nor fitted, so that they have their typical values."""
     fitted = {item.name for item in adjustables(effect)}
     return [item.name for item in effect.parameters() if item.name not in fitted and not item.grid]
-
-
-def at_bound(effect: Effect) -> list[str]:
-    """Return the fitted parameters that lie on a bound of what the library allows; at 0 there is nothing beyond."""
-    values = [(item, getattr(effect, item.name)) for item in adjustables(effect)]
-    return [item.name for item, value in values if value in (item.low, item.high) and value != 0.0]

@@ -11,12 +11,12 @@ from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, energies
 from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.force_balance_check import force_balances_removed
-from fdbench.diagnosis.judge.intervals import at_bound, intervals, not_fitted, parameters
+from fdbench.diagnosis.judge.intervals import intervals, not_fitted, parameters
 from fdbench.diagnosis.judge.look_alikes import divided, force_balances, indistinguishable, instead, one_of
 from fdbench.diagnosis.judge.nominal_values import deviating_parameters
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
 from fdbench.diagnosis.judge.reduction import Reductions, shapley
-from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound, is_beyond_its_form
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import JUDGE
@@ -158,8 +158,9 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         )
         effect_features_of[OR.join((effect.name, *same))] = features
         odds = divided(contest, type(effect), same, models.effect.probability(features, [effect.name, *same]))
-        # What the written model is no better with, beside all others, is not named.
-        most = 1.0 if left_by[everything] < left_by[alone] else JUDGE.named
+        # What the written model is no better with, beside all others, is not named, nor what is at a bound of its form.
+        believed = left_by[everything] < left_by[alone] and not is_beyond_its_form(effect)
+        most = 1.0 if believed else JUDGE.named
         own = np.array([part[index] for part in parts])
         share = shares.of(own)
         # What explains little of the gap may be a part of a cause that is not known.

@@ -230,6 +230,18 @@ def adjustables(effect: Effect, longest_s: float = math.inf) -> list[Adjustable]
     return found
 
 
+def at_bound(effect: Effect) -> list[str]:
+    """Return the fitted parameters that lie on a bound of what the library allows; at 0 there is nothing beyond."""
+    values = [(item, getattr(effect, item.name)) for item in adjustables(effect)]
+    return [item.name for item, value in values if value in (item.low, item.high) and value != 0.0]
+
+
+def is_beyond_its_form(effect: Effect) -> bool:
+    """Return whether it is at a bound of a parameter that it cannot be without; one with a default only refines it."""
+    refining = {item.name for item in dataclasses.fields(effect) if item.default is not dataclasses.MISSING}
+    return not refining.issuperset(at_bound(effect))
+
+
 def penalty(shift: float) -> float:
     """Return minus twice the log prior of a nominal parameter that moved by so many standard deviations."""
     return (MODEL.freedom + 1.0) * math.log1p(shift**2 / MODEL.freedom)

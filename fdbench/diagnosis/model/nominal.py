@@ -171,6 +171,11 @@ class Nominal:
         return [record_on_the_arc(record, geared) for record in records]
 
     @property
+    def cycles(self) -> int:
+        """Cycles of the controller that are simulated between two samples: a virtual one is as fast as the log."""
+        return 1 if isinstance(self.drive.controller, Following) else self.simulation.cycles
+
+    @property
     def way(self) -> Way:
         """How what repeats with the position is told."""
         turn_m = 2.0 * math.pi if self.axis == ROTARY else None

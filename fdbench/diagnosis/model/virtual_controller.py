@@ -66,7 +66,7 @@ def prepared(
         return nominal, runs, []
     controller = virtual_controller(drive, records)
     drive = dataclasses.replace(drive, controller=controller)
-    runs = [follow(item, drive) for item in records]
+    runs = [follow(item, drive, nominal.simulation.cycles) for item in records]
     check_content([run.as_read() for run in runs])
     why = f"{silent[0]}: no column {COMMAND}" if known else "No controller was given in [plant.controller]"
     warning = (
@@ -182,7 +182,7 @@ def holds(drive: FeedDrive, controller: Following, period_s: float) -> bool:
     return bool(np.abs(states[:, :, 0] @ gain).max() < MODEL.highest_peak)
 
 
-def follow(record: Record, drive: FeedDrive) -> RecordedRun:
+def follow(record: Record, drive: FeedDrive, cycles: int) -> RecordedRun:
     """Return the run of a record whose command is made from its measured motion and force.
 
     Parameters
@@ -190,11 +190,14 @@ def follow(record: Record, drive: FeedDrive) -> RecordedRun:
     record : Record
     drive : FeedDrive
         With its virtual controller.
+    cycles : int
+        Of the real controller between two samples, over which it changes its force.
     """
     controller, period = drive.controller, record.sampling_time_s
     if not isinstance(controller, Following):
         raise SpecError("plant.controller: a motion is followed with a controller of kind following.")
     readings = channels_of(record, drive, _column(record, drive, controller))
+    readings["motor_force_N"] = acting(readings["motor_force_N"], cycles)
     held = held_samples(record)
     channels = {name: low_passed(_interpolated(values, held), controller, period) for name, values in readings.items()}
     position, force = channels["position_m"], channels["motor_force_N"]
@@ -221,6 +224,20 @@ def follow(record: Record, drive: FeedDrive) -> RecordedRun:
     command = record.get(COMMAND)
     own, same = (motion[:, 0], RECORDS.same_motion) if command is None else (command, RECORDS.same_command)
     return dataclasses.replace(run, reference=reference, lap=lap_length(own, period, same), motion=(own, same))
+
+
+def acting(force: FloatArray, cycles: int) -> FloatArray:
+    r"""Return the mean force over each sampling time, of forces that change in several cycles from sample to sample.
+
+    .. math:: \bar F_k = (1 - a) F_k + a F_{k + 1}, \qquad a = \tfrac12 (1 - 1 / n)
+
+    with n cycles, the force on a straight line from one sample to the next; after the last one it stays.
+
+    >>> acting(np.array([0.0, 8.0, 8.0]), 4).tolist()
+    [3.0, 8.0, 8.0]
+    """
+    share = 0.5 * (1.0 - 1.0 / cycles)
+    return (1.0 - share) * force + share * np.append(force[1:], force[-1:])
 
 
 def _interpolated(values: FloatArray, held: NDArray[np.bool_]) -> FloatArray:

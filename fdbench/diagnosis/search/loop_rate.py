@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,19 +66,25 @@ def _judged(evidence: Evidence, squares: float, hypothesis: Hypothesis) -> tuple
     return misfit, n * math.log(max(misfit, 1e-9)) + hypothesis.named_penalty()
 
 
-def at_likely_rate(ready: Aligned) -> Calibrated:
+def at_likely_rate(ready: Aligned, anew: Callable[[int], Aligned]) -> Calibrated:
     """Return the re-calibrated model at the rate of its loop that is told, or else at the likeliest.
 
     Controllers often act two or four times between samples of their log, and are late by less then. A rate is taken
     where it brings more than naming a cause costs; a loop as fast as the log, which leaves noise alone, is.
+
+    Parameters
+    ----------
+    ready : Aligned
+    anew : callable
+        Returns the records prepared for a model with another rate, on which those depend that are followed.
     """
-    best, controller = Calibrated.of(ready), ready.nominal.drive.controller
-    if ready.nominal.simulation.loops is not None or isinstance(controller, Following | OpenLoop):
+    best = Calibrated.of(ready)
+    if ready.nominal.simulation.loops is not None or isinstance(ready.nominal.drive.controller, OpenLoop):
         return best
     for loops in SEARCH.loops:
         if best.misfit < SEARCH.noise_alone:
             break
-        at_rate, enough = _at_rate(ready, loops), best.cost - 2.0 * math.log(len(ready.nominal.library))
+        at_rate, enough = _at_rate(ready, loops, anew), best.cost - 2.0 * math.log(len(ready.nominal.library))
         if promised_cost(at_rate, best.hypothesis) > enough:
             break
         tried = Calibrated.of(at_rate)
@@ -87,17 +94,17 @@ def at_likely_rate(ready: Aligned) -> Calibrated:
     return best
 
 
-def _at_rate(ready: Aligned, loops: int) -> Aligned:
-    simulation = dataclasses.replace(ready.nominal.simulation, loops=loops)
-    replay = ready.readings.replay.with_loops(loops)
+def _at_rate(ready: Aligned, loops: int, anew: Callable[[int], Aligned]) -> Aligned:
     said = (
         f"The controller seems to act {loops} times between two samples of the log: with one cycle a sample the model "
         f"fits worse, whatever its values. Write `loops = {loops}` under [simulation] of the model, or `loops = 1` if "
         "that is wrong."
     )
-    return dataclasses.replace(
-        ready,
-        nominal=dataclasses.replace(ready.nominal, simulation=simulation).beside(ready.nominal.covered),
-        readings=Readings(replay, ready.split.runs),
-        warnings=[*ready.warnings, said],
-    )
+    if isinstance(ready.nominal.drive.controller, Following):
+        at_rate = anew(loops)
+    else:
+        simulation = dataclasses.replace(ready.nominal.simulation, loops=loops)
+        nominal = dataclasses.replace(ready.nominal, simulation=simulation)
+        readings = Readings(ready.readings.replay.with_loops(loops), ready.split.runs)
+        at_rate = dataclasses.replace(ready, nominal=nominal.beside(ready.nominal.covered), readings=readings)
+    return dataclasses.replace(at_rate, warnings=[*at_rate.warnings, said])

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound
 from fdbench.diagnosis.model.parameter_vector import adjustables_of
 from fdbench.diagnosis.settings import JUDGE, SEARCH
 from fdbench.effects import Effect
@@ -73,10 +73,11 @@ class Stage:
     def gain(self, rival: Rival) -> float:
         r"""Return the share of the excess misfit that a rival removes.
 
-        Nominal parameters that are far-fetched count too: see `equivalent_misfit`.
+        Nominal parameters that are far-fetched count too: see `equivalent_misfit`. Of noise alone there is none.
         """
         alone = equivalent_misfit(self.misfit, self.base, self.effective)
-        return (alone - equivalent_misfit(rival.misfit, rival.hypothesis, self.effective)) / max(alone - 1.0, 1e-12)
+        gain = alone - equivalent_misfit(rival.misfit, rival.hypothesis, self.effective)
+        return gain / (alone - 1.0) if alone > 1.0 else 0.0
 
     def log_evidence(self, misfit: float, penalty: float) -> float:
         """Return the tempered log evidence of a misfit."""
@@ -118,7 +119,8 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
     .. math:: \ln \frac{\Phi(c z)}{\Phi(-c z)} + \frac{p' - p}{2} + k' - k, \qquad z = \frac{\sum d}{\sqrt{n} s_d}
 
     against another one (Vuong 1989, Econometrica 57, 307-333, eq. 4.1), with c = ``SEARCH.paired``, the penalties p,
-    and 1 for each of the k fitted numbers (Akaike 1974); what they have together stays as it was.
+    and 1 for each of the k fitted numbers (Akaike 1974); what they have together stays as it was. One that lies on a
+    bound of its form is no closer for it than the closest that does not: it imitates the other as far as it may.
 
     Parameters
     ----------
@@ -129,12 +131,13 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
     rivals, own = list(stage.rivals), [stage.evidence_of(rival) for rival in stage.rivals]
     alike = [rivals.index(rival) for rival in look_alikes(stage)]
     if len(alike) > 1 and len(squares) > 1:
-        behind = squares[:, alike] - squares[:, alike[:1]]
+        within = [place for place in alike if not at_bound(rivals[place].hypothesis.effects[-1])]
+        behind = squares[:, alike] - squares[:, (within or alike)[:1]]
         scatter = np.sqrt(len(squares)) * behind.std(axis=0, ddof=1)
         scores = np.divide(behind.sum(axis=0), scatter, out=np.zeros(len(alike)), where=scatter > 0.0)
         fitted = [len(adjustables_of(rivals[place].hypothesis)) for place in alike]
         odds = [
-            _log_odds(SEARCH.paired * z) - 0.5 * rivals[place].penalty - own_numbers
+            _log_odds(SEARCH.paired * max(float(z), 0.0)) - 0.5 * rivals[place].penalty - own_numbers
             for place, z, own_numbers in zip(alike, scores, fitted, strict=True)
         ]
         level = float(np.logaddexp.reduce([own[place] for place in alike]) - np.logaddexp.reduce(odds))
@@ -153,7 +156,7 @@ def look_alikes(stage: Stage) -> list[Rival]:
 
 def _log_odds(z: float) -> float:
     """Return the log odds of what lies z standard errors behind."""
-    z = min(float(z), 30.0) / math.sqrt(2.0)
+    z = min(z, 30.0) / math.sqrt(2.0)
     return math.log(math.erfc(z) / math.erfc(-z))
 
 

@@ -22,7 +22,7 @@ from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.search.refinement import Refinement, Tangent
 from fdbench.diagnosis.search.search import Search, foremost
-from fdbench.diagnosis.search.stage import Rival, Stage
+from fdbench.diagnosis.search.stage import Rival, Stage, ranked
 from fdbench.diagnosis.settings import MODEL, SEARCH, changed
 from fdbench.effects import Effect, effects
 
@@ -98,6 +98,43 @@ def test_probabilities_of_a_round_by_hand() -> None:
     ratio = (1.0 + 4.0 * MODEL.far_fetched**2 / MODEL.freedom) / (1.0 + MODEL.far_fetched**2 / MODEL.freedom)
     alone = 1.8 * ratio ** (kinds_of_values.count("viscous") * (MODEL.freedom + 1.0) / 10.0)
     assert dataclasses.replace(stage, base=far).gain(rivals[0]) == pytest.approx((alone - 1.5) / (alone - 1.0))
+
+
+@pytest.mark.parametrize(("inverter_ratio", "first", "odds"), [(0.3, "current_loop_lag", 0.0), (0.5, "dead_time", 1.0)])
+def test_a_look_alike_on_a_bound_of_its_form_is_no_closer_for_it(
+    inverter_ratio: float, first: str, odds: float
+) -> None:
+    """Always a little closer, it is sure within its bounds; on one it has the odds of its one number more."""
+    base = start(NOMINAL)
+    lag = effects.get("current_loop_lag").typical(inverter_ratio=inverter_ratio)
+    rivals = tuple(
+        Rival(
+            kind=type(item),
+            hypothesis=base.with_effect(item),
+            misfit=misfit,
+            penalty=0.0,
+            refined=True,
+            size=1.0,
+            own_size=1.0,
+        )
+        for item, misfit in ((lag, 1.00), (effects.get("dead_time").typical(), 1.01))
+    )
+    squares = np.column_stack((np.ones(40), 1.0 + np.random.default_rng(0).uniform(0.1, 0.3, 40)))
+    stage = ranked(Stage(base=base, misfit=5.0, penalty=0.0, test_count=1e3, rivals=rivals), squares)
+    assert stage.rivals[0].kind.name == first
+    closer, behind = map(stage.evidence_of, stage.rivals)
+    assert closer - behind == pytest.approx(odds) if odds else closer - behind > 5.0
+
+
+def test_of_noise_alone_nothing_is_gained() -> None:
+    base = start(NOMINAL)
+    rival = Rival(
+        kind=effects.get("cogging"), hypothesis=base, misfit=0.8, penalty=0.0, refined=True, size=1.0, own_size=1.0
+    )
+    stage = Stage(base=base, misfit=0.95, penalty=9.0, test_count=1e3, rivals=(rival,))
+    assert stage.present() > 0.5
+    assert stage.gain(rival) == 0.0
+    assert stage.is_last()
 
 
 def test_beside_a_far_fetched_base_an_effect_is_also_fitted_from_the_nominal_values() -> None:
