@@ -13,8 +13,9 @@ from fdbench.diagnosis.evaluation.predictions import Prediction
 from fdbench.diagnosis.evaluation.result import ALL_RECORDS, WAYS, Evaluation, ModelComparison, PredictionScore, Ratio
 from fdbench.diagnosis.evidence.prepare import check_alike, without_copies
 from fdbench.diagnosis.model.nominal import Nominal
-from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.model.virtual_controller import prepared
+from fdbench.diagnosis.records.encoder_zeros import with_common_zeros
 from fdbench.diagnosis.records.noise_model import NoiseModel, noise_floor
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record, clock_warnings
 from fdbench.diagnosis.records.runs import RecordedRun
@@ -92,7 +93,7 @@ def _evaluated(models: Mapping[str, Nominal], records: Sequence[Record]) -> Eval
     warnings, found = list(copies), {}
     for name, bench in benches.items():
         drive = bench.nominal.drive
-        replay = Replay(drive, (), bench.nominal.simulation.substeps, bench.nominal.cycles)
+        replay = _replay(bench.nominal)
         closed = [predictions.closed_loop(replay, run) for run in bench.runs]
         said = [*bench.warnings, *_left_out(bench)]
         for run, own in zip(bench.runs, closed, strict=True):
@@ -118,7 +119,13 @@ def _bench(nominal: Nominal, records: Sequence[Record]) -> _Bench:
     check_alike(runs)
     for run in runs:
         check_record(run, nominal.drive)
-    return _Bench(nominal=nominal, runs=runs, warnings=warnings)
+    replay = _replay(nominal)
+    runs, said = with_common_zeros(runs, replay.on_each(runs, Variant(plant=nominal.drive)))
+    return _Bench(nominal=nominal, runs=runs, warnings=[*warnings, *said])
+
+
+def _replay(nominal: Nominal) -> Replay:
+    return Replay(nominal.drive, (), nominal.simulation.substeps, nominal.cycles)
 
 
 def _left_out(bench: _Bench) -> list[str]:

@@ -22,10 +22,11 @@ from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.model.virtual_controller import prepared
 from fdbench.diagnosis.records.conditions import Apart, apart, restless
+from fdbench.diagnosis.records.encoder_zeros import with_common_zeros
 from fdbench.diagnosis.records.force_reading import limits_of_forces
 from fdbench.diagnosis.records.noise_model import NoiseModel, noise_models, raised
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record
-from fdbench.diagnosis.records.runs import RecordedRun, merged, prepare, same_command
+from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun, merged, prepare, same_command
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import Following
@@ -96,7 +97,12 @@ def aligned(
     force = max(rms(run.channels["motor_force_N"]) for run in raw_runs)
     period = raw_runs[0].period_s
     covered = Covered(
-        fastest_m_per_s=fastest, longest_s=longest, force_N=force, period_s=period, before=baseline is not None
+        fastest_m_per_s=fastest,
+        longest_s=longest,
+        force_N=force,
+        period_s=period,
+        before=baseline is not None,
+        two_positions=DEFLECTION in raw_runs[0].channels,
     )
     nominal = nominal.beside(covered)
     # A model that follows the measured motion follows its errors, too.
@@ -108,7 +114,10 @@ def aligned(
     warnings += limits_of_forces([run.as_read() for run in raw_runs], drive)
     runs: list[RecordedRun] = []
     counts, unsteady, fresh = [], [], []
-    for run, as_nominal in zip(raw_runs, replay.on_each(raw_runs, given.variant), strict=True):
+    simulated = replay.on_each(raw_runs, given.variant)
+    raw_runs, said = with_common_zeros(raw_runs, simulated)
+    warnings += said
+    for run, as_nominal in zip(raw_runs, simulated, strict=True):
         warnings += check_alignment(run, as_nominal)
         mended, n_held = interpolated(run, as_nominal)
         fresh.append(mended)

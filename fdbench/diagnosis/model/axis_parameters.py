@@ -117,3 +117,29 @@ class ForceOffset(NominalParameter):
 
     def text(self, drive: FeedDrive, shift: float) -> str:
         return si_text(shift * self.deviation, "N")
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class EncoderZeros(NominalParameter):
+    """What the zeros of both encoders are apart, beside what `with_common_zeros` takes out; its deviation in metres."""
+
+    kind = "encoder_zeros"
+    unit = "m"
+    stated = False
+    nuisance = True
+    changes_from_run_to_run = False
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        seen = nominal.covered.two_positions and nominal.drive.screw is not None
+        return [cls(name=cls.kind, deviation=nominal.scale.length * MODEL.zeros_apart_m)] if seen else []
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        return drive, ()
+
+    def zeros_apart_m(self, shift: float) -> float:
+        return shift * self.deviation
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        return si_text(self.zeros_apart_m(shift), self.unit)

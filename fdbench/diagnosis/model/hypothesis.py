@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import inspect
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -64,13 +65,15 @@ class Hypothesis:
         """The drive that is simulated."""
         drive = self.nominal.drive
         offsets: tuple[Effect, ...] = ()
+        apart_m = 0.0
         for calibration, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True):
             if shift != 0.0:
                 drive, extra = calibration.apply(drive, shift)
                 offsets += extra
+                apart_m += calibration.zeros_apart_m(shift)
         for index in self.replaced:
             drive = without(drive, index)
-        return Variant(plant=drive, extra=merged(offsets, self.effects))
+        return Variant(plant=drive, extra=merged(offsets, self.effects), zeros_apart_m=apart_m)
 
     def room(self) -> list[tuple[float, float]]:
         """Return for each nominal parameter how far a fit may move it down and up, in standard deviations."""
@@ -238,7 +241,8 @@ def at_bound(effect: Effect) -> list[str]:
 
 def is_beyond_its_form(effect: Effect) -> bool:
     """Return whether it is at a bound of a parameter that it cannot be without; one with a default only refines it."""
-    refining = {item.name for item in dataclasses.fields(effect) if item.default is not dataclasses.MISSING}
+    arguments = inspect.signature(type(effect)).parameters
+    refining = {name for name, item in arguments.items() if item.default is not item.empty}
     return not refining.issuperset(at_bound(effect))
 
 

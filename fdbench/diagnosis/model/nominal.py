@@ -80,7 +80,8 @@ class Covered:
     """What records cover: fastest speed, longest time, greatest mean force, sampling time; 0 where not known yet.
 
     ``seen`` names effects that readings show by themselves, which are not searched for. ``before`` says that the model
-    was calibrated on the same machine, so that a value far from it has changed.
+    was calibrated on the same machine, so that a value far from it has changed, ``two_positions`` that motor and table
+    were both measured.
     """
 
     fastest_m_per_s: float = nonnegative(default=0.0)
@@ -89,6 +90,7 @@ class Covered:
     period_s: float = nonnegative(default=0.0)
     seen: tuple[str, ...] = ()
     before: bool = False
+    two_positions: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

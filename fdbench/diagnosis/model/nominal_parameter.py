@@ -52,6 +52,10 @@ class NominalParameter(ABC):
     def apply(self, drive: FeedDrive, shift: float) -> Changed:
         """Return the drive moved by ``shift`` standard deviations, and an effect that has to be added for it."""
 
+    def zeros_apart_m(self, shift: float) -> float:
+        """Return by how much the motor's reading is ahead of the table's at the same place, by this parameter."""
+        return 0.0
+
     @abstractmethod
     def text(self, drive: FeedDrive, shift: float) -> str:
         """Return its value, moved by so many standard deviations, with its unit."""

@@ -3,7 +3,7 @@
 import functools
 from collections.abc import Sequence
 
-from fdbench.diagnosis.model.axis_parameters import ForceOffset, Mass, Viscous
+from fdbench.diagnosis.model.axis_parameters import EncoderZeros, ForceOffset, Mass, Viscous
 from fdbench.diagnosis.model.friction_parameters import (
     BristleStiffness,
     FrictionForm,
@@ -22,6 +22,7 @@ KINDS: Sequence[type[NominalParameter]] = (
     TransitionVelocity,
     BristleStiffness,
     ForceOffset,
+    EncoderZeros,
     FrictionForm,
     FrictionSide,
     ReferenceDelay,

@@ -32,10 +32,14 @@ APART = PIECE + 8  # from lane to lane: rows a power of two apart would push eac
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Variant:
-    """One lane: a plant, perhaps re-calibrated, with effects that the nominal model lacks."""
+    """One lane: a plant, perhaps re-calibrated, with effects that the nominal model lacks.
+
+    At the same place the motor's reading is ``zeros_apart_m`` ahead of the table's.
+    """
 
     plant: FeedDrive
     extra: tuple[Effect, ...] = field(default=())
+    zeros_apart_m: float = 0.0
 
     def kinds(self) -> frozenset[type[Effect]]:
         """Return the classes of the extra effects."""
@@ -249,7 +253,8 @@ class Replay:
                     found = (motor - scale)[:, :n] if name == DEFLECTION else read_from[name][:, :n]
                     for place, lane in working.items():
                         first = lane.run.n_samples - left[place] + start
-                        lane.channels[name][first : first + n] = found[place]
+                        apart_m = lane.variant.zeros_apart_m if name == DEFLECTION else 0.0
+                        lane.channels[name][first : first + n] = found[place] + apart_m
             for place in working:
                 left[place] -= until_next
 
