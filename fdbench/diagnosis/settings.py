@@ -116,6 +116,7 @@ class ModelSettings:
     most_lag: float = number(3.0, "deviations by which the force may follow its command late, and no more")
     most_filter: float = number(2.0, "deviations by which the filter of the velocity may be slower, and no more")
     most_delay: float = number(2.0, "deviations by which the velocity's reference may be late or early, and no more")
+    untold_delay: float = number(0.5, "sampling times by which a velocity's reference that is not logged may be late")
     zeros_apart_m: float = number(1e-5, "standard deviation of what the zeros of two encoders are still apart")
     far_fetched: float = number(5.0, "deviations of a nominal parameter beyond which it stands in for an effect")
     line_step: float = number(3e-4, "relative step of a period in a fit", "a record holds hundreds of periods")

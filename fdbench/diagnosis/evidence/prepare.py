@@ -103,6 +103,7 @@ def aligned(
         period_s=period,
         before=baseline is not None,
         two_positions=DEFLECTION in raw_runs[0].channels,
+        velocity_told=all("reference_velocity_m_per_s" in record for record in (*records, *holdouts)),
     )
     nominal = nominal.beside(covered)
     # A model that follows the measured motion follows its errors, too.

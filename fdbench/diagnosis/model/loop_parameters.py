@@ -53,7 +53,7 @@ class ReferenceDelay(_OfACascade):
 
     @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
-        controller, deviation = nominal.drive.controller, nominal.uncertainty.reference_delay * nominal.covered.period_s
+        controller, deviation = nominal.drive.controller, nominal.reference_delay * nominal.covered.period_s
         if not isinstance(controller, Cascade) or controller.velocity_feedforward == 0.0 or deviation == 0.0:
             return []
         return [cls(name=cls.kind, deviation=deviation)]

@@ -52,7 +52,8 @@ class Uncertainty:
     ``friction_side`` is the part of the known friction that acts on the motor instead of the table, and
     ``friction_form`` is that of friction at low speeds, relative to the known friction. ``controller_gains`` is that of
     each gain of a cascade, relative. ``reference_delay`` is that of the velocity's reference in a cascade, in sampling
-    times: none unless it is given, as a filter of the velocity acts alike. ``velocity_filter`` is that of the time
+    times; unless it is given there is none where that was logged, as a filter of the velocity acts alike, and else half
+    a one: a controller may difference its command either way. ``velocity_filter`` is that of the time
     constant of such a filter, and ``loop_lag`` that of the time by which the force follows its command, in sampling
     times both. Without ``force_offset_N`` it is 2 N on an
     axis of usual forces; see `Nominal.scale`.
@@ -66,7 +67,7 @@ class Uncertainty:
     friction_side: float = nonnegative(default=0.3)
     friction_form: float = nonnegative(default=0.05)
     controller_gains: float = nonnegative(default=0.02)
-    reference_delay: float = nonnegative(default=0.0)
+    reference_delay: float | None = nonnegative(default=None)
     velocity_filter: float = nonnegative(default=0.1)
     loop_lag: float = nonnegative(default=0.05)
     force_offset_N: float | None = nonnegative(default=None)
@@ -81,7 +82,7 @@ class Covered:
 
     ``seen`` names effects that readings show by themselves, which are not searched for. ``before`` says that the model
     was calibrated on the same machine, so that a value far from it has changed, ``two_positions`` that motor and table
-    were both measured.
+    were both measured, and ``velocity_told`` that the velocity's reference was logged.
     """
 
     fastest_m_per_s: float = nonnegative(default=0.0)
@@ -91,6 +92,7 @@ class Covered:
     seen: tuple[str, ...] = ()
     before: bool = False
     two_positions: bool = False
+    velocity_told: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,6 +173,12 @@ class Nominal:
             return list(records)
         geared = isinstance(self.drive.motor, RotaryMotor)
         return [record_on_the_arc(record, geared) for record in records]
+
+    @property
+    def reference_delay(self) -> float:
+        """Standard deviation by which the velocity's reference is late, in sampling times; see `Uncertainty`."""
+        given = self.uncertainty.reference_delay
+        return (0.0 if self.covered.velocity_told else MODEL.untold_delay) if given is None else given
 
     @property
     def cycles(self) -> int:

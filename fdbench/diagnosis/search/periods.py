@@ -11,7 +11,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.search.resonances import resonances
-from fdbench.diagnosis.settings import MODEL, SEARCH
+from fdbench.diagnosis.settings import MODEL, RECORDS, SEARCH
 from fdbench.record import FloatArray
 
 
@@ -88,10 +88,12 @@ def _lines_in_position(
 
     Each run and direction has a profile of its own: the loop shifts a wave by its lag, friction turns its sign. Short
     waves are sought octave by octave in what the mean over the longest of each leaves: at a steady speed samples lie a
-    way apart that a slow change would be taken for a wave of. Motors and screws repeat at known orders, where less is
-    needed to be tried.
+    way apart that a slow change would be taken for a wave of; of waves that pass faster at the median speed there is
+    nothing else. Motors and screws repeat at known orders, where less is needed to be tried.
     """
-    shortest_wave_m = length * SEARCH.shortest_wave_m
+    speeds = np.concatenate([np.abs(run.reference[:, 1]) * run.period_s for run in runs])
+    steps = speeds[speeds > RECORDS.resting * speeds.max()]
+    shortest_wave_m = max(length * SEARCH.shortest_wave_m, 2.0 * float(np.median(steps)) if len(steps) else 0.0)
     lowest, travel = _travel(runs)
     if travel < 2.0 * shortest_wave_m:
         return []

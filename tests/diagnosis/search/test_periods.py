@@ -48,6 +48,17 @@ def test_a_slow_change_is_no_wave_as_long_as_the_way_of_a_sample() -> None:
     assert first_short == pytest.approx(3.07e-3, rel=0.02)
 
 
+def test_no_wave_is_sought_that_passes_faster_than_it_is_sampled() -> None:
+    """At 4 m/s samples lie 4 mm apart; a wave of 44 mm has echoes of some strength between two of them."""
+    reference = moves((0.0, 3.0, 0.2, 2.5), (4.0,), 40.0, PERIOD_S)
+    wave = np.sin(2.0 * np.pi * reference[:, 0] / 0.0438)
+    noise = 2.0 * np.random.default_rng(4).standard_normal(len(wave))
+    found = _lines_in_position([(wave + noise)[None, 1:-2]] * 2, [run_along(reference)] * 2, None, 1.0)
+    short = [own for own in found if own < 3.0 / SEARCH.long_waves]
+    assert min(short) > 2.0 * np.median(np.abs(reference[:, 1])) * PERIOD_S
+    assert min(abs(own / 0.0438 - 1.0) for own in short) < 0.01
+
+
 def test_orders_of_the_lead_are_tried_where_something_is_there() -> None:
     run, rng = run_along(STROKES), np.random.default_rng(2)
     noise = 0.3 * rng.standard_normal(len(STROKES))
