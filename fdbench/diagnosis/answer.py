@@ -403,11 +403,14 @@ class Parametric:
     closed_by_recalibration : float
     moved_in_standard_deviations : mapping of str to float
         How far each nominal parameter moves without effects, and beside them (``moved_beside_effects``).
+    changes : mapping of str to Quantity
+        By how much each moves without effects, as a share where it has no unit; empty in answers of before.
     """
 
     closed_by_recalibration: float
     moved_in_standard_deviations: Shares
     moved_beside_effects: Shares = field(default_factory=dict)
+    changes: Mapping[str, Quantity] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -451,13 +454,13 @@ class ProcessForce:
         ``repeats``: it is what differs from records of the same command; ``model``: from the final model, the record
         being left out of all the rest; ``nominal``: from the nominal model, in a record that is diagnosed.
     rms_N, mean_N, largest_N : float
-        On the axis, in the direction of its position.
+        On the axis, in the direction of its position, while it acts.
     standard_deviation_N : float
         Of each value.
     range_s : pair of float
-        From when to when it is beyond three standard deviations.
+        From when to when it acts: it is beyond three standard deviations, in stretches whose root mean square is too.
     frequency_Hz, amplitude_N : float or None
-        Of its strongest line, where that has a quarter of the squares.
+        Of the sine that is its strongest line while it acts, where that has a quarter of the squares.
     course : Course
     """
 
@@ -587,11 +590,17 @@ class Answer:
             return nominal, self.shrinkage.steps[0].before
         return nominal, nominal * (1.0 - self.parametric.closed_by_recalibration)
 
+    def left(self) -> float:
+        """Return the mean squared gap in units of the noise floor with all that is added."""
+        return self.shrinkage.steps[-1].after if self.shrinkage.steps else self.sizes()[1]
+
     def unexplained(self) -> float:
-        """Return the share of the mean squared gap after re-calibration that is neither explained nor noise."""
+        """Return the share of the mean squared gap after re-calibration that is neither explained nor noise.
+
+        Where effects make the gap larger they explain none of it.
+        """
         size = self.sizes()[1]
-        left = size * (1.0 - self.shrinkage.total)
-        return max(0.0, left - 1.0) / size if size > 0.0 else 0.0
+        return max(0.0, min(self.left(), size) - 1.0) / size if size > 0.0 else 0.0
 
 
 def chances(causes: Iterable[Cause], suspects: Iterable[Suspect]) -> dict[str, float]:

@@ -16,6 +16,7 @@ from fdbench.errors import MissingData, RecordError, SpecError, did_you_mean
 from fdbench.files import is_utf_8
 from fdbench.reading._unread import told_by_head, told_by_suffix
 from fdbench.reading.formats import Format, Raw, formats, in_utf_8, on_clock, origin
+from fdbench.reading.formats._whole import without_repeated_rows
 from fdbench.record import FloatArray, Record, check_clock, check_finite, name_fault
 from fdbench.units import factor_to_si, si_unit
 
@@ -139,7 +140,18 @@ def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> R
         )
 
     raw = _read(file, reader, {rule.source for rule in rules.values()})
-    raw = on_clock(raw, rules["time_s"].source if "time_s" in rules else None, str(file))
+    for name, rule in rules.items():
+        if rule.source in raw.stamps and rule.factor * rule.gain != 1.0:
+            raise SpecError(
+                f"{where}: [columns] {name}: '{rule.source}' holds times of day, which are read as seconds: leave out "
+                "unit and gain."
+            )
+    clock = rules["time_s"].source if "time_s" in rules else None
+    raw = on_clock(raw, clock, str(file))
+    length = _length(raw)
+    if clock is not None:
+        raw = without_repeated_rows(raw, clock)
+    repeated = length - _length(raw)
     raw = _part(raw, settings, here, file)
     columns: dict[str, NDArray[Any]] = {name: rule.apply(raw.columns[rule.source]) for name, rule in rules.items()}
     if "sampling_time_s" in settings:
@@ -148,6 +160,8 @@ def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> R
             raise SpecError(f"{here}: sampling_time_s is {sampling_time}; allowed: > 0.")
         columns = {"time_s": sampling_time * np.arange(len(next(iter(columns.values())))), **columns}
     provenance = {**raw.provenance, **origin(file), "mapping": targets, "left_out": [*raw.left_out]}
+    if repeated:
+        provenance["repeated_rows_left_out"] = repeated
     if "samples" in settings:
         provenance["samples"] = settings["samples"]
     if "condition" in settings:
@@ -252,7 +266,7 @@ def _read(file: Path, reader: Format, wanted: Collection[str] | None) -> Raw:
 
 def _part(raw: Raw, settings: Mapping[str, Any], where: str, file: Path) -> Raw:
     """Return the samples that a mapping takes; none may be lost among them."""
-    length = len(next(iter(raw.columns.values())))
+    length = _length(raw)
     start, stop = 0, length
     if "samples" in settings:
         given = settings["samples"]
@@ -268,6 +282,10 @@ def _part(raw: Raw, settings: Mapping[str, Any], where: str, file: Path) -> Raw:
         )
     columns = {name: column[start:stop] for name, column in raw.columns.items()}
     return dataclasses.replace(raw, columns=columns, place=lambda sample: raw.place(start + sample), gaps=())
+
+
+def _length(raw: Raw) -> int:
+    return len(next(iter(raw.columns.values())))
 
 
 def _must_exist(file: Path) -> None:

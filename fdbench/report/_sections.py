@@ -96,7 +96,7 @@ def _virtual_machines(answer: Answer) -> Iterator[Block]:
 
 
 def _process_forces(answer: Answer) -> Iterator[Block]:
-    for force, sentence in zip(answer.process_forces, words.process_forces(answer), strict=True):
+    for force, sentence in zip(words.forces(answer), words.process_forces(answer), strict=True):
         yield paragraph(public_text(sentence))
         time, values = np.array(force.course.time_s), np.array(force.course.force_N)
         within = 1.96 * force.standard_deviation_N
@@ -179,7 +179,7 @@ def _causes(answer: Answer) -> Iterator[Block]:
 
 
 def cause_tables(answer: Answer) -> Iterator[Html]:
-    """Yield the causes with their probabilities and shares, and their parameters; nothing without causes."""
+    """Yield the causes with their parameters, then with their probabilities and shares, nominal parameters apart."""
     causes = answer.causes
     if not causes:
         return
@@ -191,20 +191,30 @@ def cause_tables(answer: Answer) -> Iterator[Html]:
             shown = si_text(value.value, value.unit)
             rows.append([breakable(cause.effect) if number == 0 else "", text, shown, known])
     yield table(["effect", "parameter", "value", "95 % interval"], rows, "llrl")
-    yield table(
-        ["effect", "probability", "share", "share of its own", "cannot be distinguished from"],
-        [
+    added = [cause for cause in causes if not cause.parametric]
+    if added:
+        shares = [
             [
-                breakable(cause.effect),
-                probability_text(cause.probability),
-                percent(cause.share),
-                percent(words.unique(cause)),
-                ", ".join(cause.indistinguishable_from) or "–",
+                *(breakable(cause.effect), probability_text(cause.probability), percent(cause.share)),
+                *(percent(words.unique(cause)), ", ".join(cause.indistinguishable_from) or "–"),
             ]
+            for cause in added
+        ]
+        header = [
+            "effect",
+            "probability",
+            "share after re-calibration",
+            "share of its own",
+            "cannot be distinguished from",
+        ]
+        yield table(header, shares, "lrrrl")
+    if len(added) < len(causes):
+        shares = [
+            [breakable(cause.effect), probability_text(cause.probability), percent(cause.share)]
             for cause in causes
-        ],
-        "lrrrl",
-    )
+            if cause.parametric
+        ]
+        yield table(["nominal parameter", "probability", "share of the nominal gap"], shares, "lrr")
 
 
 def _experiment(experiment: Experiment) -> Iterator[Block]:

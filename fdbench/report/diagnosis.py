@@ -57,12 +57,12 @@ def _rivals(stages: Sequence[Stage]) -> Iterator[Block]:
         names = [rival.kind.name for rival, _ in gains[:SEEN_RIVALS]]
         blocks: list[Block] = [note(f"On top of {base}.")]
         if names:
-            shares = [max(gain, 0.0) for _, gain in gains[:SEEN_RIVALS]]
+            shares = [min(max(gain, 0.0), 1.0) for _, gain in gains[:SEEN_RIVALS]]
             blocks.append(bars("Share removed", names, shares, longest=1.0))
         rows = [
             [
                 rival.kind.name,
-                percent(gain) if gain > -1.0 else "much worse",
+                percent(min(gain, 1.0)) if gain > -1.0 else "much worse",
                 f"{rival.misfit:.4g}",
                 "yes" if rival.refined else "no",
             ]

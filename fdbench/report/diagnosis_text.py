@@ -6,8 +6,20 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from fdbench.diagnosis.answer import EFFECT, Answer, Cause, CauseSet, Cell, FalseAlarms, Quantity
+from fdbench.diagnosis.answer import (
+    EFFECT,
+    Answer,
+    Cause,
+    CauseSet,
+    Cell,
+    Dependence,
+    FalseAlarms,
+    ProcessForce,
+    Quantity,
+)
+from fdbench.diagnosis.model.known_effects import OFFSET
 from fdbench.diagnosis.settings import JUDGE
+from fdbench.effects import effects
 from fdbench.report._virtual_machines import unlike, virtual_machines
 from fdbench.rotary import spoken_name, spoken_of, spoken_words
 from fdbench.units import split_unit
@@ -30,8 +42,10 @@ UNEXPLAINED = 0.2  # share of the gap that is worth a sentence
 DISSENT = 0.1  # by which the force balances must prefer another effect
 NOISE_ALONE = 1.1  # mean squared gap in units of the floor that passes for noise
 MOVED = 3.0  # standard deviations by which a nominal parameter may move without a remark
+COUNTED = 20.0  # standard deviations beyond which those that a baseline leaves say nothing
 ROUNDING = 1e-9  # of a cell, within which an edge is at zero
 MOST_CELLS, SMALLEST_SHARE, EVEN = 4, 0.05, 1.5
+AFTER, NOMINAL = "mean squared gap after re-calibration", "mean squared nominal gap"
 PARTITIONS = ("motion", "frequency", "position", "velocity", "time", "channel")
 
 
@@ -53,7 +67,8 @@ def summary(answer: Answer) -> str:
             ("Verdict", verdict(answer)),
             (f"Gap, root mean square on {answer.shrinkage.judged_on_words}", _gap(answer)),
             ("Where the re-calibrated gap lies (share of what is beyond the noise)", _where(answer)),
-            ("Causes (share of the mean squared gap after re-calibration)", _causes(answer)),
+            (f"Causes (share of the {AFTER})", _causes(answer)),
+            (f"Nominal parameters (share of the {NOMINAL})", _nominal_parameters(answer)),
             ("How far it shrinks: mean squared gap in units of the noise floor", shrinkage(answer)),
             ("Process forces, by inverse dynamics", process_forces(answer)),
             ("Virtual machines like this one", virtual_machines(answer)),
@@ -79,72 +94,102 @@ def wrapped(text: str) -> list[str]:
 
 def verdict(answer: Answer) -> Iterator[str]:
     """Yield the answer in one to four sentences."""
-    nominal, size = answer.sizes()
-    causes, unknown, none = answer.causes, answer.unknown_probability, answer.no_gap_probability
     if answer.warnings:
         yield "Read the warnings under Doubts first: what they speak of may be what is explained here."
     yield from _other_forces(answer)
     measured = any(floor.measured_from_repeats for floor in answer.noise_floor.values())
     if not measured and answer.shrinkage.judged_on != "held-out":
         yield "Nothing was repeated and no other motion held out: a first guess, whatever the probabilities say."
-    if none >= LIKELY:
-        if size > NOISE_ALONE:
-            yield f"Too small to attribute: the mean squared gap is {size:.2f} times the noise, no more."
-        elif nominal > max(NOISE_ALONE, 1.2 * size):
-            yield "No gap beyond the noise once the nominal parameters are re-calibrated: no effect is missing."
-        else:
-            yield "No gap beyond the noise: these records show nothing that the model lacks."
-        if causes:
-            yield f"No cause is named; {_names(causes)} fitted a little of it, which is not to be relied on."
+    if answer.no_gap_probability >= LIKELY:
+        yield from _nothing(answer)
         return
-    for cause in causes:
-        rivals = cause.indistinguishable_from
-        if cause.probability < WORTH_SAYING:
-            continue
-        share = f"{percent(cause.share)} of the mean squared gap"
-        if cause.parametric:
-            share = f"{percent(cause.share)} of the mean squared nominal gap"
-            chance = probability_text(cause.probability)
-            words = "Nominal parameter wrong" if cause.probability >= LIKELY else "Nominal parameter perhaps wrong"
-            yield f"{words}: size of {cause.effect}, probability {chance}; its correction removes {share}."
-            continue
-        if rivals:
-            names = " or ".join([cause.effect, *rivals])
-            yield f"Cannot be distinguished on these data: {names}. Whichever it is explains {share}."
-        else:
-            probability = probability_text(cause.probability)
-            words = f"Cause: {cause.effect}" if cause.probability >= LIKELY else f"Perhaps {cause.effect}"
-            yield f"{words}, probability {probability}; it explains {share}."
+    said = [cause for cause in answer.causes if cause.probability >= WORTH_SAYING]
+    yield from map(_named, said)
     for suspect in answer.suspects:
         if suspect.probability >= WORTH_SAYING:
-            chance = probability_text(suspect.probability)
-            yield f"Perhaps {suspect.effect} too, probability {chance}: too little on these data to add it."
-    if not causes:
-        yield f"None of the known effects explains the gap (probability {probability_text(unknown)}).{_nearest(answer)}"
-    left = answer.unexplained()
-    if causes and unknown >= LIKELY:
+            words = (
+                f"Perhaps {suspect.effect}{' too' if said else ''}, probability {probability_text(suspect.probability)}"
+            )
+            yield f"{words}: too little on these data to add it."
+    yield from _left(answer) if said else _unknown(answer)
+    if answer.unknown_probability >= LIKELY and answer.rest_depends_on:
+        yield _dependence(answer.rest_depends_on[0])
+
+
+def _nothing(answer: Answer) -> Iterator[str]:
+    nominal, size = answer.sizes()
+    if size > NOISE_ALONE:
+        yield f"Too small to attribute: the mean squared gap is {size:.2f} times the noise, no more."
+    elif nominal > max(NOISE_ALONE, 1.2 * size):
+        yield "No gap beyond the noise once the nominal parameters are re-calibrated: no effect is missing."
+    else:
+        yield "No gap beyond the noise: these records show nothing that the model lacks."
+    if answer.causes:
+        yield f"No cause is named: what was fitted, {_names(answer.causes)}, is less probable than that."
+
+
+def _named(cause: Cause) -> str:
+    """Return what is said of a cause, and of what its share is."""
+    chance, likely = f"probability {probability_text(cause.probability)}", cause.probability >= LIKELY
+    if cause.parametric:
+        return f"{_wrong(cause, likely)}, {chance}; its correction removes {percent(cause.share)} of the {NOMINAL}."
+    share = f"{percent(cause.share)} of the {AFTER}"
+    if cause.indistinguishable_from:
+        names = " or ".join([cause.effect, *cause.indistinguishable_from])
+        return f"Cannot be distinguished on these data: {names}. Whichever it is explains {share}."
+    return f"{'Cause:' if likely else 'Perhaps'} {cause.effect}, {chance}; it explains {share}."
+
+
+def _wrong(cause: Cause, likely: bool) -> str:
+    """Return which nominal parameter is wrong; a constant force is none that a model must have."""
+    change = cause.parameters.get("change")
+    if change and cause.effect in effects.names() and effects.get(cause.effect).calibrates == OFFSET:
+        words = f"{cause.effect.replace('_', ' ')} of {si_text(change.value, change.unit)}"
+        return f"{'A' if likely else 'Perhaps a'} {words} acts beyond what the model has"
+    return f"Nominal parameter {'' if likely else 'perhaps '}wrong: size of {cause.effect}"
+
+
+def _unknown(answer: Answer) -> Iterator[str]:
+    """Yield what is said where no cause is probable enough to be told."""
+    text = f"None of the known effects explains the gap (probability {probability_text(answer.unknown_probability)})."
+    if answer.causes:
+        yield f"{text} Fitted, but improbable: {_names(answer.causes)}."
+    else:
+        yield f"{text}{_nearest(answer)}"
+
+
+def _left(answer: Answer) -> Iterator[str]:
+    """Yield what the causes leave, where that is worth a sentence."""
+    unknown, left = answer.unknown_probability, answer.unexplained()
+    size, rest = answer.sizes()[1], f"{percent(left)} of the {AFTER} is neither explained nor noise"
+    if answer.left() > size:
+        more = percent(answer.left() / size - 1.0)
+        rest = f"the effects make the {AFTER} {more} larger in all on {answer.shrinkage.judged_on_words}"
+    if unknown >= LIKELY:
         yield (
-            f"Something else is missing too, with probability {probability_text(unknown)}: {percent(left)} of the mean "
-            "squared gap is neither explained nor noise, and none of the known effects explains it."
+            f"Something else is missing too, with probability {probability_text(unknown)}: {rest}, and none of the "
+            "known effects explains more."
         )
-    elif causes and left > UNEXPLAINED:
-        yield f"Not all: {percent(left)} of the mean squared gap is neither explained nor noise."
-    if unknown >= LIKELY and answer.rest_depends_on:
-        best = answer.rest_depends_on[0]
-        words = best.function_of.replace("_", " ")
-        where = ""
-        if most := best.most:
-            span = f"{most.low:.3g} and {most.high:.3g} {unit_text(most.unit)}"
-            force = f"{most.force_N:+.3g} {unit_text('N')}"
-            where = f", most of all between {span}, where the motor gives {force} beside the model"
-        yield f"What is left depends most on {words}: a function of it would remove {percent(best.share)}{where}."
+    elif left > UNEXPLAINED:
+        yield f"Not all: {rest}."
+
+
+def _dependence(best: Dependence) -> str:
+    where = ""
+    if most := best.most:
+        span = f"{most.low:.3g} and {most.high:.3g} {unit_text(most.unit)}"
+        force = f"{most.force_N:+.3g} {unit_text('N')}"
+        where = f", most of all between {span}, where the motor gives {force} beside the model"
+    words = best.function_of.replace("_", " ")
+    return f"What is left depends most on {words}: a function of it would remove {percent(best.share)}{where}."
 
 
 def _other_forces(answer: Answer) -> Iterator[str]:
-    elsewhere = [Path(force.record).name for force in answer.process_forces if force.beside != "nominal"]
+    found = forces(answer)
+    elsewhere = [Path(force.record).name for force in found if force.beside != "nominal"]
     if elsewhere:
         yield f"Of another condition and left out: {' and '.join(elsewhere)}; the force that acts there stands below."
-    for force in answer.process_forces:
+    for force in found:
         if force.beside == "nominal":
             yield (
                 f"A force of {si_text(force.rms_N, 'N')} rms acts in {Path(force.record).name} that does not repeat "
@@ -152,9 +197,15 @@ def _other_forces(answer: Answer) -> Iterator[str]:
             )
 
 
+def forces(answer: Answer) -> list[ProcessForce]:
+    """Return one force for each record, not that beside the nominal model where there is a better one."""
+    apart = {force.record for force in answer.process_forces if force.beside != "nominal"}
+    return [force for force in answer.process_forces if force.beside != "nominal" or force.record not in apart]
+
+
 def process_forces(answer: Answer) -> Iterator[str]:
     """Yield what acts in each record of another condition: how large, when, at which frequency, how sure."""
-    for force in answer.process_forces:
+    for force in forces(answer):
         condition = f" ({force.condition})" if force.condition else ""
         beside = {
             "repeats": "beside the records of the same command",
@@ -169,11 +220,14 @@ def process_forces(answer: Answer) -> Iterator[str]:
         first, last = force.range_s
         line = ""
         if force.frequency_Hz is not None and force.amplitude_N is not None:
-            line = f", mostly {si_text(force.amplitude_N, 'N')} at {force.frequency_Hz:.4g} Hz"
+            sine = (
+                f"{si_text(force.amplitude_N, 'N')} amplitude ({si_text(force.amplitude_N / math.sqrt(2.0), 'N')} rms)"
+            )
+            line = f", its strongest line a sine of {sine} at {force.frequency_Hz:.3g} Hz"
         yield (
             f"{force.record}{condition}: a force acts that the model and the other records lack, {beside}: "
-            f"{si_text(force.rms_N, 'N')} rms, {si_text(force.mean_N, 'N')} on average, "
-            f"{si_text(force.largest_N, 'N')} at most{line}, from {first:.3g} to {last:.3g} s; each value is known to "
+            f"from {first:.3g} to {last:.3g} s {si_text(force.rms_N, 'N')} rms, {si_text(force.mean_N, 'N')} on "
+            f"average, {si_text(force.largest_N, 'N')} at most{line}; each value is known to "
             f"{si_text(1.96 * force.standard_deviation_N, 'N')} (95 %).{left_out}"
         )
 
@@ -185,8 +239,7 @@ def _names(causes: Sequence[Cause]) -> str:
 def _nearest(answer: Answer) -> str:
     if answer.nearest is None:
         return ""
-    reduction = percent(max(answer.nearest.reduction, 0.0))
-    return f" The nearest, {answer.nearest.effect}, would remove {reduction} of it."
+    return f" The nearest, {answer.nearest.effect}, would remove {part_text(answer.nearest.reduction)} of it."
 
 
 def title(answer: Answer) -> str:
@@ -236,20 +289,16 @@ def _doubts(answer: Answer) -> Iterator[str]:
     if judged != "held-out":
         motion = "the same motion again" if judged in ("held-out repeats", "held-out laps") else "the same record"
         yield f"Judged on {motion}, so nothing is shown for others; give a record of another motion with --holdout."
-    moved = answer.parametric.moved_in_standard_deviations
-    far = [f"{name} by {shift:+.1f}" for name, shift in moved.items() if abs(shift) > MOVED]
-    if far:
-        yield (
-            f"Re-calibration moved {', '.join(far)} standard deviations: the nominal value or its "
-            "[uncertainty] is doubtful."
-        )
+    yield from _moved(answer)
     nominal, size = answer.sizes()
     if size > 1.05 * nominal > 0.0:
         yield (
             f"Re-calibration enlarges the gap that is judged on ({less(1.0 - size / nominal)}): the effects are "
             "measured from there, not from the nominal model."
         )
-    alone, beside = (math.hypot(*by.values()) for by in (moved, answer.parametric.moved_beside_effects))
+    found = answer.parametric
+    moves = (found.moved_in_standard_deviations, found.moved_beside_effects)
+    alone, beside = (math.hypot(*by.values()) for by in moves)
     named = [cause for cause in answer.causes if cause.kind == EFFECT]
     if size < (1.0 - UNEXPLAINED) * nominal and beside < 0.5 * alone and named:
         yield (
@@ -261,8 +310,8 @@ def _doubts(answer: Answer) -> Iterator[str]:
         if balances and (rival := balances.instead) and rival.reduction > balances.reduction + DISSENT:
             yield (
                 f"The forces that the gap asks for, whatever the controller is, speak for {rival.effect} (it "
-                f"removes {percent(rival.reduction)} of their squares) rather than for {cause.effect} "
-                f"({percent(max(balances.reduction, 0.0))}): the controller may not be the nominal one."
+                f"removes {part_text(rival.reduction)} of their squares) rather than for {cause.effect} "
+                f"({part_text(balances.reduction)}): the controller may not be the nominal one."
             )
     for step in answer.shrinkage.steps:
         if step.ci95[0] <= 0.0:
@@ -289,6 +338,29 @@ def _doubts(answer: Answer) -> Iterator[str]:
     ]
     if nearly:
         yield f"No intervals of the parameters of {' and '.join(nearly)}; take their digits as a guide."
+
+
+def _moved(answer: Answer) -> Iterator[str]:
+    """Yield which nominal parameters moved far; in their units where a baseline leaves hardly any deviation."""
+    moved = answer.parametric.moved_in_standard_deviations
+    since = answer.recorded is not None and answer.recorded.baseline > 0
+    far = [name for name, shift in moved.items() if since and abs(shift) > COUNTED]
+    counted = [f"{name} by {shift:+.1f}" for name, shift in moved.items() if abs(shift) > MOVED and name not in far]
+    if counted:
+        yield (
+            f"Re-calibration moved {', '.join(counted)} standard deviations: the nominal value or its "
+            "[uncertainty] is doubtful."
+        )
+    if far:
+        changes = ", ".join(f"{name} by {_change(answer.parametric.changes.get(name))}" for name in far)
+        yield f"Since the baseline re-calibration moved {changes}: far more than the baseline leaves in doubt."
+
+
+def _change(change: Quantity | None) -> str:
+    if change is None:
+        return f"more than {COUNTED:.0f} standard deviations"
+    text = si_text(change.value, change.unit) if change.unit else percent(change.value)
+    return text if change.value < 0.0 else f"+{text}"
 
 
 def _as_sure(found: FalseAlarms) -> str:
@@ -365,19 +437,41 @@ def cells_of(answer: Answer, partition: str) -> list[tuple[str, float]]:
 
 def _causes(answer: Answer) -> Iterator[str]:
     for cause in answer.causes:
-        values = [
-            parameter_text(name, value) + (" (typical)" if name in cause.typical else "")
-            for name, value in cause.parameters.items()
-        ]
-        share = f"share {percent(cause.share)}, of which no other named effect explains {percent(unique(cause))}"
-        yield f"{cause.effect}{', a nominal parameter' if cause.parametric else ''}: {share}"
-        yield "  " + "; ".join(values)
+        if cause.parametric:
+            continue
+        yield (
+            f"{cause.effect}: share {percent(cause.share)}, of which no other named effect explains "
+            f"{percent(unique(cause))}"
+        )
+        yield _values(cause)
         if other := cause.instead:
-            removed = f"{percent(max(other.reduction, 0.0))} instead of {percent(other.reduction_of_named or 0.0)}"
+            removed = f"{part_text(other.reduction)} instead of {part_text(other.reduction_of_named or 0.0)}"
             yield f"  in its place {other.effect} would remove {removed} of the held-out misfit"
     experiment = answer.next_experiment
     if experiment is not None:
         yield f"Next experiment, to separate {' from '.join(experiment.to_separate)}: {experiment.trajectory}"
+
+
+def _nominal_parameters(answer: Answer) -> Iterator[str]:
+    for cause in answer.causes:
+        if cause.parametric:
+            yield f"{cause.effect}: share {percent(cause.share)}"
+            yield _values(cause)
+
+
+def _values(cause: Cause) -> str:
+    typical = dict.fromkeys(cause.typical, " (typical)")
+    values = (parameter_text(name, value) + typical.get(name, "") for name, value in cause.parameters.items())
+    return "  " + "; ".join(values)
+
+
+def part_text(reduction: float) -> str:
+    """Return a share that is removed; more than all, as of what is beyond the noise alone, is all.
+
+    >>> part_text(1.1), part_text(0.79), part_text(-0.2)
+    ('all', '79 %', '0 %')
+    """
+    return "all" if reduction >= 1.0 else percent(max(reduction, 0.0))
 
 
 def parameter_text(name: str, entry: Quantity) -> str:

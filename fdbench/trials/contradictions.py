@@ -1,5 +1,6 @@
 """Contradictions: what no answer may say at the same time."""
 
+import re
 from collections.abc import Iterator
 
 from fdbench.diagnosis.answer import Answer
@@ -7,6 +8,9 @@ from fdbench.diagnosis.settings import JUDGE
 
 WORSE = 1.02  # ratio of two gaps that no noise of the judgement explains
 ROUNDING = 1e-9
+A_LITTLE = 0.2  # share of a gap that is no longer a little of it
+SHARE = re.compile(r"(\d+) %(?= of (?:the|it|their)\b| instead of)|(?:instead of|share|removes?|explains) (\d+) %")
+NAMED = re.compile(r"Cause: |Perhaps |Cannot be distinguished|Nominal parameter|acts beyond what")
 
 
 def contradictions(answer: Answer) -> Iterator[str]:
@@ -44,3 +48,22 @@ def contradictions(answer: Answer) -> Iterator[str]:
     )
     if after > WORSE**2 * before:
         yield f"the final model leaves {after / before:.3g} times the mean square of the re-calibrated one"
+
+
+def contradictions_in_words(text: str) -> Iterator[str]:
+    """Yield what the text of an answer says that cannot be, or not beside what it says elsewhere.
+
+    Shares beyond the whole, "too" where nothing was named before, "a little" beside a large share.
+    """
+    words = " ".join(text.split())
+    for found in SHARE.finditer(words):
+        if int(found[1] or found[2]) > 100:
+            yield f"a share beyond the whole: {found[0]}"
+    for too in re.finditer(r"Perhaps \w+ too,|Something else is missing too", words):
+        if not NAMED.search(words, 0, too.start()):
+            yield f"{too[0]!r} and nothing before"
+    for names in re.findall(r"No cause is named; (.+?) fitted a little", words):
+        for name in names.split(" and "):
+            share = re.search(rf"\b{re.escape(name)}(?:, a nominal parameter)?: share (?:above )?(\d+) %", words)
+            if share and int(share[1]) > 100.0 * A_LITTLE:
+                yield f"{name} fitted a little, and its share is {share[1]} %"

@@ -48,7 +48,7 @@ def unsteady_forces(runs: Sequence[RecordedRun], replay: Replay, nominal: Hypoth
     found = []
     for run in runs:
         force = force_on_axis(run, run.channels, replay.alone(run, nominal.variant), nominal.nominal.drive)
-        found.append(_described(run, force, _quiet(run, force), "nominal"))
+        found.append(described(run, force, _quiet(run, force), "nominal"))
     return found
 
 
@@ -65,28 +65,39 @@ def _process_force(item: Apart, readings: Readings, final: Hypothesis, drive: Fe
         ]
         error = rms(np.concatenate(lefts))
     force = force_on_axis(run, run.channels, usual, drive)
-    return _described(run, force, _quiet(run, force) if error is None else error, "repeats" if repeats else "model")
+    return described(run, force, _quiet(run, force) if error is None else error, "repeats" if repeats else "model")
 
 
-def _described(run: RecordedRun, force: FloatArray, error: float, beside: str) -> ProcessForce:
+def described(run: RecordedRun, force: FloatArray, error: float, beside: str) -> ProcessForce:
+    """Return what is said of a force whose values are known to ``error``: how large while it acts, and its course."""
     time = JUDGE.force_balance_margin_s + np.arange(len(force)) * run.period_s
-    there = np.flatnonzero(np.abs(force) > JUDGE.sure_of_force * error)
-    first, last = (there[0], there[-1]) if len(there) else (0, len(force) - 1)
-    frequency, amplitude = _line(force, run.period_s)
+    first, last = _acting(force, JUDGE.sure_of_force * error, run.period_s)
+    there = force[first : last + 1]
+    frequency, amplitude = _line(there, run.period_s)
     every = max(1, math.ceil(len(force) / JUDGE.force_points))
     return ProcessForce(
         record=run.name,
         condition=run.condition,
         beside=beside,
-        rms_N=rms(force),
-        mean_N=float(force.mean()),
-        largest_N=float(force[np.argmax(np.abs(force))]),
+        rms_N=rms(there),
+        mean_N=float(there.mean()),
+        largest_N=float(there[np.argmax(np.abs(there))]),
         standard_deviation_N=error,
         range_s=(float(time[first]), float(time[last])),
         frequency_Hz=frequency,
         amplitude_N=amplitude,
         course=Course(time_s=tuple(time[::every].tolist()), force_N=tuple(force[::every].tolist())),
     )
+
+
+def _acting(force: FloatArray, sure: float, period_s: float) -> tuple[int, int]:
+    """Return the first and the last sample that are surely beyond zero, in stretches that are; without any, the ends.
+
+    Among many samples some are beyond any bound by chance, whole stretches are not.
+    """
+    beyond = [(np.abs(part) > sure) & (rms(part) > sure) for part in _stretches(force, period_s)]
+    places = np.flatnonzero(np.concatenate(beyond))
+    return (int(places[0]), int(places[-1])) if len(places) else (0, len(force) - 1)
 
 
 def force_on_axis(run: RecordedRun, channels: Channels, usual: Channels, drive: FeedDrive) -> FloatArray:
@@ -118,8 +129,11 @@ def _error_of_repeats(repeats: Sequence[RecordedRun], drive: FeedDrive) -> float
 
 def _quiet(run: RecordedRun, force: FloatArray) -> float:
     """Return the standard deviation about the mean in the quietest tenth of short stretches."""
-    n_parts = max(1, round(len(force) * run.period_s / EVIDENCE.segment_s))
-    return float(np.quantile([np.std(part) for part in np.array_split(force, n_parts)], 0.1))
+    return float(np.quantile([np.std(part) for part in _stretches(force, run.period_s)], 0.1))
+
+
+def _stretches(force: FloatArray, period_s: float) -> list[FloatArray]:
+    return np.array_split(force, max(1, round(len(force) * period_s / EVIDENCE.segment_s)))
 
 
 def _line(force: FloatArray, period_s: float) -> tuple[float | None, float | None]:

@@ -146,6 +146,9 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     unknown_probability = max(
         1.0 - (1.0 - models.unknown.probability(unknown)) * (1.0 - deviating.nameless), 1.0 - discount
     )
+    # What is less than repeats differ by lacks no cause, however little it looks like noise.
+    if all(floor.measured for floor in noise_models.values()):
+        unknown_probability = min(unknown_probability, 1.0 - noise_alone(float(repaired.max()), of=1.0))
     causes: list[Cause] = []
     effect_features_of: dict[str, Features] = {}
     for index, (effect, contest) in enumerate(zip(found.final.effects, found.contests, strict=True)):
@@ -203,12 +206,12 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     )
 
 
-def noise_alone(mean_square: float) -> float:
+def noise_alone(mean_square: float, of: float = JUDGE.unrepeated) -> float:
     r"""Return the probability that noise alone reaches a mean squared gap g, in units of its floor, after repeats.
 
     .. math:: p = 1 / (1 + (g / g_0)^4)
 
-    with :math:`g_0` = ``JUDGE.unrepeated``.
+    with :math:`g_0`, which ``of`` half as many exceed.
 
     >>> round(noise_alone(1.0), 3), noise_alone(10.0), round(noise_alone(74.0), 5)
     (1.0, 0.5, 0.00033)

@@ -241,7 +241,8 @@ class Replay:
                     left[place] = lane.run.n_samples
                     blocks.values[0, :, place], kinds[place] = self._lane(lane.variant, lane.run.period_s)
                     blocks.place(*lane.run.start, cycle, np.array([place]))
-                    blocks.set_scalars({"FIRST_ROW": commands.first_rows[id(lane.run)]}, np.array([place]))
+                    begun = {"FIRST_ROW": commands.first_rows[id(lane.run)], **lane.held()}
+                    blocks.set_scalars(begun, np.array([place]))
             calls = self._stepper.calls(np.logical_or.reduce(kinds))
             ahead = room_ahead(len(calls[0]), self._steps_of_a_loop)
             settings = self._steps_of_a_loop, cycle, *calls, ahead, commands.rows, logged
@@ -275,3 +276,17 @@ class _ReplayLane:
     variant: Variant
     run: RecordedRun
     channels: Mapping[str, FloatArray]
+
+    def held(self) -> dict[str, float]:
+        """Return the integral of the controller and the stretch of the screw that hold what the run begins with."""
+        plant, force_N = self.variant.plant, self.run.held_force_N
+        gains = plant.controller.rows()
+        if force_N == 0.0 or gains.get("INTEGRAL_GAIN", 0.0) == 0.0:
+            return {}
+        position_m, velocity_m_per_s = self.run.start
+        error = gains["POSITION_GAIN"] * (float(self.run.reference[0, 0]) - position_m) - velocity_m_per_s
+        integral = (force_N - gains["VELOCITY_GAIN"] * error) / gains["INTEGRAL_GAIN"]
+        stretch_m = 0.0 if plant.screw is None else force_N / plant.screw.stiffness_N_per_m
+        if plant.controller.uses_table:
+            return {"INTEGRAL": integral, **dict.fromkeys(("X_M", "LAST_MOTOR"), position_m + stretch_m)}
+        return {"INTEGRAL": integral, **dict.fromkeys(("X_T", "LAST_TABLE"), position_m - stretch_m)}

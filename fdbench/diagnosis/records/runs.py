@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -71,6 +72,24 @@ class RecordedRun:
         first = self.channels["position_m"][: RECORDS.start_samples]
         slope, offset = np.polyfit(np.arange(len(first)) * self.period_s, first, 1)
         return float(offset), float(slope)
+
+    @functools.cached_property
+    def held_force_N(self) -> float:
+        """Force with which the axis stands before it moves, such as a weight; 0 where it moves, or where that builds up.
+
+        A controller that was switched on before the record has it in its integral.
+        """
+        speed, force = np.abs(self.reference[:, 1]), self.channels["motor_force_N"]
+        moves = np.flatnonzero(speed > RECORDS.resting * speed.max())
+        first, standing = force[: RECORDS.start_samples], force[: moves[0] if len(moves) else self.n_samples]
+        if len(standing) < 4 * len(first):
+            return 0.0
+        level, noise = float(standing.mean()), float(np.std(np.diff(standing))) / math.sqrt(2.0)
+        is_there = abs(level) > RECORDS.held * noise / math.sqrt(len(standing))
+        builds_up = abs(first.mean() - level) > 0.25 * abs(level) + RECORDS.held * noise / math.sqrt(len(first))
+        if builds_up or not is_there:
+            return 0.0
+        return float(np.polyfit(np.arange(len(standing)), standing, 1)[1])
 
     def as_read(self) -> "RecordedRun":
         """Return the run with its channels as they were read."""

@@ -7,6 +7,7 @@ import itertools
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 from fdbench.errors import RecordError
 from fdbench.reading.formats._text import open_text
@@ -97,6 +98,33 @@ def line_of(file: Path, header_line: int, sample: int) -> int:
     return next(itertools.islice(filled, sample, None))
 
 
+def footer_of(stream: IO[bytes]) -> bytes:
+    r"""Return the comments below a table of text, with the blank lines among them; the stream stays where it is.
+
+    >>> footer_of(io.BytesIO(b"t,x\n0,1\n\n# end\n"))
+    b'\n# end\n'
+    """
+    start = stream.tell()
+    stream.seek(max(start, stream.seek(0, io.SEEK_END) - LONGEST_LINE))
+    rows = stream.read().split(b"\n")
+    stream.seek(start)
+    footer = list(itertools.takewhile(lambda row: not row.strip() or _is_comment(row), reversed(rows)))[::-1]
+    return b"\n".join(footer) if len(footer) < len(rows) and any(map(_is_comment, footer)) else b""
+
+
+def without_footer(stream: IO[bytes]) -> IO[bytes]:
+    """Return a stream of a table of text that ends where `footer_of` begins."""
+    footer = footer_of(stream)
+    if not footer:
+        return stream
+    with stream:
+        return io.BytesIO(stream.read().removesuffix(footer))
+
+
+def _is_comment(row: bytes) -> bool:
+    return row.lstrip().startswith(tuple(sign.encode() for sign in COMMENT_SIGNS.strip()))
+
+
 def check_end(file: Path, decimal: str) -> None:
     """Refuse a file that was cut within its last number, where that can be told.
 
@@ -107,7 +135,7 @@ def check_end(file: Path, decimal: str) -> None:
         is_ours = stream.read(len(OURS)) == OURS
         stream.seek(max(0, stream.seek(0, io.SEEK_END) - LONGEST_LINE))
         rows = stream.read().split(b"\n")
-    if rows[-1].strip() == b"":
+    if rows[-1].strip() == b"" or _is_comment(rows[-1]):
         return
     mark = re.escape(decimal.encode())
     decimals = [re.search(mark + rb"(\d+)\s*$", row) for row in rows[1:]]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from fdbench.documents import json_value
 from fdbench.errors import LONGEST_LIST, LONGEST_NAME, RecordError
+from fdbench.reading.formats._whole import surveyed
 from fdbench.record import check_column_name, nth_sample
 from fdbench.registry import Registry
 
@@ -59,6 +60,8 @@ class Raw:
         Column -> the column of its times, in a file with several clocks.
     gaps : sequence of int
         First samples after lost ones, where the file says so and has no times.
+    stamps : sequence of str
+        Columns of dates and times of day, which are read as seconds from the first of them.
     notes : sequence of str
         Sentences on what the file does not say, or says in a way that could surprise.
     """
@@ -71,6 +74,7 @@ class Raw:
     labels: Mapping[str, str] = field(default_factory=dict)
     clocks: Mapping[str, str] = field(default_factory=dict)
     gaps: Collection[int] = ()
+    stamps: Collection[str] = ()
     notes: Collection[str] = ()
 
 
@@ -106,7 +110,7 @@ class Format(ABC):
     def survey(cls, file: Path) -> tuple[Self, Raw]:
         """Return how a file is written, found from it alone, and all its columns of numbers."""
         reader = cls()
-        return reader, reader.read(file, EVERYTHING)
+        return reader, surveyed(reader.read(file, EVERYTHING))
 
 
 class Log(Format):

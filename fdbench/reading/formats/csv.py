@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, NamedTuple, Self, final
 
+import numpy as np
+
 from fdbench.errors import RecordError, SpecError
 from fdbench.reading.formats._cells import (
     BLANK,
@@ -17,13 +19,18 @@ from fdbench.reading.formats._cells import (
     bounded_lines,
     cells_of,
     check_end,
+    footer_of,
     is_number,
     line_of,
     numbers_in,
+    without_footer,
 )
 from fdbench.reading.formats._format import EVERYTHING, Format, Raw, choose, stored_provenance, unique
 from fdbench.reading.formats._layout import LONGEST_PREAMBLE, layout_of
+from fdbench.reading.formats._stamps import is_stamp, seconds_of
 from fdbench.reading.formats._text import marked_encoding, open_text, with_single_blanks
+from fdbench.reading.formats._whole import MOST_HOLES, surveyed
+from fdbench.record import FloatArray
 from fdbench.units import spelt_unit
 
 ENCODINGS = ("utf-8", "cp1252")
@@ -84,13 +91,16 @@ class Csv(Format):
             raise SpecError(f"encoding is {self.encoding!r}; allowed: {' or '.join(ENCODINGS)}; UTF-16 needs none.")
 
     def read(self, file: Path, wanted: Collection[str] | None) -> Raw:
-        """Return columns; see `Format.read`."""
+        """Return columns; see `Format.read`. Those that a mapping names may hold empty cells, which are no numbers."""
+        return self._read(file, wanted, 0.0 if wanted in (None, EVERYTHING) else 1.0)
+
+    def _read(self, file: Path, wanted: Collection[str] | None, most_holes: float) -> Raw:
         with file.open("rb") as stream:
             marked = marked_encoding(stream.read(len("\ufeff".encode())))
         if marked and self.encoding != "utf-8":
             raise RecordError(f"{file}: its byte order mark says {marked}. Leave out encoding = '{self.encoding}'.")
         try:
-            return self._read(file, wanted)
+            return self._columns(file, wanted, most_holes)
         except csv.Error as error:
             raise RecordError(f"{file}: no CSV file: {error}.") from error
 
@@ -101,35 +111,66 @@ class Csv(Format):
             reader = cls(*layout_of(file))
         except csv.Error as error:
             raise RecordError(f"{file}: no CSV file: {error}.") from error
-        return reader, reader.read(file, EVERYTHING)
+        return reader, surveyed(reader._read(file, EVERYTHING, MOST_HOLES))
 
-    def _read(self, file: Path, wanted: Collection[str] | None) -> Raw:
+    def _columns(self, file: Path, wanted: Collection[str] | None, most_holes: float) -> Raw:
+        """Return columns, of which at most the share ``most_holes`` of the cells is empty."""
         import pyarrow
 
         header = self._header(file, wanted is None)
         chosen = choose(header.names, wanted, file)
+        cells = self._first_cells(file, header)
+        stamps = [name for name in chosen if cells.get(name) and all(map(is_stamp, cells[name]))]
         if wanted is EVERYTHING:
-            chosen = self._numeric(file, header)
+            numeric = [name for name in cells if cells[name] and all(map(self._is_number, cells[name]))]
+            chosen = [name for name in header.names if name in (*numeric, *stamps)]
         try:
-            table = self._table(file, header, chosen)
+            table = self._table(file, header, chosen, stamps)
         except UnicodeDecodeError as error:
             raise RecordError(f"{file}: a character that {self.encoding} has not: {error}.") from error
         except pyarrow.ArrowInvalid as error:
-            raise self._fault(file, header, chosen, str(error)) from error
+            raise self._fault(file, header, set(chosen) - set(stamps), str(error)) from error
         check_end(file, self.decimal)
-        if wanted is EVERYTHING:
-            chosen = [name for name in chosen if not table.column(name).null_count]
-        elif any(column.null_count for column in table.columns):
+        whole = [name for name in chosen if table.column(name).null_count <= most_holes * len(table)]
+        if wanted is not EVERYTHING and len(whole) < len(chosen):
             raise self._fault(file, header, chosen, "empty cells")
+        columns = {name: table.column(name).to_numpy() for name in whole if name not in stamps}
+        seconds = {name: self._seconds(file, header, name, table) for name in whole if name in stamps}
+        starts = {name: next(cell for cell in cells[name]) for name in seconds}
         return Raw(
-            columns={name: table.column(name).to_numpy() for name in chosen},
+            columns={name: seconds[name] if name in seconds else columns[name] for name in whole},
             provenance=header.stored,
-            left_out=[name for name in header.names if name not in chosen],
+            left_out=[name for name in header.names if name not in whole],
             place=lambda sample: f"sample {sample} (line {line_of(file, header.line, sample)})",
-            units=header.units,
+            units={**header.units, **dict.fromkeys(seconds, "s")},
+            stamps=list(seconds),
+            notes=[
+                *(f"'{name}' holds times of day, taken as seconds from {start}" for name, start in starts.items()),
+                *self._footer(file),
+            ],
         )
 
-    def _table(self, file: Path, header: _Header, chosen: list[str]) -> Any:
+    def _seconds(self, file: Path, header: _Header, name: str, table: Any) -> FloatArray:
+        cells = table.column(name).to_pylist()
+        try:
+            seconds = seconds_of(cells)
+        except ValueError as error:
+            raise RecordError(f"{file}, column {name}: {error}.") from error
+        wrong = next((place for place in np.flatnonzero(np.isnan(seconds)) if cells[place]), None)
+        if wrong is not None:
+            raise RecordError(
+                f"{file}: line {line_of(file, header.line, int(wrong))}, column {name}: "
+                f"{cells[wrong][:LONGEST_CELL]!r} is no time such as those above it. Correct or remove it."
+            )
+        return seconds
+
+    def _footer(self, file: Path) -> list[str]:
+        with self._open_whole(file) as stream:
+            footer = footer_of(stream)
+        count = sum(bool(row.strip()) for row in footer.split(b"\n"))
+        return [f"lines of comments below the table: {count}, left out"] if count else []
+
+    def _table(self, file: Path, header: _Header, chosen: list[str], stamps: list[str]) -> Any:
         import pyarrow
         from pyarrow import csv as arrow_csv
 
@@ -139,27 +180,28 @@ class Csv(Format):
                 arrow_csv.ReadOptions(column_names=header.names, skip_rows=header.line, encoding=self.encoding),
                 arrow_csv.ParseOptions(delimiter=self.delimiter),
                 arrow_csv.ConvertOptions(
-                    column_types=dict.fromkeys(chosen, pyarrow.float64()),
+                    column_types={name: pyarrow.string() if name in stamps else pyarrow.float64() for name in chosen},
                     include_columns=chosen,
                     null_values=[""],
+                    strings_can_be_null=True,
                     decimal_point=self.decimal,
                 ),
             )
 
     def _open(self, file: Path) -> IO[bytes]:
+        return without_footer(self._open_whole(file))
+
+    def _open_whole(self, file: Path) -> IO[bytes]:
         return with_single_blanks(file) if self.delimiter == BLANK else open_text(file)
 
-    def _numeric(self, file: Path, header: _Header) -> list[str]:
-        """Return the columns that hold a number, or nothing, in each of the first rows."""
+    def _first_cells(self, file: Path, header: _Header) -> dict[str, list[str]]:
+        """Return the filled cells of each column in the first rows."""
         rows = [self._cells(text) for _, text in itertools.islice(self._lines(file, header.line), LONGEST_PREAMBLE)]
         rows = [row for row in rows if len(row) == len(header.names)]
-        return [
-            name
-            for place, name in enumerate(header.names)
-            if name
-            and any(row[place] for row in rows)
-            and all(not row[place] or is_number(row[place], self.decimal) for row in rows)
-        ]
+        return {name: [row[place] for row in rows if row[place]] for place, name in enumerate(header.names) if name}
+
+    def _is_number(self, cell: str) -> bool:
+        return is_number(cell, self.decimal)
 
     def _header(self, file: Path, has_our_names: bool) -> _Header:
         stored: dict[str, Any] = {}
@@ -243,7 +285,7 @@ class Csv(Format):
             seen.append((place, row))
         return number, text
 
-    def _fault(self, file: Path, header: _Header, chosen: list[str], message: str) -> RecordError:
+    def _fault(self, file: Path, header: _Header, chosen: Collection[str], message: str) -> RecordError:
         """Return what is wrong with a file that the fast reader refused, found by a slow second look."""
         names, empty = header.names, True
         places = {name: names.index(name) for name in chosen}

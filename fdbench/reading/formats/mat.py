@@ -1,9 +1,10 @@
-"""MATLAB's MAT files up to version 7: variables of shape (n, 1) or (1, n)."""
+"""MATLAB's MAT files up to version 7: variables of shape (n, 1) or (1, n), and the fields of structs that are such."""
 
 import math
+import statistics
 import struct
 import zlib
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, final
 
@@ -25,7 +26,10 @@ LARGEST_UNPACKED = 8 * MOST_VALUES
 
 @final
 class Mat(Format):
-    """Variables, read by scipy. Tests read what scipy writes, and a file that MATLAB wrote (EMPS)."""
+    """Variables, read by scipy; a field of a struct is called as in MATLAB, ``data.time``.
+
+    Tests read what scipy writes, and a file that MATLAB wrote (EMPS).
+    """
 
     suffixes = (".mat",)
     has_our_names = True
@@ -53,11 +57,18 @@ class Mat(Format):
             raise RecordError(f"{file}: not a MAT file, or a damaged one: {error}") from error
         if sum(sizes) > MOST_VALUES:
             raise RecordError(f"{file}: it holds {sum(sizes)} values; at most {MOST_VALUES} are read.")
-        arrays = {name: np.asarray(array) for name, array in content.items() if not name.startswith("__")}
+        variables = {name: np.asarray(array) for name, array in content.items() if not name.startswith("__")}
+        arrays = dict(field for name, array in variables.items() for field in _fields(name, array))
+        if wanted is None and len(arrays) > len(variables):
+            name = next(name for name in variables if name not in arrays)
+            raise RecordError(
+                f"{file}: variable {name} is a struct, whose fields are columns only by a mapping file; "
+                f"`fdbench import {file.name}` writes one."
+            )
         scalars = {name for name, array in arrays.items() if array.size == 1 and array.dtype.kind in "biuf"}
         chosen = choose([name for name in arrays if wanted is not None or name not in scalars], wanted, file)
         if wanted is EVERYTHING:
-            chosen = [name for name in chosen if name not in scalars and not _fault(arrays[name])]
+            chosen = _columns(arrays, scalars, file)
         for name in chosen:
             if fault := _fault(arrays[name]):
                 raise RecordError(f"{file}: variable {name} {fault}.")
@@ -67,6 +78,28 @@ class Mat(Format):
             return Raw(columns=columns, left_out=left_out)
         kept = {name: float(arrays[name].item()) for name in sorted(scalars)}
         return Raw(columns=columns, provenance={**origin(file), "scalars": kept})
+
+
+def _fields(name: str, array: NDArray[Any], depth: int = 0) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield name and content of a variable, or of each field of a struct."""
+    if array.dtype.names is None or array.size != 1 or depth > DEEPEST:
+        yield name, array
+        return
+    for field in array.dtype.names:
+        yield from _fields(f"{name}.{field}", np.asarray(array[field].item()), depth + 1)
+
+
+def _columns(arrays: dict[str, NDArray[Any]], scalars: Collection[str], file: Path) -> list[str]:
+    """Return the names of what may be a column, of the length that most of them have."""
+    faults = {name: _fault(array) for name, array in arrays.items() if name not in scalars}
+    names = [name for name, fault in faults.items() if not fault]
+    if not names:
+        listed = "; ".join(f"{name} {fault}" for name, fault in faults.items()) or "it holds single numbers only"
+        raise RecordError(
+            f"{file}: no columns: {listed}. In MATLAB: give each column a name, such as t = data(:, 1), and save them."
+        )
+    length = statistics.mode(arrays[name].size for name in names)
+    return [name for name in names if arrays[name].size == length]
 
 
 def _check_elements(file: Path) -> None:
@@ -120,4 +153,5 @@ def _fault(array: NDArray[Any]) -> str:
         words = {"c": "complex numbers", "U": "text", "V": "a struct"}
         what = words.get(array.dtype.kind, "cells, objects or a sparse matrix")
         return f"holds {what}; a column holds real numbers"
-    return "" if max(array.shape) == array.size else f"has shape {array.shape}; a column has (n, 1) or (1, n)"
+    shape = " x ".join(map(str, array.shape))
+    return "" if max(array.shape) == array.size else f"is a matrix of {shape} without names; a column is n x 1 or 1 x n"

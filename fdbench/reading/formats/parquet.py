@@ -4,6 +4,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any, final
 
+import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.documents import parquet_table
@@ -43,7 +44,12 @@ class Parquet(Format):
             raise RecordError(f"{file}: not a Parquet file, or a damaged one: {error}") from error
         stored = (table.schema.metadata or {}).get(b"fdbench")
         columns: dict[str, NDArray[Any]] = {}
+        stamps: list[str] = []
         for name, column in zip(table.column_names, table.columns, strict=True):
+            if (types.is_timestamp(column.type) or types.is_time(column.type)) and not column.null_count:
+                columns[name] = _seconds(column)
+                stamps.append(name)
+                continue
             is_number = types.is_floating(column.type) or types.is_integer(column.type) or types.is_boolean(column.type)
             if not is_number and wanted is EVERYTHING:
                 continue
@@ -59,7 +65,21 @@ class Parquet(Format):
             if not column.null_count:
                 columns[name] = column.to_numpy()
         left_out = [name for name in names if name not in columns]
-        return Raw(columns=columns, provenance=stored_provenance(stored, file) if stored else {}, left_out=left_out)
+        return Raw(
+            columns=columns,
+            provenance=stored_provenance(stored, file) if stored else {},
+            left_out=left_out,
+            units=dict.fromkeys(stamps, "s"),
+            stamps=stamps,
+            notes=[f"'{name}' holds times of day, taken as seconds from the first" for name in stamps],
+        )
+
+
+def _seconds(column: Any) -> NDArray[np.float64]:
+    """Return times of any kind as seconds from the first."""
+    per_second = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[column.type.unit]
+    counts = column.cast(f"int{column.type.bit_width}").to_numpy().astype(np.int64)
+    return (counts - counts[:1]) / per_second
 
 
 def _is_number(cell: str) -> bool:

@@ -1,0 +1,183 @@
+"""What the text of a diagnosis says agrees with itself: shares have a whole, and what they are of is said."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from conftest import REPOSITORY
+
+from fdbench.diagnosis.answer import (
+    VALUE,
+    Answer,
+    Cause,
+    Course,
+    ForceBalances,
+    ProcessForce,
+    Quantity,
+    Recorded,
+    RivalReduction,
+    Step,
+    Suspect,
+    read_answer,
+)
+from fdbench.report._sections import cause_tables, sections
+from fdbench.report.diagnosis_text import summary, verdict
+from fdbench.trials.contradictions import contradictions_in_words
+
+CAUSE = Cause(effect="cogging", probability=0.9, share=0.6, unique_share=0.6, parameters={})
+FORCE = Quantity(value=39.9, ci95=None, unit="N")
+OFFSET = replace(CAUSE, effect="constant_force", kind=VALUE, share=0.99, parameters={"change": FORCE})
+FRICTION = replace(OFFSET, effect="coulomb_friction", share=0.7)
+
+
+def answer(causes: Sequence[Cause] = (CAUSE,), after: float = 40.0, **changes: Any) -> Answer:
+    """Return an answer of a gap of 400 floors that re-calibration takes to 100 and the effects to ``after``."""
+    written = read_answer(REPOSITORY / "tests" / "golden" / "answer_before_kinds.json")
+    reduction = 1.0 - after / 100.0
+    step = Step(
+        added="cogging", before=100.0, after=after, reduction=reduction, ci95=(reduction - 0.1, reduction + 0.1)
+    )
+    shrunk = replace(written.shrinkage, judged_on="held-out", on_paper=400.0, steps=(step,), total=reduction)
+    plain = {
+        **{"causes": tuple(causes), "suspects": (), "rest_depends_on": (), "warnings": (), "next_experiment": None},
+        **{"nearest": None, "shrinkage": shrunk, "unknown_probability": 0.2, "no_gap_probability": 0.0},
+    }
+    return replace(written, **(plain | changes))
+
+
+def said(found: Answer) -> str:
+    return " ".join(summary(found).split())
+
+
+def told(found: Answer) -> str:
+    return " ".join(verdict(found))
+
+
+@pytest.mark.parametrize("unknown", [0.2, 0.8])
+def test_effects_that_make_the_gap_larger_explain_none_of_it(unknown: float) -> None:
+    worse = answer(after=112.0, unknown_probability=unknown)
+    assert worse.unexplained() == pytest.approx(0.99)
+    assert "the effects make the mean squared gap after re-calibration 12 % larger in all on the records held" in told(
+        worse
+    )
+    assert "neither explained nor noise" not in said(worse)
+    assert answer(after=40.0).unexplained() == pytest.approx(0.39)
+    assert "39 % of the mean squared gap after re-calibration is neither explained nor noise" in told(answer())
+
+
+def test_what_was_seen_in_the_readings_is_explained() -> None:
+    """The total counts the effects alone, the last step what is left of all."""
+    own = answer()
+    assert replace(own, shrinkage=replace(own.shrinkage, total=0.0)).unexplained() == pytest.approx(0.39)
+
+
+def test_more_than_all_of_a_misfit_is_all() -> None:
+    rival = RivalReduction(effect="backlash", reduction=0.79, reduction_of_named=1.1)
+    assert "backlash would remove 79 % instead of all of the held-out misfit" in said(
+        answer([replace(CAUSE, instead=rival)])
+    )
+    balances = ForceBalances(reduction=-0.1, instead=replace(rival, reduction=1.2))
+    assert "(it removes all of their squares) rather than for cogging (0 %)" in said(
+        answer([replace(CAUSE, force_balances=balances)])
+    )
+    nearest = RivalReduction(effect="backlash", reduction=1.3)
+    assert "backlash, would remove all of it" in told(answer([], nearest=nearest, unknown_probability=0.9))
+
+
+def test_too_is_said_beside_what_was_named_alone() -> None:
+    suspect = Suspect(effect="backlash", probability=0.3)
+    hidden = answer([replace(CAUSE, probability=0.05)], unknown_probability=0.9, suspects=(suspect,))
+    text = told(hidden)
+    assert "Perhaps backlash, probability 0.30: too little" in text
+    assert "None of the known effects explains the gap (probability 0.90). Fitted, but improbable: cogging." in text
+    assert "Something else" not in text
+    named = told(replace(hidden, causes=(CAUSE,)))
+    assert "Perhaps backlash too, probability 0.30" in named
+    assert "Something else is missing too" in named
+
+
+def test_what_was_fitted_to_noise_is_not_called_little() -> None:
+    text = said(answer([replace(FRICTION, probability=0.05)], no_gap_probability=0.9))
+    assert "No cause is named: what was fitted, coulomb_friction, is less probable than that." in text
+    assert list(contradictions_in_words(text)) == []
+
+
+def test_nominal_parameters_stand_apart_with_what_their_share_is_of() -> None:
+    found = answer([FRICTION, CAUSE])
+    lines = summary(found).splitlines()
+    causes, nominal = (
+        next(place for place, line in enumerate(lines) if line.startswith(heading))
+        for heading in (
+            "Causes (share of the mean squared gap after",
+            "Nominal parameters (share of the mean squared nom",
+        )
+    )
+    assert lines[causes + 1].startswith("  cogging: share 60 %, of which")
+    assert lines[nominal + 1] == "  coulomb_friction: share 70 %"
+    assert lines[nominal + 2].strip() == "change 39.9 N"
+    assert not any(line.startswith("Nominal parameters") for line in summary(answer()).splitlines())
+    page = " ".join(map(str, cause_tables(found)))
+    tables = [re.sub(r"<[^>]+>|\s+", " ", part) for part in page.split("<table")[2:]]
+    assert "share after re-calibration" in tables[0]
+    assert "60 %" in tables[0]
+    assert "70 %" not in tables[0]
+    assert "share of the nominal gap" in tables[1]
+    assert "70 %" in tables[1]
+
+
+def test_each_share_in_the_verdict_says_of_what_it_is() -> None:
+    text = told(answer([FRICTION, CAUSE]))
+    assert "its correction removes 70 % of the mean squared nominal gap." in text
+    assert "it explains 60 % of the mean squared gap after re-calibration." in text
+    assert "Not all: 39 % of the mean squared gap after re-calibration" in text
+
+
+def test_a_constant_force_is_no_size_that_is_wrong() -> None:
+    assert "A constant force of 39.9 N acts beyond what the model has, probability 0.90; its" in told(answer([OFFSET]))
+    perhaps = told(answer([replace(OFFSET, probability=0.3)]))
+    assert "Perhaps a constant force of 39.9 N acts beyond what the model has, probability 0.30" in perhaps
+    assert "Nominal parameter wrong: size of coulomb_friction" in told(answer([FRICTION]))
+
+
+def force(beside: str, largest_N: float) -> ProcessForce:
+    return ProcessForce(
+        record="cut.csv",
+        beside=beside,
+        rms_N=178.0,
+        mean_N=0.0,
+        largest_N=largest_N,
+        standard_deviation_N=0.5,
+        range_s=(12.5, 21.7),
+        frequency_Hz=1.0,
+        amplitude_N=227.0,
+        course=Course(time_s=(0.0, 1.0), force_N=(0.0, 1.0)),
+    )
+
+
+def test_a_force_is_said_once_with_what_its_line_is() -> None:
+    twice = answer(process_forces=(force("repeats", -178.0), force("nominal", 187.0)))
+    text = said(twice)
+    assert text.count("a force acts that") == 1
+    assert "does not repeat with the motion" not in text
+    assert "from 12.5 to 21.7 s 178 N rms, 0 N on average, -178 N at most" in text
+    assert "its strongest line a sine of 227 N amplitude (161 N rms) at 1 Hz" in text
+    (shown,) = [section for section in sections(twice) if section.title == "Process forces"]
+    assert len(shown.blocks) == 2
+    assert "does not repeat with the motion" in said(answer(process_forces=(force("nominal", 187.0),)))
+
+
+def test_beside_a_baseline_far_changes_have_their_units() -> None:
+    own = answer(recorded=Recorded(records=2, samples=100, sampling_time_s=1e-3, baseline=2))
+    moved = {"motor_mass": 946.8, "motor_viscous": 30.0, "force_offset": -25.0, "table_mass": 4.0}
+    changes = {
+        "motor_mass": Quantity(value=0.0123, ci95=None, unit="kg"),
+        "force_offset": Quantity(value=-0.07, ci95=None, unit=""),
+    }
+    own = replace(own, parametric=replace(own.parametric, moved_in_standard_deviations=moved, changes=changes))
+    text = said(own)
+    assert "motor_mass by +0.0123 kg, motor_viscous by more than 20 standard deviations, force_offset by -7 %" in text
+    assert "Re-calibration moved table_mass by +4.0 standard deviations" in text
+    assert "946.8" not in text
+    assert "motor_mass by +946.8" in said(replace(own, recorded=None))
