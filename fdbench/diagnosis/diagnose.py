@@ -166,7 +166,7 @@ def _diagnosed(
         },
         process_forces=(
             *process_forces(ready.others, readings, final),
-            *unsteady_forces(ready.unsteady, readings.replay, given),
+            *unsteady_forces(ready.only_unsteady, readings.replay, given),
         ),
         recorded=Recorded(
             records=sum(run.repeats for run in split.runs),

@@ -50,7 +50,7 @@ PARTITIONS = ("motion", "frequency", "position", "velocity", "time", "channel")
 
 
 def summary(answer: Answer) -> str:
-    """Return the answer as text of 15 to 40 lines.
+    """Return the answer as text of 15 to 45 lines.
 
     Parameters
     ----------

@@ -192,7 +192,7 @@ def test_intervals_hold_the_true_share() -> None:
 def test_summary_names_the_injected_effect(found: Diagnosis) -> None:
     text = summary(found.answer)
     lines = text.splitlines()
-    assert 15 <= len(lines) <= 40
+    assert 15 <= len(lines) <= 45
     assert max(len(line) for line in lines) <= 110
     assert "Cause: direction_dependent_friction" in text
     (value,) = re.findall(r"viscous asymmetry (-?[\d.]+) N s/m", text)
@@ -456,6 +456,8 @@ def test_bars_are_the_shares_of_the_answer(page: str, found: Diagnosis) -> None:
     gains = [max(found.stages[0].gain(rival), 0.0) for rival in found.stages[0].rivals]
     drawn = [row.bar[0] for row in bars["Share removed"]]
     assert drawn == pytest.approx([100.0 * min(gain, 1.0) for gain in gains[:8]], abs=0.01)
+    assert max(gains) > 1.0  # more than all that is beyond the noise
+    assert [row.text for row in bars["Share removed"]] == [percent(min(gain, 1.0)) for gain in gains[:8]]
 
 
 def test_shares_have_their_intervals_drawn(page: str, found: Diagnosis) -> None:

@@ -69,6 +69,11 @@ class Aligned:
     unsteady: list[RecordedRun]
     warnings: list[str]
 
+    @property
+    def only_unsteady(self) -> list[RecordedRun]:
+        """Runs whose force does not repeat, but for those of another condition."""
+        return [run for run in self.unsteady if all(run.reference is not item.run.reference for item in self.others)]
+
 
 def aligned(
     nominal: Nominal,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.diagnosis.answer import Pair, Parametric, Shrinkage, Step
+from fdbench.diagnosis.answer import Pair, Parametric, Quantity, Shrinkage, Step
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, mean_energy
 from fdbench.diagnosis.evidence.split import Split
@@ -19,6 +19,7 @@ from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
+from fdbench.rotary import spoken_unit
 from fdbench.statistics import drawn_counts, percentile_interval
 
 
@@ -217,11 +218,16 @@ def held_step(
 def parametric(raw: float, reductions: Reductions, calibrated: Hypothesis, final: Hypothesis) -> Parametric:
     """Return what re-calibration alone does: the parametric gap, and how far each nominal parameter moved."""
     structural = float(reductions.mean()[0])
-    names = [item.name for item in nominal_parameters(calibrated.nominal)]
+    items, drive = nominal_parameters(calibrated.nominal), calibrated.nominal.drive
+    names = [item.name for item in items]
     return Parametric(
         closed_by_recalibration=max(0.0, 1.0 - structural / raw),
         moved_in_standard_deviations=dict(zip(names, calibrated.shifts, strict=True)),
         moved_beside_effects=dict(zip(names, final.shifts, strict=True)),
+        changes={
+            item.name: Quantity(value=shift * item.size(drive), ci95=None, unit=spoken_unit(item.unit))
+            for item, shift in zip(items, calibrated.shifts, strict=True)
+        },
     )
 
 

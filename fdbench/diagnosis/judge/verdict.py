@@ -149,6 +149,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     # What is less than repeats differ by lacks no cause, however little it looks like noise.
     if all(floor.measured for floor in noise_models.values()):
         unknown_probability = min(unknown_probability, 1.0 - noise_alone(float(repaired.max()), of=1.0))
+    small = JUDGE.small_share * shares.of(repaired)
     causes: list[Cause] = []
     effect_features_of: dict[str, Features] = {}
     for index, (effect, contest) in enumerate(zip(found.final.effects, found.contests, strict=True)):
@@ -166,8 +167,8 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         most = 1.0 if believed else JUDGE.named
         own = np.array([part[index] for part in parts])
         share = shares.of(own)
-        # What explains little of the gap may be a part of a cause that is not known.
-        sound = discount * (1.0 - unknown_probability * JUDGE.small_share / (JUDGE.small_share + share))
+        # What explains little beside what is left of the gap may be a part of a cause that is not known.
+        sound = discount * (1.0 - unknown_probability * small / max(small + share, 1e-12))
         chances = {name: min(sound * p, most) for name, p in odds.items()}
         unique = np.array([values[everything] - values[alone] for values in closed])
         causes.append(

@@ -75,10 +75,13 @@ class Viscous(_OfASide):
 
     @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
-        drive, relative = nominal.drive, nominal.uncertainty.viscous
-        deviation = max(drive.viscous_friction_N_s_per_m, 1e-3 * drive.mass_kg) * relative
+        drive, relative, covered = nominal.drive, nominal.uncertainty.viscous, nominal.covered
+        on_paper = max(drive.viscous_friction_N_s_per_m, 1e-3 * drive.mass_kg)
+        if drive.viscous_friction_N_s_per_m == 0.0 and covered.fastest_m_per_s > 0.0:
+            # Nothing on paper is not known to be nothing.
+            on_paper = max(on_paper, covered.force_N / covered.fastest_m_per_s)
         return [
-            cls(name=f"{side}_viscous", side=side, deviation=deviation, relative=relative)
+            cls(name=f"{side}_viscous", side=side, deviation=on_paper * relative, relative=relative)
             for side in cls.sides(nominal)
         ]
 

@@ -75,7 +75,7 @@ class RecordedRun:
 
     @functools.cached_property
     def held_force_N(self) -> float:
-        """Force with which the axis stands before it moves, such as a weight; 0 where it moves, or where that builds up.
+        """Force with which the axis stands before it moves, such as a weight; 0 where it moves or that builds up.
 
         A controller that was switched on before the record has it in its integral.
         """

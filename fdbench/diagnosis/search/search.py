@@ -87,18 +87,37 @@ class Search:
         falls = {kind: fitted_cost - _cost(base, fit.train, fit) for kind, (_, fit) in sized.items()}
         without = _equivalent(base, screened.alone)
         gains = {kind: without - _equivalent(base, fit) for kind, (_, fit) in sized.items()}
-        worthwhile = foremost(gains) | foremost(falls)
+        worthwhile, unhidden = foremost(gains) | foremost(falls), self._unhidden(base, every)
         hypotheses = []
-        for kind in order:
-            candidate, fit = sized[kind]
-            hypothesis = base.with_effect(candidate.members[0], candidate.replaces).moved(fit.coefficients)
-            serious = kind in worthwhile
-            if serious:
+        for kind in dict.fromkeys((*order, *unhidden)):
+            begun = [unhidden[kind]] if kind in unhidden else []
+            if kind in sized:
+                candidate, fit = sized[kind]
+                hypothesis = base.with_effect(candidate.members[0], candidate.replaces).moved(fit.coefficients)
+            if kind in worthwhile:
                 self.progress(f"refining {kind.name}")
-                begun = [self.refined_anew(start, base) for start in self._starts(base, hypothesis, candidate)]
+                begun += [self.refined_anew(start, base) for start in self._starts(base, hypothesis, candidate)]
+            if begun:
                 hypothesis = self.refinement.better(base, begun) if len(begun) > 1 else begun[0]
-            hypotheses.append((kind, hypothesis, serious))
+            hypotheses.append((kind, hypothesis, bool(begun)))
         return self.contested(base, hypotheses)
+
+    def _unhidden(self, base: Hypothesis, every: Sequence[Candidate]) -> dict[type[Effect], Hypothesis]:
+        """Return the classes that fit best beside nominal parameters as given, refined, where those of the base strain.
+
+        An effect that they stand in for has nothing to explain beside them, and their responses are others there.
+        """
+        if max(map(abs, base.shifts), default=0.0) <= SEARCH.strained:
+            return {}
+        given = dataclasses.replace(base, shifts=(0.0,) * len(base.shifts))
+        best = self._best_of_class(given, every, self._screen(given, every, self.split.fitted).fits)
+        costs = {kind: _cost(given, fit.train, fit) for kind, (_, fit) in best.items()}
+        found = {}
+        for kind in sorted(costs, key=costs.__getitem__)[: SEARCH.unhidden]:
+            self.progress(f"refining {kind.name}")
+            candidate, _ = best[kind]
+            found[kind] = self.refinement.refine(given.with_effect(candidate.members[0], candidate.replaces))
+        return found
 
     def contested(self, base: Hypothesis, hypotheses: Sequence[tuple[type[Effect], Hypothesis, bool]]) -> Stage:
         """Judge hypotheses beside a base; what looks like the best one also begins where that ended.
