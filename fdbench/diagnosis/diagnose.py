@@ -35,6 +35,7 @@ from fdbench.diagnosis.model.rotary_axis import record_of_rotary
 from fdbench.diagnosis.records.plausibility import clock_warnings
 from fdbench.diagnosis.records.runs import merged
 from fdbench.diagnosis.search.loop_rate import Calibrated, at_likely_rate
+from fdbench.diagnosis.search.periods import lines_between_repeats
 from fdbench.diagnosis.search.refinement import Refinement
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Stage
@@ -236,7 +237,12 @@ def _searched(
     calibrated = last.refine(calibrated, tempered=False)
     simulated = readings.replay.on_each(ready.runs, calibrated.variant)
     clocks = [text for run, own in zip(ready.runs, simulated, strict=True) for text in clock_warnings(run, own)]
-    ready = dataclasses.replace(ready, warnings=[*ready.warnings, *clocks])
+    lines = [
+        f"Repeats differ by a force of {frequency_Hz:.4g} Hz and {amplitude_N:.3g} N, which is not in step with their "
+        "command, such as that of a spindle or a fan. It counts as noise here, and is no cause that could be named."
+        for frequency_Hz, amplitude_N in lines_between_repeats(ready.runs)
+    ]
+    ready = dataclasses.replace(ready, warnings=[*ready.warnings, *clocks, *lines])
     final = last.refine(weighed, tempered=False) if final.effects else calibrated
     findings = Findings(
         search=search,

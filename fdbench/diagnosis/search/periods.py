@@ -9,9 +9,9 @@ from fdbench.diagnosis.evidence.inverse_dynamics import inverse_dynamics_residua
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
-from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.diagnosis.records.runs import RecordedRun, differences
 from fdbench.diagnosis.search.resonances import resonances
-from fdbench.diagnosis.settings import MODEL, RECORDS, SEARCH
+from fdbench.diagnosis.settings import JUDGE, MODEL, RECORDS, SEARCH
 from fdbench.record import FloatArray
 
 
@@ -52,6 +52,24 @@ def located(readings: Readings, split: Split, base: Hypothesis) -> Mapping[str, 
         "pitch_of_ratio": [wave for wave in waves_of_ratio if wave <= longest_m],
         "resonance": resonances([own[-1] for own in lacking], split, base.nominal.drive),
     }
+
+
+def lines_between_repeats(runs: Sequence[RecordedRun]) -> list[tuple[float, float]]:
+    r"""Return the lines (Hz) that make a good part of what the force of repeats differs by, and their amplitude (N).
+
+    A force that is periodic, but not in step with the command, comes at another phase each time: of two such ones the
+    difference has :math:`\sqrt 2` times the amplitude, root mean square.
+    """
+    left = differences(runs, "motor_force_N")
+    if not left:
+        return []
+    found, period = [], runs[0].period_s
+    for line in _lines_in_time([own[None] for own in left], [runs[0]] * len(left)):
+        parts = [np.exp(-2j * np.pi * line * period * np.arange(len(own))) @ own / len(own) for own in left]
+        mean_square = float(np.mean(np.abs(parts) ** 2))
+        if 2.0 * mean_square > JUDGE.force_line * float(np.mean([np.mean(own**2) for own in left])):
+            found.append((line, float(np.sqrt(2.0 * mean_square))))
+    return found
 
 
 def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[RecordedRun]) -> list[float]:

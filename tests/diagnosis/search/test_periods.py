@@ -1,11 +1,13 @@
 """Periods are located: lines over time, wavelengths over position, in what a gap asks for."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.records.runs import RecordedRun
-from fdbench.diagnosis.search.periods import _lines_in_position, _lines_in_time
+from fdbench.diagnosis.search.periods import _lines_in_position, _lines_in_time, lines_between_repeats
 from fdbench.diagnosis.settings import SEARCH
 
 PERIOD_S = 1e-3
@@ -25,6 +27,22 @@ def test_lines_are_found_and_noise_has_none() -> None:
     lines = np.sin(2.0 * np.pi * 17.3 * time_s) + 0.7 * np.sin(2.0 * np.pi * 90.1 * time_s)
     found = _lines_in_time([(noise + lines)[None]], [run])
     assert sorted(found) == pytest.approx([17.3, 90.1], abs=0.03)
+
+
+def test_a_force_that_is_not_in_step_with_the_command_is_a_line_between_repeats() -> None:
+    rng = np.random.default_rng(5)
+    time_s = np.arange(len(STROKES)) * PERIOD_S
+
+    def repeat(amplitude_N: float) -> RecordedRun:
+        run, phase = run_along(STROKES), rng.uniform(0.0, 2.0 * np.pi)
+        force = amplitude_N * np.sin(2.0 * np.pi * 27.3 * time_s + phase) + rng.standard_normal(len(time_s))
+        return dataclasses.replace(run, channels={**run.channels, "motor_force_N": force})
+
+    assert lines_between_repeats([repeat(0.0) for _ in range(3)]) == []
+    ((line, amplitude_N),) = lines_between_repeats([repeat(5.0) for _ in range(6)])
+    assert line == pytest.approx(27.3, abs=0.05)
+    assert amplitude_N == pytest.approx(5.0, rel=0.4)
+    assert lines_between_repeats([repeat(5.0)]) == [], "nothing was repeated"
 
 
 @pytest.mark.parametrize("pitch_m", [1.3e-3, 4e-3, 0.05])
