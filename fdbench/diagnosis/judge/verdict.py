@@ -187,7 +187,9 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         )
     # What is less than repeats differ by, beside what is believed, lacks no cause, however little it looks like noise.
     if all(floor.measured for floor in noise_models.values()):
-        unknown_probability = min(unknown_probability, 1.0 - noise_alone(left_beside(causes, reductions), of=1.0))
+        repeats = float(np.mean([plain.runs[place].repeats for place in plain.judged]))
+        left_of_one = left_beside(causes, reductions) / repeats
+        unknown_probability = min(unknown_probability, 1.0 - noise_alone(left_of_one, of=JUDGE.measurable))
     causes += [dataclasses.replace(value, probability=discount * value.probability) for value in deviating.causes]
     causes += [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
@@ -227,7 +229,7 @@ def noise_alone(mean_square: float, of: float = JUDGE.unrepeated) -> float:
     >>> round(noise_alone(1.0), 3), noise_alone(10.0), round(noise_alone(74.0), 5)
     (1.0, 0.5, 0.00033)
     """
-    return 1.0 / (1.0 + (max(mean_square, 0.0) / JUDGE.unrepeated) ** 4)
+    return 1.0 / (1.0 + (max(mean_square, 0.0) / of) ** 4)
 
 
 def plausibility_discount(left: float) -> float:

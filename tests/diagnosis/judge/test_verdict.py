@@ -82,4 +82,4 @@ def test_what_is_left_is_beside_what_is_believed() -> None:
     assert left_beside(causes(0.9), reductions) == pytest.approx(0.5)
     assert left_beside(causes(0.4), reductions) == pytest.approx(3.0)
     assert left_beside(causes(0.4, current_loop_lag=0.3), reductions) == pytest.approx(0.5)
-    assert noise_alone(0.5, of=1.0) > 0.9 > 0.05 > noise_alone(3.0, of=1.0)
+    assert noise_alone(0.5, of=1.5) > 0.9 > 0.1 > noise_alone(3.0, of=1.5)
