@@ -20,7 +20,8 @@ def import_(
         ),
     ],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Folder for the files; without it, beside each log.")
+        Path | None,
+        typer.Option("-o", "--output", help="Folder for the files, made if needed; without it, beside each log."),
     ] = None,
     sampling_time: Annotated[
         float | None, typer.Option(min=1e-7, metavar="SECONDS", help="Sampling time, for logs without times.")
@@ -32,8 +33,8 @@ def import_(
     from fdbench.reading import format_of
     from fdbench.reading.servo_tuning import is_servo_tuning
 
-    if output is not None and not output.is_dir():
-        raise SpecError(f"--output {output}: no such folder.")
+    if output is not None and output.exists() and not output.is_dir():
+        raise SpecError(f"--output {output}: a file, not a folder.")
     tunings = [file for file in files if file.is_file() and is_servo_tuning(_head(file))]
     if tunings:
         _import_tuning(files, output)
@@ -49,6 +50,8 @@ def import_(
         written, proposals = files, [of_mapping(file) for file in files]
     else:
         kinds = [format_of(file) for file in files]
+        if output is not None:
+            output.mkdir(parents=True, exist_ok=True)
         proposals = [propose(*each, sampling_time) for each in zip(files, kinds, written, strict=True)]
     for file, path, proposal in zip(files, written, proposals, strict=True):
         said = [proposal.format] if proposal.format else []
@@ -61,7 +64,7 @@ def import_(
             say(f"  -> {path}")
     best = next((proposal for proposal in proposals if proposal.record is not None), None)
     if best is not None:
-        write_text(model, best.model([file.name for file in files]))
+        write_text(model, best.model([file.name for file in files]), folders=True)
         say(f"A first model, {best.axis}, without controller: {model}")
     to_do = dict.fromkeys(line for proposal in proposals for line in proposal.to_do)
     differing = [
@@ -101,7 +104,7 @@ def _import_tuning(files: list[Path], output: Path | None) -> None:
     say(f"{file}: a result of Automatic Servo Tuning")
     for line in tuned.found:
         say(f"  {line}")
-    write_text(model, tuned.model)
+    write_text(model, tuned.model, folders=True)
     say(f"A model, {tuned.axis}: {model}")
     say("\n".join(["To do:", *(f"  - {line}" for line in tuned.to_do)]))
     if tuned.response:

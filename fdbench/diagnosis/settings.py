@@ -170,6 +170,7 @@ class EvidenceSettings:
     grid_exact: float = number(1e-6, "of a step by which a reading on the grid may move when it is rounded again")
     on_grid: float = number(0.4, "distance from the grid, relative to that of numbers that know nothing of it")
     grid_slope: float = number(20.0, "of the logistic that makes a probability of that distance")
+    coarse_log: float = number(4.0, "times the noise of the force, squared, that only steps in the loop would bring")
     wave_fewest: float = number(200.0, "waves over the travel that an error of interpolation has")
     wave_most: float = number(131072.0, "waves over the travel that are looked for")
     wave_of_turn: float = number(50.0, "such waves in a turn of the motor; longer ones may be true motion")

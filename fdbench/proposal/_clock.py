@@ -12,20 +12,32 @@ from fdbench.errors import RecordError
 from fdbench.json_text import toml_value
 from fdbench.proposal._data import jumps, longest_whole
 from fdbench.proposal._names import LogColumn, column
-from fdbench.proposal._units import time_unit
+from fdbench.proposal._units import Unit, time_unit
 from fdbench.reading.formats import Format, Raw, on_clock
 from fdbench.record import LONGEST_S, SHORTEST_S, FloatArray, check_clock
 from fdbench.units import si_unit, time_text
 
 SLOWEST_S = 0.05  # of a clock whose columns are looked at
+EVEN = 1.5  # steps by which stamps of an even clock may be off
 LARGEST = 1e100  # number that can be computed with
 FEWEST_FINITE = 0.5  # share of the values of a column
+MOST_REPEATED = 0.01  # share of the stamps of a clock, above which they have too few digits
+FEWEST_CHANGES = 20  # of such stamps, by which their rate is told
+EPOCH_S = 946684800.0, 4102444800.0  # from 1970 to 2000, and to 2100
 
 
 def _numbers(values: NDArray[Any]) -> FloatArray:
     """Return a column, not a number where it is beyond what can be computed with."""
     column = np.asarray(values, dtype=np.float64)
     return np.where(np.abs(column) <= LARGEST, column, np.nan)
+
+
+def _unit_from_1970(item: LogColumn) -> Unit | None:
+    """Return the unit in which times count from 1970, if they do."""
+    for name in ("s", "ms", "us", "ns"):
+        if EPOCH_S[0] < item.values[0] * si_unit(name, item.name)[1] < EPOCH_S[1]:
+            return Unit(name, "they count from 1970")
+    return None
 
 
 class Clock:
@@ -47,7 +59,8 @@ class Clock:
         self.found: list[str] = []
         self.to_do: list[str] = []
         self._raw, self._file = raw, file
-        self._time, self._unit = "", ""
+        self._time, self._unit, self._coarse = "", "", ""
+        self._given_s = sampling_time_s
         self._clocks = {name: self._median_step(name) for name in {*raw.clocks.values()}}
         useful = {name for name, step in self._clocks.items() if 0.0 < step <= SLOWEST_S}
         if raw.clocks and not useful:
@@ -67,7 +80,7 @@ class Clock:
         self.columns = {name: values for name, values in columns.items() if name not in self.left_out}
         if not self.columns:
             raise RecordError(f"{file}: no column of which at least half the values are numbers.")
-        self.times = {*self._clocks} | ({self._time} - {""})
+        self.times = {*self._clocks} | ({self._time, self._coarse} - {""})
         seconds = self._seconds(self.columns[self._time]) if self._time else None
         found = [place for values in self.columns.values() if np.isfinite(values).all() for place in jumps(values)]
         together = [place for place, count in Counter(found).items() if count > 1]
@@ -77,7 +90,7 @@ class Clock:
             raise RecordError(f"{file}: no three samples in a row in which all columns are numbers.")
         if seconds is not None:
             self.step_s = float(np.median(np.diff(seconds[self.whole.start : self.whole.stop])))
-        else:
+        elif not self._coarse:
             self._assume(kind, sampling_time_s)
         if not SHORTEST_S <= self.step_s <= LONGEST_S:
             raise RecordError(
@@ -137,12 +150,41 @@ class Clock:
                 name, np.asarray(values, dtype=np.float64), raw.units.get(name, ""), raw.labels.get(name, ""), ""
             )
             steps = np.diff(item.values)
-            if item.quantity == "time" and len(steps) and np.median(steps) > 0.0:
-                guess = time_unit(float(np.median(steps)))
-                self._time, self._unit = name, item.unit or guess.name
-                if not item.unit:
-                    self.found.append(f"times are in {guess.name}: GUESS {guess.why}")
-                return
+            if item.quantity != "time" or not (steps > 0.0).any():
+                continue
+            is_coarse = bool((steps >= 0.0).all() and (steps == 0.0).mean() > MOST_REPEATED)
+            if not is_coarse and not np.median(steps) > 0.0:
+                continue
+            step = float(np.ptp(item.values)) / len(steps) if is_coarse else float(np.median(steps))
+            guess = _unit_from_1970(item) or time_unit(step)
+            self._time, self._unit = name, item.unit or guess.name
+            if not item.unit:
+                self.found.append(f"times are in {guess.name}: {'GUESS ' * guess.is_guess}{guess.why}")
+            if is_coarse:
+                self._time, self._coarse = "", name
+                self._take_rate(self._seconds(item.values))
+            return
+
+    def _take_rate(self, seconds: FloatArray) -> None:
+        """Take the even clock of stamps that have too few digits, by where they change."""
+        steps = np.diff(seconds)
+        changes = np.flatnonzero(steps > 0.0) + 1
+        first, last = int(changes[0]), int(changes[-1])
+        rate_s = float(seconds[last] - seconds[first]) / max(last - first, 1)
+        off = np.abs(seconds - seconds[first] - rate_s * (np.arange(len(seconds)) - first)).max()
+        is_even = len(changes) >= FEWEST_CHANGES and off <= EVEN * (steps[changes - 1].min() + rate_s)
+        if self._given_s is None and not is_even:
+            raise RecordError(
+                f"{self._file}: times in '{self._coarse}' repeat, and no even clock explains them. Give the sampling "
+                "time: --sampling-time 0.001 for samples of 1 ms."
+            )
+        rounded_s = float(f"{rate_s:.3g}")
+        told_s = rounded_s if abs(rounded_s / rate_s - 1.0) * (last - first) <= 1.0 else float(f"{rate_s:.9g}")
+        self.step_s = told_s if self._given_s is None else self._given_s
+        words = "as given" if self._given_s is not None else "an even clock that was written with too few digits"
+        self.found.append(f"sampling time {time_text(self.step_s)}: times in '{self._coarse}' repeat; {words}")
+        if self._given_s is None:
+            self.to_do.append(f"CHECK sampling_time_s: {time_text(self.step_s)} is the rate of times that repeat.")
 
     def _assume(self, kind: type[Format], given_s: float | None) -> None:
         usual = kind.usual_sampling_time_s

@@ -23,7 +23,7 @@ _MEASURED = {
 # What is measured, by words; the first that fits counts.
 _QUANTITIES = {
     "error": r"\b(f ?err(or)?|flw|lag|deviation|following|contour\w*)\b|error|fehler|abweichung",
-    "time": r"\b(t|time\w*|zeit\w*|temps|tempo|tiempo|stamp|clock)\b|时间|時間",
+    "time": r"\b(t|ts|epoch|unix\w*|time\w*|zeit\w*|temps|tempo|tiempo|stamp|clock)\b|时间|時間",
     "acceleration": r"\bacc(el)?\b|accel|beschleunigung|加速度",
     "velocity": r"\b(v|vel|velo)\b|velocity|speed|geschwindigkeit|drehzahl|vitesse|velocit|velocidad|速度",
     "output": (
@@ -45,6 +45,13 @@ _REFERENCE = (
 _BRACKETS = re.compile(r"^(.*?)\s*(?:[\[({<]([^\])}>]*)[\])}>]|(?:\s(?:in|/)\s|,\s*)(\S+))\s*$")
 # A last word of two letters or more; the least of a value is no time in minutes.
 _LAST_WORD = re.compile(r"^(.+?)(?:_|\s+)(?!min$)([A-Za-z°/]{2,}(?:_per_[a-z]+2?)?)$")
+_QUOTIENT = re.compile(r"^(.+?)[_ ]([A-Za-z°]+)_(?:per_)?(s2?|min)$")
+# A last letter is a unit where the word before it says what is measured; else it may be an axis or a motor.
+_LAST_LETTER = re.compile(
+    r"^(.*(?:force|kraft|\bf))_(N)$|^(.*(?:curr|current|strom|\bi|\biq))_(A)$|"
+    r"^(.*(?:volt|voltage|spannung|\bu))_(V)$|^(.*(?:time|zeit|\bt))_(s)$",
+    re.IGNORECASE,
+)
 
 # ODrive's own names of values, which are in turns, turns per second and amperes (its API reference, 0.5 and later).
 _ODRIVE = {
@@ -81,6 +88,12 @@ def column(name: str, values: FloatArray, unit: str, label: str, clock: str) -> 
     if not known and (found := _LAST_WORD.match(name)):
         known, why = spelt_unit(found[2].replace("_per_", "/")), "its name says so"
         stem = found[1] if known else name
+    if not known and (found := _QUOTIENT.match(name)):
+        known, why = spelt_unit(f"{found[2]}/{found[3]}"), "its name says so"
+        stem = found[1] if known else name
+    if not known and (found := _LAST_LETTER.match(name)):
+        stem, last = (part for part in found.groups() if part is not None)
+        known, why = spelt_unit(last), "its name says so"
     for pattern, odrive in _ODRIVE.items():
         if not known and re.search(pattern, name):
             known, why = odrive, "ODrive counts so"

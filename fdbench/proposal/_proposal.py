@@ -12,7 +12,7 @@ from fdbench.documents import toml_tables
 from fdbench.errors import FdbenchError, RecordError, printable
 from fdbench.json_text import toml_value
 from fdbench.proposal._clock import Clock
-from fdbench.proposal._data import balance
+from fdbench.proposal._data import balance, is_signal
 from fdbench.proposal._names import LogColumn, column, turns
 from fdbench.proposal._roles import Role, roles
 from fdbench.proposal._units import output, position_unit, speed_unit
@@ -219,6 +219,8 @@ def _unused(item: LogColumn) -> str:
         "error": "a following error, which position and command contain",
         "": "its name says nothing that is needed",
     }
+    if item.quantity in NEEDED and not is_signal(item.values):
+        return f"'{item.name}': in the part that is whole, {len(item.values)} samples, it hardly changes"
     return f"'{item.name}': {words.get(item.quantity, f'another {item.quantity}, not needed')}"
 
 

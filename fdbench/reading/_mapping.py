@@ -15,7 +15,7 @@ from fdbench.documents import LARGEST_TOML, read_file, toml_tables
 from fdbench.errors import MissingData, RecordError, SpecError, did_you_mean
 from fdbench.files import is_utf_8
 from fdbench.reading._unread import told_by_head, told_by_suffix
-from fdbench.reading.formats import Format, Raw, formats, in_utf_8, on_clock, origin
+from fdbench.reading.formats import GZIP, Format, Raw, formats, in_utf_8, on_clock, open_unpacked, origin
 from fdbench.reading.formats._whole import without_repeated_rows
 from fdbench.record import FloatArray, Record, check_clock, check_finite, name_fault
 from fdbench.units import factor_to_si, si_unit
@@ -70,6 +70,7 @@ def read_record(path: str | Path, data_folder: str | Path | None = None) -> Reco
             "writes one."
         )
     raw = _read(file, kind(), None)
+    _check_stamps({name: name for name in raw.columns}, raw, str(file))
     return _checked(raw.columns, raw, {**raw.provenance} or origin(file), str(file))
 
 
@@ -83,13 +84,17 @@ def format_of(file: Path) -> type[Format]:
     """
     _must_exist(file)
     with file.open("rb") as stream:
+        is_packed = stream.read(len(GZIP)) == GZIP
+    with open_unpacked(file) as stream:
         head = in_utf_8(stream.read(HEAD_BYTES))
-    kinds = [formats.get(name) for name in formats.names()]
-    suffix = file.suffix.lower()
+    kinds = [kind for name in formats.names() if (kind := formats.get(name)).is_text or not is_packed]
+    suffix = Path(file.stem if is_packed and file.suffix.lower() == ".gz" else file).suffix.lower()
     found = [kind for kind in kinds if kind.recognises(head)]
     if not found and (told := told_by_head(head)):
         raise RecordError(f"{file}: not read: it is {told}")
     found = found or [kind for kind in kinds if suffix in kind.suffixes]
+    if not found and is_packed:
+        raise RecordError(f"{file}: not read: it is {told_by_head(GZIP)}")
     if not found and (told := told_by_suffix(suffix)):
         raise RecordError(f"{file}: not read: by its name it is {told}")
     if not found:
@@ -140,12 +145,12 @@ def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> R
         )
 
     raw = _read(file, reader, {rule.source for rule in rules.values()})
-    for name, rule in rules.items():
-        if rule.source in raw.stamps and rule.factor * rule.gain != 1.0:
-            raise SpecError(
-                f"{where}: [columns] {name}: '{rule.source}' holds times of day, which are read as seconds: leave out "
-                "unit and gain."
-            )
+    if "time_s" in rules and rules["time_s"].source in raw.stamps and rules["time_s"][1:3] != (1.0, 1.0):
+        raise SpecError(
+            f"{where}: [columns] time_s: '{rules['time_s'].source}' holds times of day, which are read as seconds: "
+            "leave out unit and gain."
+        )
+    _check_stamps({name: rule.source for name, rule in rules.items()}, raw, str(file))
     clock = rules["time_s"].source if "time_s" in rules else None
     raw = on_clock(raw, clock, str(file))
     length = _length(raw)
@@ -282,6 +287,12 @@ def _part(raw: Raw, settings: Mapping[str, Any], where: str, file: Path) -> Raw:
         )
     columns = {name: column[start:stop] for name, column in raw.columns.items()}
     return dataclasses.replace(raw, columns=columns, place=lambda sample: raw.place(start + sample), gaps=())
+
+
+def _check_stamps(sources: Mapping[str, str], raw: Raw, file: str) -> None:
+    for name, source in sources.items():
+        if source in raw.stamps and name != "time_s":
+            raise RecordError(f"{file}: column {source} holds times of day; only time_s may hold such, not {name}.")
 
 
 def _length(raw: Raw) -> int:

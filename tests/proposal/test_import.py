@@ -171,7 +171,6 @@ def test_several_logs_share_a_model_and_nothing_is_overwritten(record: Record, t
     assert (
         f"CHECK the columns of {turned / 'three.toml'}: they are not those of {turned / 'one.toml'}." in result.output
     )
-    refused("no such folder", files[0], "-o", tmp_path / "none")
     log_writers.bracket_csv(record, tmp_path / "one.txt")
     (tmp_path / "new").mkdir()
     refused("two files would have this name", files[0], tmp_path / "one.txt", "-o", tmp_path / "new")
@@ -321,7 +320,7 @@ def test_a_unit_that_is_unknown_is_said(record: Record, tmp_path: Path) -> None:
 
 
 def test_times_as_text_are_named(record: Record, tmp_path: Path) -> None:
-    rows = [f"2024-03-04 05:06:07.{place:03},{place:.3f},{place**2:.3f}" for place in range(20)]
+    rows = [f"5 h 6 min 7.{place:03},{place:.3f},{place**2:.3f}" for place in range(20)]
     (tmp_path / "a.csv").write_text("\n".join(["timestamp,position [mm],torque [Nm]", *rows, ""]))
     refused("the times in 'timestamp' are no numbers. Give the sampling time", tmp_path / "a.csv")
 

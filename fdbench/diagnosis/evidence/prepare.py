@@ -14,6 +14,7 @@ from fdbench.diagnosis.evidence.sensor_artefacts import (
     held_artefact,
     interpolated,
     mean_energy,
+    of_the_log,
 )
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
@@ -160,6 +161,7 @@ def aligned(
     held = held_artefact(raw_runs, fresh, counts)
     artefacts = [] if held is None else [held]
     grid = grid_artefact([run.as_read() for run in runs], replay, nominal.scale.length)
+    grid = None if grid is None else of_the_log(grid, split.noise_models)
     if grid is not None and mean_energy(grid, split.noise_models) > EVIDENCE.smallest_artefact:
         split = dataclasses.replace(split, noise_models=raised(split.noise_models, grid.energy))
         artefacts.append(grid)

@@ -18,6 +18,8 @@ from fdbench.effects import Effect, Port, effects
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 
+FORCE = "motor_force_N"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Artefact:
@@ -124,6 +126,17 @@ def grid_artefact(runs: Sequence[RecordedRun], replay: Replay, length: float) ->
         high=value * EVIDENCE.grid_ratio,
         energy=_energy(runs, replay, effect),
     )
+
+
+def of_the_log(grid: Artefact, noise_models: Mapping[str, NoiseModel]) -> Artefact:
+    """Return a grid without a force where that is far quieter than steps in the loop would make it.
+
+    Then it is that of the log, which has fewer digits than the controller.
+    """
+    floor, force = noise_models[FORCE], grid.energy[FORCE]
+    if not floor.measured or force <= EVIDENCE.coarse_log * floor.total**2:
+        return grid
+    return dataclasses.replace(grid, energy={**grid.energy, FORCE: 0.0})
 
 
 def readings_of(runs: Sequence[RecordedRun], drive: FeedDrive, port: Port) -> Iterator[FloatArray]:

@@ -12,7 +12,7 @@ from fdbench.reading.formats._format import (
     origin,
     unique,
 )
-from fdbench.reading.formats._text import in_utf_8, open_text
+from fdbench.reading.formats._text import GZIP, in_utf_8, open_text, open_unpacked
 
-__all__ = ["EVERYTHING", "Format", "Log", "Raw"]
-__all__ += ["choose", "formats", "in_utf_8", "library", "on_clock", "open_text", "origin", "unique"]
+__all__ = ["EVERYTHING", "GZIP", "Format", "Log", "Raw"]
+__all__ += ["choose", "formats", "in_utf_8", "library", "on_clock", "open_text", "open_unpacked", "origin", "unique"]

@@ -87,6 +87,7 @@ class Format(ABC):
     name: ClassVar[str]
     suffixes: ClassVar[tuple[str, ...]]  # files that are of this format, whatever they begin with
     largest_bytes: ClassVar[int] = 2**32  # of a file
+    is_text: ClassVar[bool] = False  # and may be compressed by gzip
     has_our_names: ClassVar[bool] = False  # files may be read without a mapping
     usual_sampling_time_s: ClassVar[float | None] = None  # of its producer, where files do not say
     usual_position_unit: ClassVar[str] = ""  # likewise

@@ -46,24 +46,26 @@ def seconds_of(cells: Sequence[Any]) -> FloatArray:
     """
     import pandas as pd
 
-    texts = pd.Series(cells, dtype="str").str.strip().str.replace(_FRACTION, r"\1.\2", regex=True)
+    texts = pd.Series(cells, dtype="object").str.strip().str.replace(_FRACTION, r"\1.\2", regex=True)
     texts = texts.where(texts.str.fullmatch(_STAMP) == True)  # noqa: E712 (a missing cell is no stamp)
     stamps = texts.dropna()
     if not len(stamps):
         return np.full(len(cells), np.nan)
     if re.match(_TIME, stamps.iloc[0]):
-        return _of_times(texts)
+        return over_midnight(_from_first(pd.to_timedelta(texts, errors="coerce")))
     return _of_dates(texts)
 
 
-def _of_times(texts: "Texts") -> FloatArray:
-    import pandas as pd
+def over_midnight(seconds: FloatArray) -> FloatArray:
+    """Return times of day that go on over midnight.
 
-    seconds = _from_first(pd.to_timedelta(texts, errors="coerce")).copy()
-    known = np.isfinite(seconds)
-    steps = np.diff(seconds[known], prepend=0.0)
-    seconds[known] += _DAY_S * np.cumsum(steps < -0.5 * _DAY_S)
-    return seconds
+    >>> over_midnight(np.array([0.0, 1.0, -86398.0])).tolist()
+    [0.0, 1.0, 2.0]
+    """
+    going = seconds.copy()
+    known = np.isfinite(going)
+    going[known] += _DAY_S * np.cumsum(np.diff(going[known], prepend=0.0) < -0.5 * _DAY_S)
+    return going
 
 
 def _of_dates(texts: "Texts") -> FloatArray:

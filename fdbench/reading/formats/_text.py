@@ -5,13 +5,16 @@ else Windows-1252, which exporters of western Europe write.
 """
 
 import codecs
+import gzip
 import io
+import zlib
 from pathlib import Path
 from typing import IO
 
 from fdbench.errors import RecordError
 
-LARGEST_UTF_16 = LARGEST_SPACED = 2**28  # bytes, as it is held in memory
+LARGEST_UTF_16 = LARGEST_SPACED = LARGEST_UNPACKED = 2**28  # bytes, as it is held in memory
+GZIP = b"\x1f\x8b"
 _MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 
 
@@ -34,15 +37,36 @@ def in_utf_8(head: bytes) -> bytes:
     return head.decode(encoding, errors="ignore").lstrip("\ufeff").encode() if encoding else head
 
 
-def open_text(file: Path) -> IO[bytes]:
-    """Return a file of text as a stream in UTF-8, or, where it has no mark, as it is.
+def open_unpacked(file: Path) -> IO[bytes]:
+    """Return a file as a stream, unpacked where it is compressed by gzip.
 
     Raises
     ------
     RecordError
-        If it is UTF-16 that is damaged, larger than `LARGEST_UTF_16`, or without a mark.
+        If it is compressed, and damaged or larger than `LARGEST_UNPACKED`.
     """
     stream = file.open("rb")
+    if not stream.peek(len(GZIP)).startswith(GZIP):
+        return stream
+    with stream, gzip.open(stream) as packed:
+        try:
+            content = packed.read(LARGEST_UNPACKED + 1)
+        except (OSError, EOFError, zlib.error) as error:
+            raise RecordError(f"{file}: compressed by gzip, but damaged or cut: {error}.") from error
+    if len(content) > LARGEST_UNPACKED:
+        raise RecordError(f"{file}: compressed; unpacked at most {LARGEST_UNPACKED} bytes are read. Unpack it first.")
+    return io.BytesIO(content)
+
+
+def open_text(file: Path) -> IO[bytes]:
+    """Return a file of text, unpacked, as a stream in UTF-8, or, where it has no mark, as it is.
+
+    Raises
+    ------
+    RecordError
+        As `open_unpacked`; or if it is UTF-16 that is damaged, larger than `LARGEST_UTF_16`, or without a mark.
+    """
+    stream = open_unpacked(file)
     head = stream.read(64)
     encoding = marked_encoding(head)
     stream.seek(len(codecs.BOM_UTF8) if encoding == "utf-8" else 0)

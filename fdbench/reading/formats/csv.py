@@ -28,7 +28,7 @@ from fdbench.reading.formats._cells import (
 from fdbench.reading.formats._format import EVERYTHING, Format, Raw, choose, stored_provenance, unique
 from fdbench.reading.formats._layout import LONGEST_PREAMBLE, layout_of
 from fdbench.reading.formats._stamps import is_stamp, seconds_of
-from fdbench.reading.formats._text import marked_encoding, open_text, with_single_blanks
+from fdbench.reading.formats._text import marked_encoding, open_text, open_unpacked, with_single_blanks
 from fdbench.reading.formats._whole import MOST_HOLES, surveyed
 from fdbench.record import FloatArray
 from fdbench.units import spelt_unit
@@ -70,6 +70,7 @@ class Csv(Format):
     """
 
     suffixes = (".csv", ".txt", ".tsv", ".dat", ".log")
+    is_text = True
     has_our_names = True
 
     delimiter: str = ","
@@ -95,7 +96,7 @@ class Csv(Format):
         return self._read(file, wanted, 0.0 if wanted in (None, EVERYTHING) else 1.0)
 
     def _read(self, file: Path, wanted: Collection[str] | None, most_holes: float) -> Raw:
-        with file.open("rb") as stream:
+        with open_unpacked(file) as stream:
             marked = marked_encoding(stream.read(len("\ufeff".encode())))
         if marked and self.encoding != "utf-8":
             raise RecordError(f"{file}: its byte order mark says {marked}. Leave out encoding = '{self.encoding}'.")
@@ -129,7 +130,8 @@ class Csv(Format):
         except UnicodeDecodeError as error:
             raise RecordError(f"{file}: a character that {self.encoding} has not: {error}.") from error
         except pyarrow.ArrowInvalid as error:
-            raise self._fault(file, header, set(chosen) - set(stamps), str(error)) from error
+            numbers = [name for name in chosen if name not in stamps]
+            raise self._fault(file, header, numbers, str(error)) from error
         check_end(file, self.decimal)
         whole = [name for name in chosen if table.column(name).null_count <= most_holes * len(table)]
         if wanted is not EVERYTHING and len(whole) < len(chosen):
@@ -196,7 +198,8 @@ class Csv(Format):
 
     def _first_cells(self, file: Path, header: _Header) -> dict[str, list[str]]:
         """Return the filled cells of each column in the first rows."""
-        rows = [self._cells(text) for _, text in itertools.islice(self._lines(file, header.line), LONGEST_PREAMBLE)]
+        lines = itertools.islice(bounded_lines(file), header.line, header.line + LONGEST_PREAMBLE)
+        rows = [self._cells(line.decode(self.encoding, errors="replace").rstrip("\r\n")) for line in lines]
         rows = [row for row in rows if len(row) == len(header.names)]
         return {name: [row[place] for row in rows if row[place]] for place, name in enumerate(header.names) if name}
 

@@ -30,6 +30,7 @@ class Halsampler(Log):
     """
 
     suffixes = ()
+    is_text = True
     largest_bytes = 2**28
     usual_sampling_time_s = 1e-3
     usual_position_unit = "mm"

@@ -22,6 +22,7 @@ class KlipperAccelerometer(Format):
     """
 
     suffixes = ()
+    is_text = True
 
     @classmethod
     def recognises(cls, head: bytes) -> bool:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from fdbench.documents import parquet_table
 from fdbench.errors import RecordError
 from fdbench.reading.formats._format import EVERYTHING, Format, Raw, choose, stored_provenance
-from fdbench.record import nth_sample
+from fdbench.reading.formats._stamps import over_midnight
+from fdbench.record import FloatArray, nth_sample
 
 
 @final
@@ -75,11 +76,12 @@ class Parquet(Format):
         )
 
 
-def _seconds(column: Any) -> NDArray[np.float64]:
+def _seconds(column: Any) -> FloatArray:
     """Return times of any kind as seconds from the first."""
     per_second = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[column.type.unit]
     counts = column.cast(f"int{column.type.bit_width}").to_numpy().astype(np.int64)
-    return (counts - counts[:1]) / per_second
+    seconds: FloatArray = (counts - counts[:1]) / per_second
+    return over_midnight(seconds)
 
 
 def _is_number(cell: str) -> bool:

@@ -43,6 +43,7 @@ class TwincatScope(Log):
     """
 
     suffixes = ()
+    is_text = True
     largest_bytes = 2**28
     usual_position_unit = "mm"
 
