@@ -4,10 +4,18 @@ import numpy as np
 import pytest
 from axis_lab import drive
 
-from fdbench.diagnosis.evidence.sensor_artefacts import grid_artefact, held_artefact, interpolated
+from fdbench.diagnosis.evidence.sensor_artefacts import (
+    Artefact,
+    grid_artefact,
+    held_artefact,
+    interpolated,
+    of_the_log,
+)
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.effects import effects
 
 PERIOD_S, N = 1e-3, 3000
 TIME_S = np.arange(N) * PERIOD_S
@@ -67,3 +75,22 @@ def test_smooth_readings_have_no_grid() -> None:
     replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
     noise = 1e-7 * np.random.default_rng(1).standard_normal(N)
     assert grid_artefact([run_of(2e-3 * np.sin(2.0 * TIME_S) + noise)], replay, 1.0) is None
+
+
+@pytest.mark.parametrize(
+    ("noise_N", "repeats", "in_the_loop"), [(5.0, True, True), (0.3, True, False), (0.3, False, True)]
+)
+def test_steps_that_no_force_shows_are_those_of_the_log(noise_N: float, repeats: bool, in_the_loop: bool) -> None:
+    """Steps of 10 um would bring 5 N into the force; where repeats differ by 0.3 N, the controller sees none."""
+    grid = Artefact(
+        kind=type(effects.get("encoder_quantisation").typical()),
+        probability=1.0,
+        value=1e-5,
+        low=1e-5,
+        high=1e-5,
+        energy={"motor_force_N": 25.0, "position_m": 8e-12},
+    )
+    noise = {"motor_force_N": white(noise_N, measured=repeats), "position_m": white(1e-7, measured=repeats)}
+    found = of_the_log(grid, noise)
+    assert found.energy["motor_force_N"] == (25.0 if in_the_loop else 0.0)
+    assert found.energy["position_m"] == 8e-12

@@ -8,13 +8,15 @@ import axis_lab
 import pytest
 
 from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.model.axis_parameters import Viscous
 from fdbench.diagnosis.model.friction_parameters import BristleStiffness
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.known_effects import resized
-from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
+from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_vector, with_parameters
 from fdbench.effects import effects
+from fdbench.plants.feed_drive import RotaryMotor
 
 LUGRE = effects.get("lugre_friction")
 
@@ -64,3 +66,19 @@ def test_a_fit_finds_no_less_friction_at_rest_than_while_sliding() -> None:
     values[numbers.index("static_force_N")] = 1.0
     found: Any = with_parameters(hypothesis, values).effects[0]
     assert found.static_force_N == found.coulomb_force_N == 100.0
+
+
+def test_viscous_friction_that_is_not_on_paper_is_in_doubt_as_far_as_the_forces_go() -> None:
+    paper = axis_lab.drive()
+    assert isinstance(paper.motor, RotaryMotor)
+    assert paper.table is not None
+    without = dataclasses.replace(
+        paper,
+        motor=dataclasses.replace(paper.motor, viscous_friction_N_s_per_m=0.0),
+        table=dataclasses.replace(paper.table, viscous_friction_N_s_per_m=0.0),
+    )
+    nominal = Nominal(plant=without, simulation=Simulation(substeps=10))
+    covered = Covered(fastest_m_per_s=0.5, longest_s=5.0, force_N=100.0, period_s=1e-3)
+    doubts = [item.deviation for item in Viscous.of(nominal.beside(covered))]
+    assert doubts == pytest.approx([0.1 * 100.0 / 0.5] * 2)
+    assert [item.deviation for item in Viscous.of(nominal)] == pytest.approx([0.1e-3 * without.mass_kg] * 2)

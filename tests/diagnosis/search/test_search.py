@@ -13,6 +13,7 @@ from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.run_to_run import Change
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import moves
+from fdbench.diagnosis.model.candidates import candidates
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
@@ -150,6 +151,21 @@ def test_beside_a_far_fetched_base_an_effect_is_also_fitted_from_the_nominal_val
     assert found.prior_penalty() <= own.refinement.refine(tried).prior_penalty()
     assert found.prior_penalty() < 5.0
     assert found.effects[0].values()[0] == pytest.approx(true.values()[0], rel=0.2)
+
+
+def test_what_strained_values_hide_from_a_linear_fit_is_sought_beside_them_as_given() -> None:
+    """Friction on the wrong side of the screw stands in for backlash, and beside it nothing tells of that."""
+    true = effects.get("backlash").typical()
+    own = search(true)
+    names = [item.name for item in nominal_parameters(NOMINAL)]
+    strained = start(NOMINAL).moved([-2.6 if name == "friction_side" else 0.0 for name in names])
+    stage = own.stage(strained)
+    assert stage is not None
+    assert stage.rivals[0].kind.declared is type(true)
+    assert stage.rivals[0].hypothesis.effects[0].values()[0] == pytest.approx(true.values()[0], rel=0.1)
+    every = candidates(strained, period_s=PERIOD_S)
+    assert own._unhidden(start(NOMINAL), every) == {}
+    assert type(true) in {kind.declared for kind in own._unhidden(strained, every)}
 
 
 def test_friction_over_velocity_is_also_fitted_without_a_free_form_of_friction() -> None:
