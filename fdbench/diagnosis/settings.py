@@ -148,6 +148,7 @@ class BaselineSettings:
     transition_velocity: float = number(0.2, "natural logarithm of the speed over which friction turns its sign")
     friction_side: float = number(0.02, "part of the known friction that acts on the motor instead of the table")
     friction_form: float = number(0.01, "form of friction at low speeds, relative to the known friction")
+    force_offset: float = number(0.5, "force offset, relative to what the model has it in doubt by")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from fdbench.diagnosis.answer import Answer
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.evidence.baseline import Baseline
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact
-from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.virtual_controller import prepared
 from fdbench.effects import Effect, effects
 from fdbench.errors import UnstableLoop
@@ -43,6 +43,21 @@ def test_a_load_of_a_hundred_deviations_is_named() -> None:
     answer = answer_to(records(axis, seed=100), records(loaded, seed=200))
     assert named(answer) == ["inertia_mismatch"]
     assert answer.causes[0].parameters["change"].value == pytest.approx(40.0, rel=0.05)
+
+
+def test_a_weight_that_came_on_top_is_named() -> None:
+    """Alone it is within what this model has in doubt."""
+    axis = as_built(1)
+    loaded = dataclasses.replace(
+        axis, effects=(*axis.effects, effects.get("constant_force").typical(constant_force_N=8.0))
+    )
+    now = records(loaded, seed=200)
+    uncertainty = Uncertainty(force_offset_N=4.0)
+    nominal = Nominal(plant=drive(), simulation=Simulation(substeps=10), uncertainty=uncertainty)
+    assert named(diagnose(nominal, now).answer) == []
+    answer = diagnose(nominal, now, baseline=records(axis, seed=100)).answer
+    assert named(answer) == ["constant_force"]
+    assert answer.causes[0].parameters["change"].value == pytest.approx(8.0, rel=0.1)
 
 
 def test_where_nothing_has_changed_nothing_is_named() -> None:
