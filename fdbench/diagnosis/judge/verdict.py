@@ -185,11 +185,11 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
                 at_bound=tuple(at_bound(effect)),
             )
         )
-    # What is less than repeats differ by, beside what is believed, lacks no cause, however little it looks like noise.
+    # A gap of no more than repeats differ by lacks no cause, however little it looks like noise.
     if all(floor.measured for floor in noise_models.values()):
         repeats = float(np.mean([plain.runs[place].repeats for place in plain.judged]))
-        left_of_one = left_beside(causes, reductions) / repeats
-        unknown_probability = min(unknown_probability, 1.0 - noise_alone(left_of_one, of=JUDGE.measurable))
+        too_little = noise_alone(float(recalibrated.max()) / repeats, of=JUDGE.measurable)
+        unknown_probability = min(unknown_probability, 1.0 - too_little)
     causes += [dataclasses.replace(value, probability=discount * value.probability) for value in deviating.causes]
     causes += [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
@@ -207,16 +207,6 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         no_gap_probability=min(within_noise, models.none.probability(none), 1.0 - surest, 1.0 - unknown_probability),
         features={**claims, "unknown": {"unknown": unknown}, "none": {"none": none}},
     )
-
-
-def left_beside(causes: Sequence[Cause], reductions: Reductions) -> float:
-    """Return the mean squared gap that is left of the worst channel beside the causes that are believed, in floors.
-
-    One of several look-alikes is believed where they are likely together. Causes are in the order of the effects.
-    """
-    likely = [cause.probability + sum(cause.alternatives.values()) for cause in causes]
-    place = reductions.subsets.index(tuple(index for index, chance in enumerate(likely) if chance > JUDGE.named))
-    return max(float(reductions.of_channel(channel)[place]) for channel in np.unique(reductions.channel))
 
 
 def noise_alone(mean_square: float, of: float = JUDGE.unrepeated) -> float:

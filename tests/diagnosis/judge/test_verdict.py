@@ -1,14 +1,11 @@
 """Probabilities of look-alikes: one claim, divided as the misfits have it."""
 
-import numpy as np
 import pytest
 from axis_lab import drive
 
 from fdbench.diagnosis import answer
-from fdbench.diagnosis.answer import Cause, ForceBalances
+from fdbench.diagnosis.answer import ForceBalances
 from fdbench.diagnosis.judge.look_alikes import divided, force_balances
-from fdbench.diagnosis.judge.reduction import Reductions
-from fdbench.diagnosis.judge.verdict import left_beside, noise_alone
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.search.stage import Rival, Stage
@@ -53,33 +50,3 @@ def test_the_force_balance_check_leaves_look_alikes_aside() -> None:
     best_other = answer.RivalReduction(effect="cable_stiffness", reduction=0.2)
     assert force_balances(removed, DELAY, [LAG.name]) == ForceBalances(reduction=0.5, instead=best_other)
     assert force_balances({DELAY: 0.5}, DELAY, []) == ForceBalances(reduction=0.5)
-
-
-def test_what_is_left_is_beside_what_is_believed() -> None:
-    """Two effects leave half a floor of the worse channel; what is less likely than not leaves what it explains."""
-    reductions = Reductions(
-        subsets=[(), (0,), (1,), (0, 1)],
-        by_segment=np.array([[90.0, 30.0, 60.0, 2.0], [20.0, 9.0, 9.0, 5.0]]),
-        counts=np.array([10.0, 10.0]),
-        groups=np.array([0.0, 0.0]),
-        channel=np.array([0, 1]),
-    )
-
-    def causes(second: float, **alternatives: float) -> list[Cause]:
-        first = Cause(effect="cogging", probability=0.9, share=0.5, unique_share=0.5, parameters={})
-        return [
-            first,
-            Cause(
-                effect="dead_time",
-                probability=second,
-                share=0.3,
-                unique_share=0.3,
-                parameters={},
-                alternatives=alternatives,
-            ),
-        ]
-
-    assert left_beside(causes(0.9), reductions) == pytest.approx(0.5)
-    assert left_beside(causes(0.4), reductions) == pytest.approx(3.0)
-    assert left_beside(causes(0.4, current_loop_lag=0.3), reductions) == pytest.approx(0.5)
-    assert noise_alone(0.5, of=1.5) > 0.9 > 0.1 > noise_alone(3.0, of=1.5)
