@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import shared_file
 from fdbench_baselines._left_friction import left_friction
 from fdbench_baselines._simulated_drive import knobs_of, turned
 from fdbench_baselines._whitened_step import whitened_step
@@ -109,6 +110,8 @@ def rounded(drive: FeedDrive) -> FeedDrive:
 def test_sensitivities_are_those_of_extrapolated_differences(
     name: str, of: Callable[[FeedDrive], FeedDrive], step: float, tolerance: float
 ) -> None:
+    if name.startswith("EMPS"):
+        shared_file("data", "emps", "DATA_EMPS.mat")
     scenario = load_scenario(name)
     assert isinstance(scenario.plant, FeedDrive)
     drive, context, command = of(scenario.plant), scenario.context(), scenario.command()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import shared_file
 from disturbance_found import error_of
 from fdbench_baselines._found_drive import simulated_target
 from fdbench_baselines._friction_motion import FEED, carried, filled, model_parameters, sheet
@@ -92,6 +93,7 @@ def test_a_record_may_begin_in_motion() -> None:
 
 def test_friction_that_turns_gradually_is_found_at_its_level_between_reversals() -> None:
     """Its sheet has it turn within 1 mm/s; here it lags by 10 ms, resists otherwise backwards and ripples."""
+    shared_file("data", "emps", "DATA_EMPS.mat")
     h, n = 1e-3, 12000
     angle = 2.0 * np.pi / 3.0 * h * np.arange(n + 1)
     place = 0.05 * np.sin(angle) + 0.005 * np.sin(5.0 * angle)
