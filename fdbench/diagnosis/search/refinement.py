@@ -192,6 +192,11 @@ class Refinement:
         alone, *squares = self._squares(base, rivals)
         return rivals[int(np.argmin(_objectives(squares, rivals, prior_weight(alone))))]
 
+    def is_closer(self, base: Hypothesis, rival: Hypothesis, other: Hypothesis) -> bool:
+        """Return whether a rival leaves less than another one by a share that matters of what a base leaves."""
+        alone, own, others = self._squares(base, [rival, other])
+        return others - own > SEARCH.smallest_gain * alone
+
     def _squares(self, base: Hypothesis, trials: Sequence[Hypothesis]) -> list[float]:
         """Return the weighted squares of a base and of trials, with the weights of the base."""
         about = Tangent(about=[base] * len(trials), moved=[*trials])

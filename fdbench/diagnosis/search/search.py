@@ -90,7 +90,7 @@ class Search:
         worthwhile, unhidden = foremost(gains) | foremost(falls), self._unhidden(base, every)
         hypotheses = []
         for kind in dict.fromkeys((*order, *unhidden)):
-            begun = [unhidden[kind]] if kind in unhidden else []
+            begun: list[Hypothesis] = []
             if kind in sized:
                 candidate, fit = sized[kind]
                 hypothesis = base.with_effect(candidate.members[0], candidate.replaces).moved(fit.coefficients)
@@ -99,7 +99,9 @@ class Search:
                 begun += [self.refined_anew(start, base) for start in self._starts(base, hypothesis, candidate)]
             if begun:
                 hypothesis = self.refinement.better(base, begun) if len(begun) > 1 else begun[0]
-            hypotheses.append((kind, hypothesis, bool(begun)))
+            if kind in unhidden and (not begun or self.refinement.is_closer(base, unhidden[kind], hypothesis)):
+                hypothesis = unhidden[kind]
+            hypotheses.append((kind, hypothesis, bool(begun) or kind in unhidden))
         return self.contested(base, hypotheses)
 
     def _unhidden(self, base: Hypothesis, every: Sequence[Candidate]) -> dict[type[Effect], Hypothesis]:
