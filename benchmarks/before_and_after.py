@@ -39,7 +39,7 @@ ONE_IN = 3  # axes on which nothing is planted
 BESIDE, ALONE = "beside the records before", "alone"
 
 
-class Machine(NamedTuple):
+class BeforeAndAfter(NamedTuple):
     """An axis before and after; what is held out of the records after is so of those before."""
 
     before: Case
@@ -49,7 +49,7 @@ class Machine(NamedTuple):
 # ---- one axis ----
 
 
-def draw(number: int, rng: np.random.Generator) -> Machine:
+def draw(number: int, rng: np.random.Generator) -> BeforeAndAfter:
     """Draw an axis as tier F does, and record it with and without what is planted; the kinds take turns."""
     kind = kinds()[number % len(kinds())]
     is_planted = (number + number // len(kinds())) % ONE_IN > 0
@@ -80,10 +80,10 @@ def draw(number: int, rng: np.random.Generator) -> Machine:
             file_format=kind.file_format,
         )
 
-    return Machine(recorded(bench.axis({})), recorded(bench.axis(planted)))
+    return BeforeAndAfter(recorded(bench.axis({})), recorded(bench.axis(planted)))
 
 
-def usable(nonce: str, number: int) -> Machine:
+def usable(nonce: str, number: int) -> BeforeAndAfter:
     """Return an axis that its owner would run, before and after; another is drawn anew, as for a trial."""
     for attempt in range(MOST_ATTEMPTS):
         try:

@@ -11,14 +11,13 @@ from numba import njit
 
 from fdbench.compilation import kept
 from fdbench.diagnosis.model.replay import Replay, Variant
+from fdbench.diagnosis.records.conditions import FORCE
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.effects import Effect, Port, effects
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
-
-FORCE = "motor_force_N"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -195,9 +195,8 @@ def check_force_is_alive(run: RecordedRun, simulated: FloatArray) -> None:
         if last - first >= least and asked > PLAUSIBLE.frozen_force * span and not limited:
             raise RecordError(
                 f"{run.name}: {FORCE} is {force[first] + 0.0:.4g} N for {last - first + 1} samples from "
-                f"{_place(run, first)} "
-                f"on, where the motion asks for changes of {asked:.3g} N. The logger wrote no readings there: cut this "
-                "stretch out."
+                f"{_place(run, first)} on, where the motion asks for changes of {asked:.3g} N. The logger wrote no "
+                "readings there: cut this stretch out."
             )
 
 
