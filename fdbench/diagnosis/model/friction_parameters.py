@@ -1,6 +1,7 @@
 """Nominal parameters of effects that a drive is known to have: their size, and friction's width, form and side."""
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import ClassVar, Self, final
 
@@ -39,6 +40,9 @@ class _OfAKnownEffect(NominalParameter):
     def known(self, drive: FeedDrive) -> Effect:
         """Return the effect."""
         return drive.effects[self.index]
+
+    def gone_with(self, replaced: Collection[int]) -> bool:
+        return self.index in replaced
 
 
 @final
@@ -189,6 +193,9 @@ class FrictionSide(_OfAKnownEffect):
             return []
         effect = silent(kinds[0]).changed(**{WIDTH: getattr(drive.effects[known[0]], WIDTH)})
         return [cls(name=cls.kind, index=known[0], deviation=deviation, effect=effect)]
+
+    def gone_with(self, replaced: Collection[int]) -> bool:
+        return False  # what is not known of the side is not of the form either
 
     def part(self, shift: float) -> float:
         """Return the part that acts on the motor."""

@@ -4,13 +4,14 @@ import dataclasses
 import functools
 import inspect
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from fdbench.diagnosis.model.known_effects import without
 from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.nominal_parameter import NominalParameter
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import Variant
 from fdbench.diagnosis.settings import MODEL
@@ -67,7 +68,7 @@ class Hypothesis:
         offsets: tuple[Effect, ...] = ()
         apart_m = 0.0
         for calibration, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True):
-            if shift != 0.0:
+            if shift != 0.0 and not calibration.gone_with(self.replaced):
                 drive, extra = calibration.apply(drive, shift)
                 offsets += extra
                 apart_m += calibration.zeros_apart_m(shift)
@@ -91,13 +92,22 @@ class Hypothesis:
 
         over the groups of values that one cause changes, with one of n effects of the library as likely as none.
         """
-        most, others, of_causes = 2.0 * math.log(max(len(self.nominal.library), 1)), 0.0, dict[str, float]()
-        for item, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True):
+        return self.nameless_penalty() + self.cause_penalty()
+
+    def nameless_penalty(self) -> float:
+        """Return the part of `named_penalty` of values that no cause changes, such as the gains of the controller."""
+        return float(sum(penalty(shift) for item, shift in self._scaled_shifts() if not item.cause(self.nominal)))
+
+    def cause_penalty(self) -> float:
+        """Return the part of `named_penalty` of values that a cause of their own may change."""
+        most, of_causes = 2.0 * math.log(max(len(self.nominal.library), 1)), dict[str, float]()
+        for item, shift in self._scaled_shifts():
             if item.cause(self.nominal):
                 of_causes[item.group] = of_causes.get(item.group, 0.0) + penalty(shift)
-            else:
-                others += penalty(shift)
-        return others + sum(min(own, most) for own in of_causes.values())
+        return sum(min(own, most) for own in of_causes.values())
+
+    def _scaled_shifts(self) -> Iterator[tuple[NominalParameter, float]]:
+        return zip(nominal_parameters(self.nominal), self.shifts, strict=True)
 
     def priors(self, weight: float) -> list[tuple[float, float]]:
         r"""Return for each nominal parameter where it stands and the weight w of its square in a linear fit.

@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -51,6 +51,10 @@ class NominalParameter(ABC):
     @abstractmethod
     def apply(self, drive: FeedDrive, shift: float) -> Changed:
         """Return the drive moved by ``shift`` standard deviations, and an effect that has to be added for it."""
+
+    def gone_with(self, replaced: Collection[int]) -> bool:
+        """Whether there is none where known effects of the drive, by their index, are replaced."""
+        return False
 
     def zeros_apart_m(self, shift: float) -> float:
         """Return by how much the motor's reading is ahead of the table's at the same place, by this parameter."""

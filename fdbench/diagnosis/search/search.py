@@ -15,7 +15,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.periods import located
 from fdbench.diagnosis.search.refinement import Refinement, prior_weight
-from fdbench.diagnosis.search.stage import Rival, Stage, equivalent_misfit, look_alikes, ranked
+from fdbench.diagnosis.search.stage import Stage, equivalent_misfit, look_alikes, ranked
 from fdbench.diagnosis.settings import SEARCH
 from fdbench.effects import Effect
 
@@ -152,26 +152,19 @@ class Search:
         alone, *misfits = evidence.misfits(held_out=True)[: 1 + n].tolist()
         outside = evidence.held_out
         sizes = evidence.sizes(self.split)[1:].reshape(2, n).T.tolist()
-        rivals = [
-            Rival(
-                kind=kind,
-                hypothesis=hypothesis,
-                misfit=misfit,
-                penalty=hypothesis.named_penalty(),
-                refined=refined,
-                size=size,
-                own_size=own_size,
-            )
-            for (kind, hypothesis, refined), misfit, (size, own_size) in zip(hypotheses, misfits, sizes, strict=True)
-        ]
         stage = Stage(
             base=base,
             misfit=alone,
             penalty=base.named_penalty(),
             test_count=float(np.sum(evidence.counts[outside])),
-            rivals=tuple(rivals),
+            rivals=(),
             effective=min(SEARCH.effective_samples, float(len(np.unique(evidence.group[outside])))),
         )
+        rivals = tuple(
+            stage.rival(kind, hypothesis, misfit, refined=refined, size=size, own_size=own_size)
+            for (kind, hypothesis, refined), misfit, (size, own_size) in zip(hypotheses, misfits, sizes, strict=True)
+        )
+        stage = dataclasses.replace(stage, rivals=rivals)
         return ranked(stage, evidence.by_group(held_out=True)[:, 1 : 1 + n])
 
     def review(self, final: Hypothesis, stages: Sequence[Stage]) -> tuple[Hypothesis, list[Stage]]:

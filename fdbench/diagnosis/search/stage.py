@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound
+from fdbench.diagnosis.model.hypothesis import Hypothesis, adjustables, at_bound
 from fdbench.diagnosis.model.parameter_vector import adjustables_of
 from fdbench.diagnosis.settings import JUDGE, SEARCH
 from fdbench.effects import Effect
@@ -24,7 +24,7 @@ class Rival:
     misfit : float
         On held-out segments, weighted, after the fit.
     penalty : float
-        Minus twice the log prior of the nominal parameters.
+        Minus twice the log prior of the nominal parameters, of a paraphrase as though those of the base stayed off.
     refined : bool
         Whether it was fitted in closed loop, and not only linearly.
     size : float
@@ -32,6 +32,8 @@ class Rival:
     own_size : float
         The same of what it changes in its own hypothesis, where nothing is fitted again without it. It is larger where
         nominal parameters of the base stand in for the effect.
+    paraphrase : bool
+        Whether it says what a nominal parameter of the base says by a change that has a name, and no more.
     paired : float
         Log odds beyond the tempered evidence, from a comparison with look-alikes stretch by stretch: see `ranked`.
     """
@@ -43,6 +45,7 @@ class Rival:
     refined: bool
     size: float
     own_size: float
+    paraphrase: bool = False
     paired: float = 0.0
 
 
@@ -70,14 +73,49 @@ class Stage:
     rivals: tuple[Rival, ...]
     effective: float = field(default_factory=lambda: SEARCH.effective_samples)
 
+    def rival(
+        self,
+        kind: type[Effect],
+        hypothesis: Hypothesis,
+        misfit: float,
+        *,
+        refined: bool,
+        size: float,
+        own_size: float,
+    ) -> Rival:
+        """Return a hypothesis with an effect of a class as a rival, and whether it paraphrases the base.
+
+        A mode far above the band of the motion is a mass that rides along, and a mass that is wrong on paper is named
+        as such. That a value is back where paper has it speaks for an effect only where the data are better explained,
+        by 1 for each number that it has more than the value (Akaike 1974).
+        """
+        named, cheaper = hypothesis.named_penalty(), self.base.cause_penalty() - hypothesis.cause_penalty()
+        paraphrase = False
+        if hypothesis.has(kind) and cheaper > 0.0:
+            better = self.log_evidence(misfit, named + cheaper) - self.log_evidence(self.misfit, self.penalty)
+            paraphrase = better < len(adjustables(hypothesis.effects[-1])) - 1
+        return Rival(
+            kind=kind,
+            hypothesis=hypothesis,
+            misfit=misfit,
+            penalty=named + cheaper if paraphrase else named,
+            refined=refined,
+            size=size,
+            own_size=own_size,
+            paraphrase=paraphrase,
+        )
+
     def gain(self, rival: Rival) -> float:
         r"""Return the share of the excess misfit that a rival removes.
 
-        Nominal parameters that are far-fetched count too: see `equivalent_misfit`. Of noise alone there is none.
+        Nominal parameters that are far-fetched count too, see `equivalent_misfit`, unless it is a paraphrase of them.
+        Noise that repeats have more of than a run has within itself is no bound: half the misfit is always an excess.
         """
         alone = equivalent_misfit(self.misfit, self.base, self.effective)
-        gain = alone - equivalent_misfit(rival.misfit, rival.hypothesis, self.effective)
-        return gain / (alone - 1.0) if alone > 1.0 else 0.0
+        gain = alone - equivalent_misfit(
+            rival.misfit, self.base if rival.paraphrase else rival.hypothesis, self.effective
+        )
+        return gain / max(alone - 1.0, 0.5 * alone)
 
     def log_evidence(self, misfit: float, penalty: float) -> float:
         """Return the tempered log evidence of a misfit."""
