@@ -22,6 +22,7 @@ from fdbench.diagnosis.model.nominal import Covered, Nominal
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.model.virtual_controller import prepared
+from fdbench.diagnosis.records.asked_force import scale_warnings
 from fdbench.diagnosis.records.conditions import Apart, apart, restless
 from fdbench.diagnosis.records.encoder_zeros import with_common_zeros
 from fdbench.diagnosis.records.force_reading import limits_of_forces
@@ -119,6 +120,7 @@ def aligned(
     drive = nominal.drive
     replay, given = _replay(nominal), start(nominal)
     warnings += limits_of_forces([run.as_read() for run in raw_runs], drive)
+    warnings += scale_warnings([run.as_read() for run in raw_runs], drive)
     runs: list[RecordedRun] = []
     counts, unsteady, fresh = [], [], []
     simulated = replay.on_each(raw_runs, given.variant)

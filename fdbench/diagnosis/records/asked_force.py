@@ -1,0 +1,89 @@
+"""Force that a controller asks for: what it makes of its own readings, beside the force that was logged."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from fdbench.diagnosis.records.damage import FORCE
+from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
+from fdbench.diagnosis.settings import PLAUSIBLE
+from fdbench.plants.feed_drive import Cascade, FeedDrive
+from fdbench.record import FloatArray
+
+
+def scale_warnings(runs: Sequence[RecordedRun], drive: FeedDrive) -> list[str]:
+    """Return a warning where the logged force is by one factor what the controller asks for on the logged readings.
+
+    No model of the machine is needed for that, so that neither friction nor mass stands in for a wrong unit.
+
+    Parameters
+    ----------
+    runs : sequence of RecordedRun
+        As read.
+    drive : FeedDrive
+        The nominal model, whose controller is told.
+    """
+    if not isinstance(drive.controller, Cascade):
+        return []
+    found = [scale for run in runs if (scale := force_scale(run, drive.controller)) is not None]
+    if not found or (1.0 / PLAUSIBLE.other_scale < max(found) and min(found) < PLAUSIBLE.other_scale):
+        return []
+    scale = math.sqrt(min(found) * max(found))
+    return [
+        f"{FORCE} is {scale:.3g} times what the model's controller asks for on the logged readings, in every record. "
+        "Either its unit is off by that (torque constant, peak or root mean square, percent of what) and gain = "
+        f"{1.0 / scale:.4g} in the mapping mends it, or the velocity loop's gains are."
+    ]
+
+
+def force_scale(run: RecordedRun, controller: Cascade) -> float | None:
+    r"""Return how many times what its controller asks for the force of a run is; None where that is not the same shape.
+
+    .. math:: F = k F_a + c_0 + c_1 t + c_2 x + c_3 v
+
+    is fitted below ``PLAUSIBLE.asked_Hz``, with the force F_a of `asked_force`; a clock or a zero that is a little off
+    is in the other terms.
+    """
+    from scipy.signal import butter, sosfiltfilt
+
+    force, asked = run.channels[FORCE], asked_force(run, controller)
+    limited = np.abs(force).max() > PLAUSIBLE.greatest_force * controller.force_limit_N
+    rate_Hz = 1.0 / run.period_s
+    if asked is None or limited or PLAUSIBLE.asked_Hz > 0.4 * rate_Hz:
+        return None
+    position = run.channels["position_m"]
+    columns = [asked, np.ones(len(force)), np.arange(len(force)) * run.period_s, position, np.gradient(position)]
+    low = sosfiltfilt(butter(4, PLAUSIBLE.asked_Hz, fs=rate_Hz, output="sos"), np.array([force, *columns]), axis=1)
+    inner = slice(len(force) // 20, -(len(force) // 20) or None)
+    measured, design = low[0, inner], low[1:, inner].T
+    others = design[:, 1:]
+    own, rest = (
+        values - others @ np.linalg.lstsq(others, values, rcond=None)[0] for values in (design[:, 0], measured)
+    )
+    spread = math.sqrt(float(own @ own) * float(rest @ rest))
+    if spread == 0.0 or float(own @ rest) < PLAUSIBLE.same_shape * spread:
+        return None
+    return float(own @ rest) / float(own @ own)
+
+
+def asked_force(run: RecordedRun, controller: Cascade) -> FloatArray | None:
+    """Return the force (n,) that a controller asks for on the readings of a run, in N.
+
+    None where it reads what is not there. See `fdbench.plants.feed_drive.Cascade` for the law. The integral begins at 0.
+    """
+    position = run.channels["position_m"]
+    own_side = controller.velocity_feedback in (None, controller.feedback)
+    if not own_side and DEFLECTION not in run.channels:
+        return None
+    further = 0.0 if own_side else run.channels[DEFLECTION] * (1.0 if controller.uses_table else -1.0)
+    speed = np.diff(position + further, prepend=(position + further)[:1]) / run.period_s
+    command, rate, acceleration = run.reference.T
+    wanted = controller.velocity_feedforward * (rate - controller.velocity_reference_delay_s * acceleration)
+    error = wanted + controller.position_gain_per_s * (command - position) - speed
+    integral = run.period_s * np.cumsum(error)
+    return np.asarray(
+        controller.velocity_gain_N_s_per_m * error
+        + controller.integral_gain_N_per_m * integral
+        + controller.acceleration_feedforward_kg * acceleration
+    )

@@ -1,0 +1,46 @@
+"""What a controller asks for on its own readings tells a force of another unit, whatever the machine is like."""
+
+import dataclasses
+
+import axis_lab
+import pytest
+
+from fdbench.diagnosis.records.asked_force import force_scale, scale_warnings
+from fdbench.diagnosis.records.runs import RecordedRun, prepare
+from fdbench.plants.feed_drive import FeedDrive, Following
+
+
+def runs(drive: FeedDrive, scale: float = 1.0) -> list[RecordedRun]:
+    found = []
+    for seed, name in enumerate(("fast", "steps")):
+        motion, duration_s = axis_lab.protocol(1.0)[name]
+        run = prepare(axis_lab.record(drive, (), motion, duration_s, seed), drive)
+        channels = {**run.channels, "motor_force_N": scale * run.channels["motor_force_N"]}
+        found.append(dataclasses.replace(run, channels=channels))
+    return found
+
+
+def test_the_force_of_a_controller_is_what_it_asks_for_whatever_the_machine_is() -> None:
+    drive = axis_lab.drive()
+    assert drive.table is not None
+    heavier = dataclasses.replace(drive, table=dataclasses.replace(drive.table, mass_kg=90.0))
+    for machine in (drive, heavier):
+        scales = [force_scale(run, drive.controller) for run in runs(machine)]
+        assert scales == pytest.approx([1.0, 1.0], abs=0.02)
+    assert scale_warnings(runs(heavier), drive) == []
+
+
+@pytest.mark.parametrize("scale", [1.2, 0.8, 2.0**0.5])
+def test_a_force_of_another_unit_is_told_by_its_factor(scale: float) -> None:
+    drive = axis_lab.drive()
+    (said,) = scale_warnings(runs(drive, scale), drive)
+    told = float(said.split("motor_force_N is ")[1].split(" times")[0])
+    assert told == pytest.approx(scale, rel=0.02)
+    assert float(said.split("gain = ")[1].split(" in")[0]) == pytest.approx(1.0 / scale, rel=0.02)
+
+
+def test_one_record_of_another_scale_is_no_unit_and_without_a_controller_nothing_is_asked() -> None:
+    drive = axis_lab.drive()
+    (fast, _), (_, slow) = runs(drive, 1.2), runs(drive)
+    assert scale_warnings([fast, slow], drive) == []
+    assert scale_warnings(runs(drive, 1.2), dataclasses.replace(drive, controller=Following())) == []
