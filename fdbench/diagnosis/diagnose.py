@@ -29,12 +29,14 @@ from fdbench.diagnosis.judge.residual_dependence import dependences
 from fdbench.diagnosis.judge.verdict import Findings, Verdict, verdict
 from fdbench.diagnosis.model.as_nominal import as_nominal
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
-from fdbench.diagnosis.model.nominal import Nominal, Uncertainty
+from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
 from fdbench.diagnosis.records.plausibility import clock_warnings
 from fdbench.diagnosis.records.runs import merged
-from fdbench.diagnosis.search.loop_rate import Calibrated, at_likely_rate
+from fdbench.diagnosis.search.calibrated import Calibrated
+from fdbench.diagnosis.search.command_rates import with_likely_rates
+from fdbench.diagnosis.search.loop_rate import at_likely_rate
 from fdbench.diagnosis.search.periods import lines_between_repeats
 from fdbench.diagnosis.search.refinement import Refinement
 from fdbench.diagnosis.search.search import Search
@@ -134,7 +136,7 @@ def _diagnosed(
         doubt = {name: getattr(on_paper, name) for name in OF_FORM}
         nominal = dataclasses.replace(nominal, uncertainty=dataclasses.replace(nominal.uncertainty, **doubt))
         ready = aligned(nominal, records, holdouts, healthy)
-    found = _searched(ready, _at_loops(nominal, records, holdouts), progress, healthy)
+    found = _searched(ready, _anew(nominal, records, holdouts), progress, healthy)
     ready, given, findings = found.ready, found.given, found.findings
     nominal, search, reductions, final = ready.nominal, findings.search, findings.reductions, findings.final
     readings, split, drive = search.readings, search.split, nominal.drive
@@ -143,7 +145,7 @@ def _diagnosed(
     raw = float(findings.as_given.mean())
     models = models or probability_models.models()
     said = verdict(findings, models)
-    reader = VerdictReader(models=models, unknown=said.unknown_probability)
+    reader = VerdictReader(models=models, unknown=said.unknown_probability, worst=said.worst)
     forecast = design(readings, split, [*findings.contests, *findings.stages[-1:]], nominal, reader)
     rest = dependences(split.plain, simulated[2], drive)
     answer = Answer(
@@ -202,11 +204,10 @@ class _Searched:
     findings: Findings
 
 
-def _at_loops(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Callable[[int], Aligned]:
-    """Return what prepares records for a controller that acts so many times between two samples."""
+def _anew(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Callable[[Simulation], Aligned]:
+    """Return what prepares records for a model that is simulated otherwise."""
 
-    def anew(loops: int) -> Aligned:
-        simulation = dataclasses.replace(nominal.simulation, loops=loops)
+    def anew(simulation: Simulation) -> Aligned:
         return aligned(dataclasses.replace(nominal, simulation=simulation), records, holdouts)
 
     return anew
@@ -214,14 +215,16 @@ def _at_loops(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Re
 
 def _searched(
     ready: Aligned,
-    at_loops: Callable[[int], Aligned],
+    anew: Callable[[Simulation], Aligned],
     progress: Callable[[str], None] | None,
     healthy: Baseline | None,
 ) -> _Searched:
     if progress is not None:
         progress("re-calibrating the nominal parameters")
-    # What the model's form gets wrong cancels beside a baseline, its rate with it.
-    found = at_likely_rate(ready, at_loops) if healthy is None else Calibrated.of(ready, narrow=True)
+    # What the model's form gets wrong cancels beside a baseline, its rates with it.
+    found = Calibrated.of(ready, narrow=healthy is not None)
+    if healthy is None:
+        found = at_likely_rate(with_likely_rates(found, anew), anew)
     ready, refinement, calibrated = found.ready, found.refinement, found.hypothesis
     search, given = Search(refinement, progress), start(ready.nominal)
     split = with_run_to_run_covariance(refinement.readings.replay, ready, calibrated, healthy)
@@ -269,7 +272,7 @@ def judged(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Recor
     """
     with _diagnosing(nominal.axis):
         ready = aligned(nominal, records, holdouts)
-        found = _searched(ready, _at_loops(nominal, records, holdouts), None, None)
+        found = _searched(ready, _anew(nominal, records, holdouts), None, None)
         return verdict(found.findings, probability_models.models())
 
 

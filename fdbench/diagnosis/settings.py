@@ -228,6 +228,7 @@ class SearchSettings:
     loops: tuple[int, ...] = number((2, 4), "cycles of the controller in a sampling time that are tried")
     lines: int = number(3, "lines over time, and long waves over the way, that are tried")
     pitches: int = number(3, "short waves over the way that are tried")
+    tried_pitches: int = number(16, "that stand out most, of which those are taken that take most of the gap")
     lowest_line_Hz: float = number(2.0, "slowest line")
     line_near: int = number(4, "bins beside a line that belong to it")
     line_far: int = number(24, "bins beside a line that are its surroundings")
@@ -273,6 +274,8 @@ class JudgeSettings:
     rest_smallest: float = number(0.02, "share of the rest that is worth mentioning")
     rest_noise: float = number(0.1, "mean square beyond the noise, in units of it, below which there is no rest")
     smallest_size: float = number(1e-3, "of an effect, where its logarithm is a feature", LEARNED)
+    trace_size: float = number(0.25, "of an effect, up to which it is a trace such as every machine has", LEARNED)
+    cause_size: float = number(1.25, "of an effect, from which it is no trace", LEARNED)
     smallest_misfit: float = number(0.3, "where its logarithm is a feature", LEARNED)
     smallest_distance: float = number(0.1, "standard deviations, where their logarithm is a feature", LEARNED)
 

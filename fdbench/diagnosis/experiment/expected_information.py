@@ -20,7 +20,7 @@ from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import Trajectory
 from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.look_alikes import divided, indistinguishable
-from fdbench.diagnosis.judge.probability_models import ProbabilityModels
+from fdbench.diagnosis.judge.probability_models import Beside, ProbabilityModels
 from fdbench.diagnosis.model.candidates import candidates, middle_shapes
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.records.runs import RecordedRun
@@ -42,23 +42,27 @@ class VerdictReader:
         Predict the probabilities.
     unknown : float
         Probability of an unknown cause; where no effect was found, "no further effect" has at most the rest.
+    worst : float
+        See `fdbench.diagnosis.judge.probability_models.Beside`.
     """
 
     models: ProbabilityModels = field(default_factory=confidence.models)
     unknown: float = 0.0
+    worst: float = 1.0
 
     def probabilities(self, stage: Stage) -> dict[str, float]:
         """Return the probabilities that the verdict gives to rivals and to none; what lacks to 1 is what it doubts."""
         own = stage.probabilities()
         none = max(1.0 - sum(own), 0.0)
         best = int(np.argmax(own))
-        kind = stage.rivals[best].kind
+        kind, beside = stage.rivals[best].kind, Beside(worst=self.worst)
         if own[best] > none:
             same = indistinguishable(stage, kind)
-            chance = self.models.effect.probability(confidence.effect_features(stage, kind, same), [kind.name, *same])
+            features = confidence.effect_features(stage, kind, beside, same)
+            chance = self.models.effect.probability(features, [kind.name, *same])
         else:
             same = []
-            features = confidence.effect_features(stage, kind)
+            features = confidence.effect_features(stage, kind, beside)
             chance = min(self.models.suspect.probability(features, [kind.name]), own[best])
         found = divided(stage, kind, same, chance)
         most = 1.0 if stage.base.effects else 1.0 - self.unknown

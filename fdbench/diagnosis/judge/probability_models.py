@@ -81,19 +81,40 @@ def models() -> ProbabilityModels:
     return read(ProbabilityModels, load_toml(FILE), FILE.name)
 
 
-def effect_features(contest: Stage, kind: type[Effect], indistinguishable: Collection[str] = ()) -> dict[str, float]:
+@dataclass(frozen=True, kw_only=True)
+class Beside:
+    """What a claim of an effect stands beside.
+
+    Attributes
+    ----------
+    largest : float
+        Largest ``own_size`` of another effect that was found, 0 without any: what is far smaller may be what is left
+        of one whose form is not quite the library's.
+    worst : float
+        Mean squared gap that is left in the stretch of time where that is most, in units of the noise within a run.
+    """
+
+    largest: float = 0.0
+    worst: float = 1.0
+
+
+def effect_features(
+    contest: Stage, kind: type[Effect], beside: Beside, indistinguishable: Collection[str] = ()
+) -> dict[str, float]:
     """Return the features of an effect, or of one of several that are indistinguishable.
 
     What an effect changes counts beside the evidence for it: machines have traces of every effect, and forms that are
     not quite the library's look like further effects that are small. It counts twice: as what it changes in the base,
-    of which nominal parameters may hide a part, and in its own hypothesis. What else the contest shows (misfits, how
-    many numbers were fitted, steadiness over time, what it removes of the force balances) added nothing.
+    of which nominal parameters may hide a part, and in its own hypothesis; and once more between the size of a trace
+    and that of a cause. What else the contest shows (misfits, how many numbers were fitted, steadiness over time, what
+    it removes of the force balances) added nothing.
 
     Parameters
     ----------
     contest : Stage
         The model without the effect, and what rivals make of that.
     kind : Effect class
+    beside : Beside
     indistinguishable : collection of str
         Names of the rivals that are indistinguishable from it.
     """
@@ -103,10 +124,14 @@ def effect_features(contest: Stage, kind: type[Effect], indistinguishable: Colle
     )
     others = [contest.log_evidence(rival.misfit, rival.penalty) for rival in different]
     best = max([contest.log_evidence(contest.misfit, contest.penalty), *others])
+    size, own_size = (max(item, JUDGE.smallest_size) for item in (own.size, own.own_size))
     return {
         "margin": math.asinh(contest.log_evidence(own.misfit, own.penalty) - best),
-        "size": math.log10(max(own.size, JUDGE.smallest_size)),
-        "own_size": math.log10(max(own.own_size, JUDGE.smallest_size)),
+        "size": math.log10(size),
+        "own_size": math.log10(own_size),
+        "above_trace": math.log10(min(max(min(size, own_size), JUDGE.trace_size), JUDGE.cause_size)),
+        "beside": math.log10(min(own_size / max(beside.largest, JUDGE.smallest_size), 1.0)),
+        "worst": math.log(max(beside.worst, JUDGE.smallest_misfit)),
     }
 
 
@@ -127,7 +152,9 @@ def value_features(distance: float, closed: float, misfit: float) -> dict[str, f
     }
 
 
-def unknown_features(misfit: float, worst: float, strain: float) -> dict[str, float]:
+def unknown_features(
+    *, misfit: float, worst: float, strain: float, closed: float, measured: bool, surest: float
+) -> dict[str, float]:
     """Return the features of an unknown cause.
 
     Parameters
@@ -135,14 +162,23 @@ def unknown_features(misfit: float, worst: float, strain: float) -> dict[str, fl
     misfit : float
         Weighted misfit that is left beside all effects that were found.
     worst : float
-        Mean squared gap that is left in the stretch of time where that is most, in units of the noise within a run.
+        See `Beside`.
     strain : float
         Of nominal parameters beside them, see `Hypothesis.strain`: they may stand in for what nothing else can.
+    closed : float
+        Share of the gap of the nominal model beyond the noise that is closed by everything.
+    measured : bool
+        Whether repeats tell the noise, which else holds a part of the gap.
+    surest : float
+        Largest probability of a cause that is known, as though none could be unknown.
     """
     return {
         "misfit": math.log(max(misfit, JUDGE.smallest_misfit)),
         "worst": math.log(max(worst, JUDGE.smallest_misfit)),
         "strain": math.log1p(strain),
+        "closed": closed,
+        "measured": float(measured),
+        "surest": surest,
     }
 
 

@@ -14,7 +14,7 @@ from fdbench.diagnosis.judge.force_balance_check import force_balances_removed
 from fdbench.diagnosis.judge.intervals import intervals, not_fitted, parameters
 from fdbench.diagnosis.judge.look_alikes import divided, force_balances, indistinguishable, instead, one_of
 from fdbench.diagnosis.judge.nominal_values import deviating_parameters
-from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
+from fdbench.diagnosis.judge.probability_models import Beside, Features, ProbabilityModels
 from fdbench.diagnosis.judge.reduction import Reductions, shapley
 from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound, is_beyond_its_form
 from fdbench.diagnosis.search.search import Search
@@ -70,6 +70,8 @@ class Verdict:
     features : mapping
         By the kind of claim (see `fdbench.diagnosis.judge.probability_models.ProbabilityModels`) and the name
         of what is claimed; names of indistinguishable effects are joined by " or ".
+    worst : float
+        See `fdbench.diagnosis.judge.probability_models.Beside`.
     """
 
     causes: tuple[Cause, ...]
@@ -78,6 +80,7 @@ class Verdict:
     unknown_probability: float
     no_gap_probability: float
     features: Mapping[str, Mapping[str, Features]] = field(default_factory=dict)
+    worst: float = 1.0
 
     def surest(self) -> float:
         """Return the probability of the surest cause or suspect, 0 without any."""
@@ -141,24 +144,35 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     deviating = deviating_parameters(search, found.weighed, corrected, models)
     before = search.compared(found.base, [(Effect, found.final, True)])
     left = gather(search.readings, search.split, found.final, ())
-    unknown = confidence.unknown_features(before.rivals[0].misfit, left.worst(), found.final.strain)
+    worst = left.worst()
+    contested = _contested(found, worst, models)
+    is_measured = all(floor.measured for floor in noise_models.values())
+    readings = [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
+    unknown = confidence.unknown_features(
+        misfit=before.rivals[0].misfit,
+        worst=worst,
+        strain=found.final.strain,
+        closed=_closed(found.as_given, repaired),
+        measured=is_measured,
+        surest=max(
+            (*(item.probability for item in contested), *(item.probability for item in (*deviating.causes, *readings))),
+            default=0.0,
+        ),
+    )
     # What is left of the gap and a gain that is not as set speak for an unknown cause independently of each other.
     unknown_probability = max(
         1.0 - (1.0 - models.unknown.probability(unknown)) * (1.0 - deviating.nameless), 1.0 - discount
     )
     small = JUDGE.small_share * shares.of(repaired)
     causes: list[Cause] = []
-    effect_features_of: dict[str, Features] = {}
-    for index, (effect, contest) in enumerate(zip(found.final.effects, found.contests, strict=True)):
+    for index, item in enumerate(contested):
+        effect, contest, same = item.effect, item.contest, item.same
         alone = tuple(other for other in everything if other != index)
-        same = indistinguishable(contest, type(effect))
-        features = confidence.effect_features(contest, type(effect), same)
         fitted = [rival for rival in contest.rivals if rival.refined or rival.kind is type(effect)]
         removed = force_balances_removed(
             search.readings, search.split, dataclasses.replace(contest, rivals=tuple(fitted))
         )
-        effect_features_of[OR.join((effect.name, *same))] = features
-        odds = divided(contest, type(effect), same, models.effect.probability(features, [effect.name, *same]))
+        odds = divided(contest, type(effect), same, item.probability)
         # What the written model is no better with, beside all others, is not named, nor what is at a bound of its form.
         believed = left_by[everything] < left_by[alone] and not is_beyond_its_form(effect)
         most = 1.0 if believed else JUDGE.named
@@ -186,17 +200,19 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
             )
         )
     # A gap of no more than repeats differ by lacks no cause, however little it looks like noise.
-    if all(floor.measured for floor in noise_models.values()):
+    if is_measured:
         repeats = float(np.mean([plain.runs[place].repeats for place in plain.judged]))
         too_little = noise_alone(float(recalibrated.max()) / repeats, of=JUDGE.measurable)
         unknown_probability = min(unknown_probability, 1.0 - too_little)
     causes += [dataclasses.replace(value, probability=discount * value.probability) for value in deviating.causes]
-    causes += [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
+    causes += readings
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
-    suspects, suspect_features_of = suspected(found, models, discount, {cause.effect for cause in causes})
+    beside = Beside(largest=max((item.own_size for item in contested), default=0.0), worst=worst)
+    suspects, suspect_features_of = suspected(found, models, beside, discount, {cause.effect for cause in causes})
     rivals = [rival.size for stage in (*found.contests, *found.stages[-1:]) for rival in stage.rivals[:1]]
     none = confidence.no_gap_features(before.misfit, deviating.furthest, max(rivals, default=0.0))
     surest = max((cause.probability for cause in causes), default=0.0)
+    effect_features_of = {OR.join((item.effect.name, *item.same)): item.features for item in contested}
     claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": deviating.features}
     within_noise = noise_alone(float(reductions.mean()[0]))
     return Verdict(
@@ -206,7 +222,63 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         unknown_probability=unknown_probability,
         no_gap_probability=min(within_noise, models.none.probability(none), 1.0 - surest, 1.0 - unknown_probability),
         features={**claims, "unknown": {"unknown": unknown}, "none": {"none": none}},
+        worst=worst,
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Contested:
+    """An effect beside its rivals.
+
+    Attributes
+    ----------
+    effect : Effect
+    contest : Stage
+    same : list of str
+        Names of the rivals that are indistinguishable from it.
+    own_size : float
+        See `fdbench.diagnosis.search.stage.Rival`.
+    features : mapping of str to float
+    probability : float
+        That it is one of them, as though no cause could be unknown.
+    """
+
+    effect: Effect
+    contest: Stage
+    same: list[str]
+    own_size: float
+    features: Features
+    probability: float
+
+
+def _contested(found: Findings, worst: float, models: ProbabilityModels) -> list[_Contested]:
+    """Return each effect of the final hypothesis beside its rivals."""
+    pairs = list(zip(found.final.effects, found.contests, strict=True))
+    sizes = [
+        next(rival.own_size for rival in contest.rivals if rival.kind is type(effect)) for effect, contest in pairs
+    ]
+    contested = []
+    for index, ((effect, contest), own_size) in enumerate(zip(pairs, sizes, strict=True)):
+        same = indistinguishable(contest, type(effect))
+        beside = Beside(largest=max((*sizes[:index], *sizes[index + 1 :]), default=0.0), worst=worst)
+        features = confidence.effect_features(contest, type(effect), beside, same)
+        contested.append(
+            _Contested(
+                effect=effect,
+                contest=contest,
+                same=same,
+                own_size=own_size,
+                features=features,
+                probability=models.effect.probability(features, [effect.name, *same]),
+            )
+        )
+    return contested
+
+
+def _closed(as_given: FloatArray, left: FloatArray) -> float:
+    """Return the share of mean squared gaps beyond their floors that is closed, over all channels; of none all is."""
+    beyond = float(as_given.mean()) - 1.0
+    return 1.0 - min(max((float(left.mean()) - 1.0) / beyond, 0.0), 1.0) if beyond > JUDGE.rest_noise else 1.0
 
 
 def noise_alone(mean_square: float, of: float = JUDGE.unrepeated) -> float:
@@ -249,14 +321,14 @@ def artefact_cause(artefact: Artefact, share: float) -> Cause:
 
 
 def suspected(
-    found: Findings, models: ProbabilityModels, discount: float, named: Collection[str]
+    found: Findings, models: ProbabilityModels, beside: Beside, discount: float, named: Collection[str]
 ) -> tuple[list[Suspect], dict[str, Features]]:
     """Return the effect that the search came closest to adding when it ended, unless it is named, and its features."""
     last = found.stages[-1] if found.stages else None
     if last is None or not last.rivals or last.rivals[0].kind.name in named:
         return [], {}
     best = last.rivals[0]
-    features = confidence.effect_features(last, best.kind)
+    features = confidence.effect_features(last, best.kind, beside)
     chance = discount * min(models.suspect.probability(features, [best.kind.name]), JUDGE.named)
     return [Suspect(effect=best.kind.name, probability=chance)], {best.kind.name: features}
 

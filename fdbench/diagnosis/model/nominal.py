@@ -10,6 +10,7 @@ from typing import Any
 from fdbench.catalogue import scenario_folder, scenario_ids
 from fdbench.diagnosis.model.rotary_axis import LINEAR_COLUMNS, plant_on_the_arc, record_on_the_arc
 from fdbench.diagnosis.records.noise_model import Way
+from fdbench.diagnosis.records.runs import COMMAND_RATES
 from fdbench.diagnosis.settings import MODEL, RECORDS
 from fdbench.effects import Effect, Scale, at_scale, effects
 from fdbench.errors import RecordError, SpecError, UnknownName, did_you_mean
@@ -27,11 +28,14 @@ SUBSTEPS = 10  # where a scenario does not say
 class Simulation:
     """How the model is integrated between two samples of a record, and how often its controller acts in that time.
 
-    Without ``loops`` it acts once, or as often as records with a known controller tell.
+    Without ``loops`` it acts once, or as often as records with a known controller tell. Velocity and acceleration of a
+    command that a log does not hold are its ``command_rates``: "central" differences, or the "backward" ones that many
+    controllers take, which are half a sample and a sample later. Without, records tell which.
     """
 
     substeps: int = bounded(1, 10000)
     loops: int | None = bounded(1, 16, default=None)
+    command_rates: str | None = None
 
     @property
     def cycles(self) -> int:
@@ -40,6 +44,10 @@ class Simulation:
 
     def __post_init__(self) -> None:
         check_bounds(self)
+        if self.command_rates is not None and self.command_rates not in COMMAND_RATES:
+            raise SpecError(
+                f"command_rates: '{self.command_rates}' is none.{did_you_mean(self.command_rates, COMMAND_RATES)}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -61,7 +61,8 @@ def prepared(
     if known and not silent:
         if on_paper:
             drive.check_loop(records[0].sampling_time_s)
-        runs = [prepare(item, drive) for item in records]
+        rates = nominal.simulation.command_rates or "central"
+        runs = [prepare(item, drive, rates) for item in records]
         check_content(runs)
         return nominal, runs, []
     controller = virtual_controller(drive, records)

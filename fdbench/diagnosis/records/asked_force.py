@@ -70,7 +70,7 @@ def force_scale(run: RecordedRun, controller: Cascade) -> float | None:
 def asked_force(run: RecordedRun, controller: Cascade) -> FloatArray | None:
     """Return the force (n,) that a controller asks for on the readings of a run, in N.
 
-    None where it reads what is not there. See `fdbench.plants.feed_drive.Cascade` for the law. The integral begins at 0.
+    None where it reads what is not there. The integral of the law of `fdbench.plants.feed_drive.Cascade` begins at 0.
     """
     position = run.channels["position_m"]
     own_side = controller.velocity_feedback in (None, controller.feedback)

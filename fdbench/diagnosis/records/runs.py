@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,8 +117,15 @@ class RecordedRun:
         return dataclasses.replace(self, left=left)
 
 
-def prepare(record: Record, drive: FeedDrive) -> RecordedRun:
+def prepare(record: Record, drive: FeedDrive, rates: str = "central") -> RecordedRun:
     """Return the run of a record with its command, to be simulated with the nominal controller.
+
+    Parameters
+    ----------
+    record : Record
+    drive : FeedDrive
+    rates : str
+        Of ``COMMAND_RATES``: how those are taken that the record lacks.
 
     Raises
     ------
@@ -133,9 +140,10 @@ def prepare(record: Record, drive: FeedDrive) -> RecordedRun:
     period = record.sampling_time_s
     position = record[COMMAND]
     velocity = record.get("reference_velocity_m_per_s")
-    velocity = rate(position, period) if velocity is None else velocity
+    rate_of = COMMAND_RATES[rates]
+    velocity = rate_of(position, period) if velocity is None else velocity
     acceleration = record.get("reference_acceleration_m_per_s2")
-    acceleration = rate(velocity, period) if acceleration is None else acceleration
+    acceleration = rate_of(velocity, period) if acceleration is None else acceleration
     return RecordedRun(
         name=record.source,
         period_s=period,
@@ -161,6 +169,18 @@ def rate(values: FloatArray, period_s: float) -> FloatArray:
     sudden = 1 + np.flatnonzero(bend[:-1] > RECORDS.sudden_bend * bend[1:])
     found[sudden] = (4.0 * values[sudden + 1] - 3.0 * values[sudden] - values[sudden + 2]) / (2.0 * period_s)
     return found
+
+
+def backward_rate(values: FloatArray, period_s: float) -> FloatArray:
+    """Return the change of a command since the sample before, as controllers take it.
+
+    >>> backward_rate(np.array([0.0, 0.0, 1.0, 2.0]), 0.5).tolist()
+    [0.0, 0.0, 2.0, 2.0]
+    """
+    return np.asarray(np.diff(values, prepend=values[:1]) / period_s)
+
+
+COMMAND_RATES: Mapping[str, Callable[[FloatArray, float], FloatArray]] = {"central": rate, "backward": backward_rate}
 
 
 def channels_of(record: Record, drive: FeedDrive, position: str) -> dict[str, FloatArray]:

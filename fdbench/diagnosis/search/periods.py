@@ -123,6 +123,7 @@ def _lines_in_position(
         octaves.append((octaves[-1][1], 2.0 * octaves[-1][1]))
     widths = [round(n_bins / (low * travel)) for low, _ in octaves]
     power = np.zeros((len(octaves), len(wavenumber)))
+    parts: list[tuple[FloatArray, FloatArray]] = []
     for run, gap in zip(runs, gaps, strict=True):
         inside = slice(1, 1 + gap.shape[1])
         position, speed = run.channels["position_m"][inside], run.reference[inside, 1]
@@ -131,7 +132,9 @@ def _lines_in_position(
             visits = np.bincount(place[moving], minlength=n_bins).astype(np.float64)
             for own in gap:
                 sums = np.bincount(place[moving], weights=own[moving], minlength=n_bins).astype(np.float64)
-                profiles = np.stack([sums - visits * _local_mean(sums, visits, width) for width in widths])
+                slow = [_local_mean(sums, visits, width) for width in widths]
+                profiles = np.stack([sums - visits * mean for mean in slow])
+                parts.append((position[moving], own[moving] - slow[1][place[moving]]))
                 power += np.abs(np.fft.rfft(profiles / np.sqrt(np.maximum(visits, 1.0)), n_padded)) ** 2
     resolved = max(3, round(2.0 / travel / float(wavenumber[1])))
     # What is slower has more power than any pitch, also at the ways of a sample at its speeds; it goes before.
@@ -140,17 +143,12 @@ def _lines_in_position(
         within = (wavenumber >= low) & (wavenumber < high)
         height[within] = (own / _around(own, resolved))[within]
     found: list[float] = []
-    for low, high, strength, most in (
-        (SEARCH.fewest_waves / travel, SEARCH.long_waves / travel, power[0], SEARCH.lines),
-        (SEARCH.long_waves / travel, 1.0 / shortest_wave_m, height, SEARCH.pitches),
-    ):
-        band = np.where((wavenumber >= low) & (wavenumber <= high), strength, 0.0)
-        for _ in range(most):
-            peak = int(np.argmax(band))
-            if band[peak] <= 0.0:
-                break
-            found.append(1.0 / _parabola(wavenumber, strength, peak))
-            band[max(0, peak - resolved) : peak + resolved + 1] = 0.0
+    band = np.where(wavenumber <= SEARCH.long_waves / travel, power[0], 0.0)
+    for peak in _peaks(np.where(wavenumber >= SEARCH.fewest_waves / travel, band, 0.0), resolved, SEARCH.lines):
+        found.append(1.0 / _parabola(wavenumber, power[0], peak))
+    band = np.where(wavenumber <= 1.0 / shortest_wave_m, height, 0.0)
+    peaks = [_parabola(wavenumber, height, peak) for peak in _peaks(band, resolved, SEARCH.tried_pitches)]
+    found += [1.0 / wave for wave in _telling(peaks, parts)]
     for pitch_m in () if turn_m is None else [turn_m / order for order in SEARCH.orders]:
         near = np.abs(wavenumber - 1.0 / pitch_m) < 0.5 * wavenumber[resolved]
         if (
@@ -160,6 +158,49 @@ def _lines_in_position(
         ):
             found.append(pitch_m)
     return found
+
+
+def _peaks(band: FloatArray, resolved: int, most: int) -> list[int]:
+    """Return the places of the highest peaks, the highest first, that are apart by what is resolved."""
+    left, found = band.copy(), []
+    for _ in range(most):
+        peak = int(np.argmax(left))
+        if left[peak] <= 0.0:
+            break
+        found.append(peak)
+        left[max(0, peak - resolved) : peak + resolved + 1] = 0.0
+    return found
+
+
+def _telling(waves: Sequence[float], parts: Sequence[tuple[FloatArray, FloatArray]]) -> list[float]:
+    """Return which waves (1/m) take most of the squares of a gap, one after the other.
+
+    At a steady speed samples are equally far apart, and a wave has aliases there, which may stand out more sharply
+    than itself; they take nothing where the speed is another.
+
+    Parameters
+    ----------
+    waves : sequence of float
+    parts : sequence of pairs of arrays
+        Positions and gap in each run, direction and channel, without what is slow.
+    """
+    found: list[float] = []
+    left = list(waves)
+    while left and len(found) < SEARCH.pitches:
+        fitted = [[_wave_in(gap, position, wave) for position, gap in parts] for wave in left]
+        best = int(np.argmax([sum(float(own @ own) for own in every) for every in fitted]))
+        parts = [(position, gap - own) for (position, gap), own in zip(parts, fitted[best], strict=True)]
+        found.append(left.pop(best))
+    return found
+
+
+def _wave_in(values: FloatArray, position: FloatArray, wave: float) -> FloatArray:
+    """Return the wave over the position that fits values best."""
+    angle = 2.0 * np.pi * wave * position
+    basis = np.stack((np.cos(angle), np.sin(angle)))
+    gram = basis @ basis.T
+    gram[np.diag_indices(2)] += 1e-9 * (1.0 + np.trace(gram))
+    return np.asarray(np.linalg.solve(gram, basis @ values) @ basis)
 
 
 def _local_mean(sums: FloatArray, visits: FloatArray, width: int) -> FloatArray:

@@ -130,11 +130,16 @@ def test_a_model_is_never_surer_than_its_claims() -> None:
     assert model.probability({"s": 0.0}) == 0.5
 
 
+def unknown_features(**changes: float) -> dict[str, float]:
+    usual = {"misfit": 2.0, "worst": 9.0, "strain": 5.0, "closed": 0.9, "measured": True, "surest": 0.3}
+    return confidence.unknown_features(**{**usual, **changes})
+
+
 def test_the_shipped_models_read_the_features_that_are_given() -> None:
     models = confidence.models()
     given = {
         "value": confidence.value_features(3.0, 1.0, 1.0),
-        "unknown": confidence.unknown_features(2.0, 9.0, 5.0),
+        "unknown": unknown_features(),
         "none": confidence.no_gap_features(1.0, 0.5, 0.1),
     }
     for kind, features in given.items():
@@ -142,10 +147,11 @@ def test_the_shipped_models_read_the_features_that_are_given() -> None:
         assert set(model.features) == set(features)
         assert 0.0 < model.probability(features) < 1.0
     assert {field.name for field in dataclasses.fields(models)} == {*learn.KINDS, "source"}
-    small, large = confidence.unknown_features(1.0, 2.0, 5.0), confidence.unknown_features(8.0, 60.0, 5.0)
-    assert models.unknown.probability(large) > models.unknown.probability(small)
-    strained = confidence.unknown_features(1.0, 2.0, 40.0)
-    assert models.unknown.probability(strained) > models.unknown.probability(small)
+    usual = models.unknown.probability(unknown_features())
+    assert models.unknown.probability(unknown_features(misfit=8.0, worst=60.0)) > usual
+    assert models.unknown.probability(unknown_features(strain=40.0)) > usual
+    assert models.unknown.probability(unknown_features(closed=0.5)) > usual
+    assert models.unknown.probability(unknown_features(surest=0.99)) < usual
     assert models.none.probability(given["none"]) > models.none.probability(confidence.no_gap_features(8.0, 5.0, 10.0))
 
 

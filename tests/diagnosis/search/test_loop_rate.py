@@ -11,7 +11,8 @@ from fdbench.diagnosis.evidence.prepare import Aligned, aligned
 from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.model.commands import at_each_loop
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
-from fdbench.diagnosis.search.loop_rate import Calibrated, at_likely_rate
+from fdbench.diagnosis.search.calibrated import Calibrated
+from fdbench.diagnosis.search.loop_rate import at_likely_rate
 from fdbench.plants.feed_drive import Following
 from fdbench.record import Record
 from fdbench.simulate.system import Noise, Setup, Timing
@@ -38,10 +39,10 @@ def logged(loops: int, seed: int, noise_m: float = 2e-7) -> Record:
 
 
 def found_in(nominal: Nominal, records: Sequence[Record]) -> Calibrated:
-    def at(loops: int | None) -> Aligned:
-        return aligned(dataclasses.replace(nominal, simulation=Simulation(substeps=10, loops=loops)), records, [])
+    def anew(simulation: Simulation) -> Aligned:
+        return aligned(dataclasses.replace(nominal, simulation=simulation), records, [])
 
-    return at_likely_rate(at(nominal.simulation.loops), at)
+    return at_likely_rate(Calibrated.of(anew(nominal.simulation)), anew)
 
 
 @pytest.mark.parametrize(("loops", "told"), [(1, None), (2, None), (4, None), (2, 1)])

@@ -7,7 +7,7 @@ import pytest
 
 from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.records.runs import RecordedRun
-from fdbench.diagnosis.search.periods import _lines_in_position, _lines_in_time, lines_between_repeats
+from fdbench.diagnosis.search.periods import _lines_in_position, _lines_in_time, _telling, lines_between_repeats
 from fdbench.diagnosis.settings import SEARCH
 
 PERIOD_S = 1e-3
@@ -75,6 +75,16 @@ def test_no_wave_is_sought_that_passes_faster_than_it_is_sampled() -> None:
     short = [own for own in found if own < 3.0 / SEARCH.long_waves]
     assert min(short) > 2.0 * np.median(np.abs(reference[:, 1])) * PERIOD_S
     assert min(abs(own / 0.0438 - 1.0) for own in short) < 0.01
+
+
+def test_a_pitch_goes_before_its_aliases_at_a_steady_speed() -> None:
+    """Where samples lie 4 mm apart, a wave and its alias are the same; where they lie otherwise, they are not."""
+    pitch_m, step_m = 0.1025, 4e-3
+    steady, other = step_m * np.arange(800), 1.7e-3 * np.arange(900)
+    parts = [(position, 5.0 * np.sin(2.0 * np.pi * position / pitch_m + 0.4)) for position in (steady, other)]
+    aliases = [1.0 / step_m - 1.0 / pitch_m, 1.0 / step_m + 1.0 / pitch_m]
+    assert _telling([*aliases, 1.0 / pitch_m], parts)[0] == 1.0 / pitch_m
+    assert _telling([*aliases, 30.0], parts[:1])[0] in aliases
 
 
 def test_orders_of_the_lead_are_tried_where_something_is_there() -> None:

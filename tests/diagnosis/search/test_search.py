@@ -93,12 +93,14 @@ def test_probabilities_of_a_round_by_hand() -> None:
     weights = [1.5**-5 * math.exp(-1.0), 1.6**-5, len(NOMINAL.library) * 1.8**-5]
     assert stage.probabilities() == pytest.approx([weight / sum(weights) for weight in weights[:2]])
     assert stage.present() == pytest.approx(1.0 - weights[2] / sum(weights))
-    assert stage.gain(rivals[0]) == pytest.approx(0.3 / 0.8)
+    assert stage.gain(rivals[0]) == pytest.approx(0.3 / 0.9)
     kinds_of_values = [item.kind for item in nominal_parameters(NOMINAL)]
     far = base.moved([2.0 * MODEL.far_fetched if kind == "viscous" else 0.0 for kind in kinds_of_values])
     ratio = (1.0 + 4.0 * MODEL.far_fetched**2 / MODEL.freedom) / (1.0 + MODEL.far_fetched**2 / MODEL.freedom)
     alone = 1.8 * ratio ** (kinds_of_values.count("viscous") * (MODEL.freedom + 1.0) / 10.0)
-    assert dataclasses.replace(stage, base=far).gain(rivals[0]) == pytest.approx((alone - 1.5) / (alone - 1.0))
+    assert dataclasses.replace(stage, base=far).gain(rivals[0]) == pytest.approx(
+        (alone - 1.5) / max(alone - 1.0, 0.5 * alone)
+    )
 
 
 @pytest.mark.parametrize(("inverter_ratio", "first", "odds"), [(0.3, "current_loop_lag", 0.0), (0.5, "dead_time", 1.0)])
@@ -127,15 +129,47 @@ def test_a_look_alike_on_a_bound_of_its_form_is_no_closer_for_it(
     assert closer - behind == pytest.approx(odds) if odds else closer - behind > 5.0
 
 
-def test_of_noise_alone_nothing_is_gained() -> None:
+@pytest.mark.parametrize(("misfit", "excess"), [(0.5, 0.25), (1.0, 0.5), (3.0, 2.0)])
+def test_half_of_a_misfit_is_an_excess_however_much_repeats_differ_by(misfit: float, excess: float) -> None:
     base = start(NOMINAL)
     rival = Rival(
-        kind=effects.get("cogging"), hypothesis=base, misfit=0.8, penalty=0.0, refined=True, size=1.0, own_size=1.0
+        kind=effects.get("cogging"), hypothesis=base, misfit=0.1, penalty=0.0, refined=True, size=1.0, own_size=1.0
     )
-    stage = Stage(base=base, misfit=0.95, penalty=9.0, test_count=1e3, rivals=(rival,))
-    assert stage.present() > 0.5
-    assert stage.gain(rival) == 0.0
-    assert stage.is_last()
+    stage = Stage(base=base, misfit=misfit, penalty=0.0, test_count=1e3, rivals=(rival,))
+    assert stage.gain(rival) == pytest.approx((misfit - 0.1) / excess)
+
+
+@pytest.mark.parametrize(("misfit", "paraphrase"), [(1.99, True), (1.5, False)])
+def test_a_mode_that_says_what_a_wrong_mass_says_is_no_rival_of_it(misfit: float, paraphrase: bool) -> None:
+    """With 20 samples a misfit of 1.5 is 2.9 nats better than 2, and a mode has two numbers more than a mass."""
+    scale = nominal_parameters(NOMINAL)
+    off = tuple(14.0 if item.name == "motor_mass" else 0.0 for item in scale)
+    base = dataclasses.replace(start(NOMINAL), shifts=off)
+    mode = effects.get("structural_mode").typical()
+    stage = Stage(base=base, misfit=2.0, penalty=base.named_penalty(), test_count=1e3, rivals=(), effective=20.0)
+    rival = stage.rival(type(mode), start(NOMINAL).with_effect(mode), misfit, refined=True, size=1.0, own_size=100.0)
+    assert rival.paraphrase is paraphrase
+    assert rival.penalty == (base.named_penalty() if paraphrase else 0.0)
+    stage = dataclasses.replace(stage, rivals=(rival,))
+    assert stage.is_last() is paraphrase
+    assert (stage.gain(rival) > 0.1) is not paraphrase
+
+
+def test_what_a_replaced_friction_had_for_a_size_is_nothing() -> None:
+    """Its size would be that of the free form at low speed, which has a bound."""
+    nominal = NOMINAL.beside(Covered(fastest_m_per_s=0.5, longest_s=10.0, force_N=100.0, period_s=1e-3))
+    places = {item.name: place for place, item in enumerate(nominal_parameters(nominal))}
+    lugre = effects.get("lugre_friction").typical()
+    index = next(n for n, item in enumerate(NOMINAL.drive.effects) if lugre.in_place_of(item) is not None)
+    found = []
+    for known in (0.0, 20.0):
+        shifts = [0.0] * len(places)
+        shifts[places["friction_force_0_N"]], shifts[places["known_coulomb_friction"]] = 1.0, known
+        beside = dataclasses.replace(start(nominal), shifts=tuple(shifts))
+        found.append((beside.variant.extra, beside.with_effect(lugre, index).variant.extra))
+    (usual, instead), (larger, instead_of_larger) = found
+    assert usual != larger
+    assert instead == instead_of_larger
 
 
 def test_beside_a_far_fetched_base_an_effect_is_also_fitted_from_the_nominal_values() -> None:

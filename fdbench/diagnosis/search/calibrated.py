@@ -1,0 +1,68 @@
+"""A model re-calibrated on records, and what it costs: as controllers are compared that act in different ways."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fdbench.diagnosis.evidence.evidence import Evidence, gather
+from fdbench.diagnosis.evidence.prepare import Aligned
+from fdbench.diagnosis.model.hypothesis import Hypothesis, start
+from fdbench.diagnosis.search.refinement import Refinement
+from fdbench.diagnosis.settings import SEARCH
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Calibrated:
+    r"""Records beside a model, and what re-calibration makes of it.
+
+    Attributes
+    ----------
+    ready : Aligned
+    refinement : Refinement
+    hypothesis : Hypothesis
+    misfit : float
+        What is left on the training segments; 1 is noise alone.
+    cost : float
+        Minus twice the tempered log evidence, :math:`n \ln M + p`.
+    """
+
+    ready: Aligned
+    refinement: Refinement
+    hypothesis: Hypothesis
+    misfit: float
+    cost: float
+
+    @classmethod
+    def of(cls, ready: Aligned, *, narrow: bool = False) -> "Calibrated":
+        """Re-calibrate the nominal parameters of a model; ``narrow`` says that they are known to a few per cent."""
+        refinement, given = _refinement(ready)
+        found = refinement.calibrate(given, narrow=narrow)
+        evidence = gather(refinement.readings, ready.split, found, ())
+        misfit, cost = _judged(evidence, float(evidence.squares(held_out=False)[0]), found)
+        return cls(ready=ready, refinement=refinement, hypothesis=found, misfit=misfit, cost=cost)
+
+    @property
+    def enough(self) -> float:
+        """What another controller has to cost at most: it brings more than naming a cause costs."""
+        return self.cost - 2.0 * math.log(len(self.ready.nominal.library))
+
+
+def promised_cost(ready: Aligned, near: Hypothesis) -> float:
+    """Return the cost of a model that a linear fit about the nominal parameters of another one promises."""
+    refinement, given = _refinement(ready)
+    return _judged(*refinement.promise(dataclasses.replace(given, shifts=near.shifts)))[1]
+
+
+def _refinement(ready: Aligned) -> tuple[Refinement, Hypothesis]:
+    given = start(ready.nominal)
+    return Refinement(ready.readings.coarsened(given, ready.split.noise_models), ready.split), given
+
+
+def _judged(evidence: Evidence, squares: float, hypothesis: Hypothesis) -> tuple[float, float]:
+    """Return the misfit of weighted squares on the training segments, and what the hypothesis costs with it."""
+    inside = ~evidence.held_out
+    misfit = squares / max(float((evidence.weights * evidence.counts)[inside].sum()), 1e-12)
+    n = min(SEARCH.effective_samples, float(len(np.unique(evidence.group[inside]))))
+    return misfit, n * math.log(max(misfit, 1e-9)) + hypothesis.named_penalty()

@@ -1,0 +1,45 @@
+"""How a controller takes velocity and acceleration of its command, where neither the log nor the model says."""
+
+import dataclasses
+from collections.abc import Callable
+
+from fdbench.diagnosis.evidence.prepare import Aligned
+from fdbench.diagnosis.model.nominal import Simulation
+from fdbench.diagnosis.search.calibrated import Calibrated, promised_cost
+from fdbench.diagnosis.settings import SEARCH
+from fdbench.plants._controllers import Cascade
+
+BACKWARD = "backward"
+
+
+def with_likely_rates(best: Calibrated, anew: Callable[[Simulation], Aligned]) -> Calibrated:
+    """Return the re-calibrated model with the rates of its command that are told, or else with the likelier ones.
+
+    A controller that differences its position command has a velocity that is half a sample late and an acceleration
+    that is a sample late. They are taken where they bring more than naming a cause costs.
+
+    Parameters
+    ----------
+    best : Calibrated
+        With central differences, where neither is told.
+    anew : callable
+        Returns the records prepared for a model with other rates.
+    """
+    nominal, controller = best.ready.nominal, best.ready.nominal.drive.controller
+    is_told = nominal.covered.velocity_told or nominal.simulation.command_rates is not None
+    if is_told or not isinstance(controller, Cascade) or best.misfit < SEARCH.noise_alone:
+        return best
+    if controller.velocity_feedforward == 0.0 and controller.acceleration_feedforward_kg == 0.0:
+        return best
+    ready = anew(dataclasses.replace(nominal.simulation, command_rates=BACKWARD))
+    if promised_cost(ready, best.hypothesis) > best.enough:
+        return best
+    tried = Calibrated.of(ready)
+    if tried.cost > best.enough:
+        return best
+    said = (
+        "The controller seems to difference its command backwards, each sample from the one before: with rates at the "
+        'samples the model fits worse, whatever its values. Write `command_rates = "backward"` under [simulation] of '
+        'the model, or `"central"` if that is wrong; or log reference_velocity_m_per_s.'
+    )
+    return dataclasses.replace(tried, ready=dataclasses.replace(ready, warnings=[*ready.warnings, said]))

@@ -1,0 +1,71 @@
+"""A controller that differences its command backwards is found where neither its log nor the model says."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from axis_lab import drive
+
+from fdbench.diagnosis.evidence.prepare import Aligned, aligned
+from fdbench.diagnosis.experiment.trajectory import moves
+from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.records.runs import COMMAND_RATES
+from fdbench.diagnosis.search.calibrated import Calibrated
+from fdbench.diagnosis.search.command_rates import with_likely_rates
+from fdbench.errors import SpecError
+from fdbench.plants.feed_drive import Cascade, FeedDrive
+from fdbench.record import Record
+from fdbench.simulate.system import Noise, Setup, Timing
+from fdbench.virtual_axes.library_axis import Tabulated
+
+PERIOD_S = 1e-3
+
+
+def fed_forward() -> FeedDrive:
+    axis = drive()
+    assert isinstance(axis.controller, Cascade)
+    controller = dataclasses.replace(axis.controller, acceleration_feedforward_kg=150.0)
+    return dataclasses.replace(axis, controller=controller)
+
+
+def logged(rates: str, seed: int) -> Record:
+    """Return what is logged of a controller that takes the rates of its command so; they are not."""
+    position = moves((0.0, 0.06, 0.01, 0.05), (0.08, 0.2), 5.0, PERIOD_S)[:, 0]
+    velocity = COMMAND_RATES[rates](position, PERIOD_S)
+    values = np.column_stack((position, velocity, COMMAND_RATES[rates](velocity, PERIOD_S)))
+    setup = Setup(
+        timing=Timing(sampling_time_s=PERIOD_S, duration_s=len(values) * PERIOD_S, substeps=10),
+        motion=Tabulated(values=values),
+        noise=Noise(motor_position_m=2e-7, table_position_m=2e-7),
+    )
+    system = fed_forward().system(setup)
+    system.start([seed])
+    rows = system.advance(len(values))[:, :, 0]
+    columns = {name: rows[:, index] for index, name in enumerate(system.columns)}
+    told = {name: own for name, own in columns.items() if not name.startswith(("reference_velocity", "reference_acc"))}
+    return Record({"time_s": np.arange(len(rows)) * PERIOD_S, **told}, {}, f"record {seed}")
+
+
+def found_in(records: Sequence[Record], rates: str | None = None) -> Calibrated:
+    nominal = Nominal(plant=fed_forward(), simulation=Simulation(substeps=10, loops=1, command_rates=rates))
+
+    def anew(simulation: Simulation) -> Aligned:
+        return aligned(dataclasses.replace(nominal, simulation=simulation), records, [])
+
+    return with_likely_rates(Calibrated.of(anew(nominal.simulation)), anew)
+
+
+@pytest.mark.parametrize(("rates", "told"), [("central", None), ("backward", None), ("backward", "central")])
+def test_backward_differences_of_a_command_are_found_where_nothing_is_told(rates: str, told: str | None) -> None:
+    found = found_in([logged(rates, seed) for seed in range(2)], told)
+    is_found = rates == "backward" and told is None
+    assert found.ready.nominal.simulation.command_rates == ("backward" if is_found else told)
+    said = [line for line in found.ready.warnings if "command_rates" in line]
+    assert len(said) == is_found
+    assert (found.misfit < 1.3) == (rates == "central" or is_found)
+
+
+def test_rates_are_central_or_backward() -> None:
+    with pytest.raises(SpecError, match="command_rates: 'backwards' is none"):
+        Simulation(substeps=10, command_rates="backwards")
