@@ -204,6 +204,7 @@ class SearchSettings:
     strained: float = number(2.0, "deviations of a nominal parameter that may hide an effect from a linear fit")
     unhidden: int = number(2, "classes refined beside nominal parameters as given, where the base has strained ones")
     smallest_gain: float = number(0.04, "share of the excess misfit that an effect must remove")
+    besides: float = number(0.2, "share of the excess misfit that an effect removes besides what a wrong value would")
     noise_alone: float = number(1.05, "misfit below which nothing is left to explain", zero=1.0)
     effective_samples: float = number(60.0, "independent samples that a misfit is worth at most, for probabilities")
     paired: float = number(
@@ -228,7 +229,8 @@ class SearchSettings:
     loops: tuple[int, ...] = number((2, 4), "cycles of the controller in a sampling time that are tried")
     lines: int = number(3, "lines over time, and long waves over the way, that are tried")
     pitches: int = number(3, "short waves over the way that are tried")
-    tried_pitches: int = number(16, "that stand out most, of which those are taken that take most of the gap")
+    standing_out: int = number(16, "waves that stand out most, of which those are chosen")
+    strong_wave: float = number(0.2, "share of the squares of a gap from which on a wave goes before its aliases")
     lowest_line_Hz: float = number(2.0, "slowest line")
     line_near: int = number(4, "bins beside a line that belong to it")
     line_far: int = number(24, "bins beside a line that are its surroundings")

@@ -88,11 +88,17 @@ class Hypothesis:
     def named_penalty(self) -> float:
         r"""Return `prior_penalty`, where what a value is off by may also be a cause of its own, for which it is named.
 
-        .. math:: \sum_g \min(p_g, 2 \ln n)
+        .. math:: \sum_g \left[\sum_i p_i - \max(\max_i p_i - 2 \ln n, 0)\right]
 
-        over the groups of values that one cause changes, with one of n effects of the library as likely as none.
+        over the groups of values that one cause may change, with one of n effects of the library as likely as none. It
+        changes one of them: a payload is no reason why the motor should be lighter.
         """
         return self.nameless_penalty() + self.cause_penalty()
+
+    @property
+    def cost_of_a_cause(self) -> float:
+        """Minus twice the log odds of one effect of the library against none."""
+        return 2.0 * math.log(max(len(self.nominal.library), 1))
 
     def nameless_penalty(self) -> float:
         """Return the part of `named_penalty` of values that no cause changes, such as the gains of the controller."""
@@ -100,11 +106,11 @@ class Hypothesis:
 
     def cause_penalty(self) -> float:
         """Return the part of `named_penalty` of values that a cause of their own may change."""
-        most, of_causes = 2.0 * math.log(max(len(self.nominal.library), 1)), dict[str, float]()
+        most, of_causes = self.cost_of_a_cause, dict[str, list[float]]()
         for item, shift in self._scaled_shifts():
             if item.cause(self.nominal):
-                of_causes[item.group] = of_causes.get(item.group, 0.0) + penalty(shift)
-        return sum(min(own, most) for own in of_causes.values())
+                of_causes.setdefault(item.group, []).append(penalty(shift))
+        return sum(sum(own) - max(max(own) - most, 0.0) for own in of_causes.values())
 
     def _scaled_shifts(self) -> Iterator[tuple[NominalParameter, float]]:
         return zip(nominal_parameters(self.nominal), self.shifts, strict=True)

@@ -46,7 +46,7 @@ class Calibrated:
     @property
     def enough(self) -> float:
         """What another controller has to cost at most: it brings more than naming a cause costs."""
-        return self.cost - 2.0 * math.log(len(self.ready.nominal.library))
+        return self.cost - self.hypothesis.cost_of_a_cause
 
 
 def promised_cost(ready: Aligned, near: Hypothesis) -> float:

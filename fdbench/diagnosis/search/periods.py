@@ -147,7 +147,7 @@ def _lines_in_position(
     for peak in _peaks(np.where(wavenumber >= SEARCH.fewest_waves / travel, band, 0.0), resolved, SEARCH.lines):
         found.append(1.0 / _parabola(wavenumber, power[0], peak))
     band = np.where(wavenumber <= 1.0 / shortest_wave_m, height, 0.0)
-    peaks = [_parabola(wavenumber, height, peak) for peak in _peaks(band, resolved, SEARCH.tried_pitches)]
+    peaks = [_parabola(wavenumber, height, peak) for peak in _peaks(band, resolved, SEARCH.standing_out)]
     found += [1.0 / wave for wave in _telling(peaks, parts)]
     for pitch_m in () if turn_m is None else [turn_m / order for order in SEARCH.orders]:
         near = np.abs(wavenumber - 1.0 / pitch_m) < 0.5 * wavenumber[resolved]
@@ -173,14 +173,15 @@ def _peaks(band: FloatArray, resolved: int, most: int) -> list[int]:
 
 
 def _telling(waves: Sequence[float], parts: Sequence[tuple[FloatArray, FloatArray]]) -> list[float]:
-    """Return which waves (1/m) take most of the squares of a gap, one after the other.
+    """Return which waves (1/m) are tried: what takes a good part of the squares of a gap, else what stands out most.
 
-    At a steady speed samples are equally far apart, and a wave has aliases there, which may stand out more sharply
-    than itself; they take nothing where the speed is another.
+    At a steady speed samples are equally far apart, and a strong wave has aliases there, which may stand out more
+    sharply than itself; they take nothing where the speed is another. What is weak is told from noise by standing out.
 
     Parameters
     ----------
     waves : sequence of float
+        What stands out most is first.
     parts : sequence of pairs of arrays
         Positions and gap in each run, direction and channel, without what is slow.
     """
@@ -188,7 +189,10 @@ def _telling(waves: Sequence[float], parts: Sequence[tuple[FloatArray, FloatArra
     left = list(waves)
     while left and len(found) < SEARCH.pitches:
         fitted = [[_wave_in(gap, position, wave) for position, gap in parts] for wave in left]
-        best = int(np.argmax([sum(float(own @ own) for own in every) for every in fitted]))
+        taken = [sum(float(own @ own) for own in every) for every in fitted]
+        best = int(np.argmax(taken))
+        if taken[best] < SEARCH.strong_wave * sum(float(gap @ gap) for _, gap in parts):
+            best = 0
         parts = [(position, gap - own) for (position, gap), own in zip(parts, fitted[best], strict=True)]
         found.append(left.pop(best))
     return found

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fdbench.diagnosis.model.hypothesis import Hypothesis, adjustables, at_bound
+from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound
 from fdbench.diagnosis.model.parameter_vector import adjustables_of
 from fdbench.diagnosis.settings import JUDGE, SEARCH
 from fdbench.effects import Effect
@@ -24,7 +24,7 @@ class Rival:
     misfit : float
         On held-out segments, weighted, after the fit.
     penalty : float
-        Minus twice the log prior of the nominal parameters, of a paraphrase as though those of the base stayed off.
+        Minus twice the log prior of the nominal parameters, of a paraphrase as though one of the base stayed off.
     refined : bool
         Whether it was fitted in closed loop, and not only linearly.
     size : float
@@ -86,19 +86,16 @@ class Stage:
         """Return a hypothesis with an effect of a class as a rival, and whether it paraphrases the base.
 
         A mode far above the band of the motion is a mass that rides along, and a mass that is wrong on paper is named
-        as such. That a value is back where paper has it speaks for an effect only where the data are better explained,
-        by 1 for each number that it has more than the value (Akaike 1974).
+        as such. That a value is back where paper has it speaks for an effect only where that explains a good part of
+        the misfit besides.
         """
         named, cheaper = hypothesis.named_penalty(), self.base.cause_penalty() - hypothesis.cause_penalty()
-        paraphrase = False
-        if hypothesis.has(kind) and cheaper > 0.0:
-            better = self.log_evidence(misfit, named + cheaper) - self.log_evidence(self.misfit, self.penalty)
-            paraphrase = better < len(adjustables(hypothesis.effects[-1])) - 1
+        paraphrase = cheaper > 0.0 and self.misfit - misfit < SEARCH.besides * self._excess(self.misfit)
         return Rival(
             kind=kind,
             hypothesis=hypothesis,
             misfit=misfit,
-            penalty=named + cheaper if paraphrase else named,
+            penalty=named + min(cheaper, self.base.cost_of_a_cause) if paraphrase else named,
             refined=refined,
             size=size,
             own_size=own_size,
@@ -115,7 +112,11 @@ class Stage:
         gain = alone - equivalent_misfit(
             rival.misfit, self.base if rival.paraphrase else rival.hypothesis, self.effective
         )
-        return gain / max(alone - 1.0, 0.5 * alone)
+        return gain / self._excess(alone)
+
+    @staticmethod
+    def _excess(misfit: float) -> float:
+        return max(misfit - 1.0, 0.5 * misfit)
 
     def log_evidence(self, misfit: float, penalty: float) -> float:
         """Return the tempered log evidence of a misfit."""

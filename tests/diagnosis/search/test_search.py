@@ -14,7 +14,7 @@ from fdbench.diagnosis.evidence.run_to_run import Change
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.model.candidates import candidates
-from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.hypothesis import penalty, start
 from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.readings import Readings
@@ -258,10 +258,12 @@ def test_a_value_that_is_a_cause_costs_no_more_than_naming_one() -> None:
     shifts[places["motor_mass"]] = 1.0
     near = start(NOMINAL).moved(shifts)
     assert near.named_penalty() == pytest.approx(near.prior_penalty())
-    shifts[places["motor_mass"]] = shifts[places["table_mass"]] = 30.0
+    shifts[places["motor_mass"]], shifts[places["table_mass"]] = 30.0, 0.0
     far = start(NOMINAL).moved(shifts)
     assert far.named_penalty() == pytest.approx(2.0 * math.log(len(NOMINAL.library)))
-    assert far.prior_penalty() > 4.0 * far.named_penalty()
+    assert far.prior_penalty() > 3.0 * far.named_penalty()
+    shifts[places["table_mass"]] = -20.0
+    assert start(NOMINAL).moved(shifts).named_penalty() == pytest.approx(far.named_penalty() + penalty(-20.0))
 
 
 def test_a_strong_saturation_is_found_though_its_response_grows_with_its_square() -> None:
