@@ -47,7 +47,7 @@ class LugreFriction(Effect):
     static_force_N: float = parameter("F_s", low=0.0, high=8000.0, typical=150.0)
     stribeck_velocity_m_per_s: float = parameter("v_s", low=1e-4, high=0.1, typical=3e-3)
     bristle_stiffness_N_per_m: float = parameter(
-        "sigma_0", low=1e4, high=1e9, typical=2e7, grid=(2e5, 1e6, 5e6, 2e7, 6e7)
+        "sigma_0", low=1e3, high=1e9, typical=2e7, grid=(2e5, 1e6, 5e6, 2e7, 6e7)
     )
     bristle_damping_N_s_per_m: float = parameter("sigma_1", low=0.0, high=1e6, typical=1e4)
 

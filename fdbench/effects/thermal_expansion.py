@@ -37,7 +37,7 @@ class ThermalExpansion(Effect):
 
     temperature_rise_K: float = parameter("dT", low=-50.0, high=50.0, typical=4.0)
     warm_up_time_s: float = parameter("tau", low=0.1, high=1e5, typical=10.0, grid=(3.0, 10.0, 60.0))
-    fixed_bearing_m: float = parameter("x_b", low=-5.0, high=5.0, typical=-0.2)
+    fixed_bearing_m: float = parameter("x_b", low=-5.0, high=5.0, typical=-0.2, grid=(-0.2,))
     expansion_per_K: float = parameter("alpha", low=1e-6, high=3e-5, typical=1.15e-5)
 
     @kernel

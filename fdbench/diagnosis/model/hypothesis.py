@@ -251,8 +251,13 @@ def adjustables(effect: Effect, longest_s: float = math.inf) -> list[Adjustable]
 
 def at_bound(effect: Effect) -> list[str]:
     """Return the fitted parameters that lie on a bound of what the library allows; at 0 there is nothing beyond."""
-    values = [(item, getattr(effect, item.name)) for item in adjustables(effect)]
-    return [item.name for item, value in values if value in (item.low, item.high) and value != 0.0]
+    found = []
+    for item in adjustables(effect):
+        value = float(getattr(effect, item.name))
+        bounds = (bound for bound in (item.low, item.high) if math.isfinite(bound) and bound != 0.0)
+        if any(abs(value - bound) <= MODEL.at_bound * abs(bound) for bound in bounds):
+            found.append(item.name)
+    return found
 
 
 def is_beyond_its_form(effect: Effect) -> bool:
