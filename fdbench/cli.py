@@ -54,12 +54,21 @@ class Commands(TyperGroup):
         except OSError as error:
             if error.errno is None:
                 raise
+            let_go_of_output()
             refuse(f"fdbench: {f'{error.filename}: ' if error.filename else ''}{error.strerror}.")
         except MemoryError as error:
             refuse(f"fdbench: not enough memory for this input: {error}")
         if code == INTERRUPTED:
             typer.echo("fdbench: interrupted; what is finished is kept.", err=True)
         sys.exit(code)
+
+
+def let_go_of_output() -> None:
+    """Give up what cannot be written, which the interpreter would try once more at its end."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def refuse(message: str) -> NoReturn:
