@@ -8,6 +8,7 @@ import numpy as np
 
 from fdbench.diagnosis.evaluation.effect_forces import EffectForces
 from fdbench.diagnosis.model.replay import Replay, Variant
+from fdbench.diagnosis.records.low_pass import low_passed
 from fdbench.diagnosis.records.plausibility import noise_estimate
 from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
 from fdbench.effects import Port
@@ -18,7 +19,6 @@ from fdbench.record import FloatArray
 BAND_HZ = 40.0  # widest band of the inverse dynamics
 LOUD = 0.02  # of the measured force that the noise of the position may reach by its second derivative
 OF_NYQUIST = 0.4
-ORDER = 4  # of the zero-phase filter, each way
 WIDER, WIDEST_OF_NYQUIST = 2.0, 0.8  # band of the position, which has to leave that of the forces as it is
 SETTLED = 2.0  # periods of the band's edge at either end that the filter does not know
 
@@ -68,13 +68,6 @@ def useful_band_Hz(drive: FeedDrive, run: RecordedRun) -> float:
     loud_N = LOUD * float(np.std(run.channels["motor_force_N"]))
     per_band = drive.mass_kg * (2.0 * math.pi) ** 2 * noise_m / math.sqrt(5.0 * nyquist)
     return min(widest, (loud_N / per_band) ** 0.4) if per_band > 0.0 and loud_N > 0.0 else widest
-
-
-def low_passed(values: FloatArray, band_Hz: float, period_s: float) -> FloatArray:
-    """Return a signal without what is faster than the band, without delay: Butterworth, forwards and backwards."""
-    from scipy.signal import butter, sosfiltfilt
-
-    return np.asarray(sosfiltfilt(butter(ORDER, band_Hz, fs=1.0 / period_s, output="sos"), values))
 
 
 def inverse_dynamics(drive: FeedDrive, run: RecordedRun, band_Hz: float) -> Prediction:

@@ -115,12 +115,12 @@ def aligned(
     nominal = nominal.beside(covered)
     # A model that follows the measured motion follows its errors, too.
     follows = isinstance(drive.controller, Following)
-    error = None if follows else interpolation_error([run.as_read() for run in raw_runs], nominal)
+    as_read = [run.as_read() for run in raw_runs]
+    error = None if follows else interpolation_error(as_read, nominal)
     nominal = nominal.beside(dataclasses.replace(covered, seen=waves(nominal.library)))
     drive = nominal.drive
     replay, given = _replay(nominal), start(nominal)
-    warnings += limits_of_forces([run.as_read() for run in raw_runs], drive)
-    warnings += scale_warnings([run.as_read() for run in raw_runs], drive)
+    warnings += [*limits_of_forces(as_read, drive), *scale_warnings(as_read, drive)]
     runs: list[RecordedRun] = []
     counts, unsteady, fresh = [], [], []
     simulated = replay.on_each(raw_runs, given.variant)

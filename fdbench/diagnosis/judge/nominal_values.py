@@ -59,7 +59,6 @@ def deviating_parameters(
     closed, *left = gaps.mean(axis=1).tolist()
     moves: list[tuple[str, float, float, float, str]] = []
     furthest = 0.0
-    doubly_off: set[str] = set()
     on_motor = _on_motor(final)
     sides: dict[str, _OnMotor] = {}
     for (group, places), without in zip(groups.items(), left, strict=True):
@@ -71,10 +70,10 @@ def deviating_parameters(
         together = abs(change) / max(math.hypot(*sizes), 1e-30)
         distance = max(together, *own) if name else math.hypot(*own)
         furthest = max(furthest, distance if name else max(own))
-        if name and len(own) > 1 and sorted(own)[-2] > MODEL.far_fetched:
-            doubly_off.add(name)
         if group in on_motor:
             sides[name] = on_motor[group]
+        if len(own) > 1 and sorted(own)[-2] > MODEL.far_fetched:
+            name = ""  # no cause changes both sides of a screw that far
         moves.append((name, change, distance, without, scale[places[0]].unit))
     total = max(sum(max(without - closed, 0.0) for _, _, _, without, _ in moves), 1e-12)
     present = {item.name for item in final.effects}
@@ -87,10 +86,6 @@ def deviating_parameters(
         if without - closed < SEARCH.smallest_gain * without:
             continue
         features = confidence.value_features(distance, without - closed, closed)
-        if name in doubly_off:
-            # No cause changes both sides of a screw that far.
-            nameless = max(nameless, models.value.probability(features))
-            continue
         if not name:
             # In a quiet record a gain that is a little off closes much, and is no wonder.
             nameless = max(nameless, models.value.probability(features) if distance > MODEL.far_fetched else 0.0)

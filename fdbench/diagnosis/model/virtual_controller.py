@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.records.low_pass import low_passed
 from fdbench.diagnosis.records.plausibility import check_content, check_sizes, noise_estimate
 from fdbench.diagnosis.records.runs import (
     COMMAND,
@@ -200,7 +201,9 @@ def follow(record: Record, drive: FeedDrive, cycles: int) -> RecordedRun:
     readings = channels_of(record, drive, _column(record, drive, controller))
     readings["motor_force_N"] = acting(readings["motor_force_N"], cycles)
     held = held_samples(record)
-    channels = {name: low_passed(_interpolated(values, held), controller, period) for name, values in readings.items()}
+    channels = {
+        name: _smoothed_as(_interpolated(values, held), controller, period) for name, values in readings.items()
+    }
     position, force = channels["position_m"], channels["motor_force_N"]
     if controller.smoothed_Hz is None:
         channels = readings
@@ -247,17 +250,11 @@ def _interpolated(values: FloatArray, held: NDArray[np.bool_]) -> FloatArray:
     return np.interp(time, time[~held], values[~held])
 
 
-def low_passed(values: FloatArray, controller: Following, period_s: float) -> FloatArray:
-    """Return values without what lies above the smoothing of a controller, and without a delay.
-
-    A Butterworth filter of fourth order runs over them forwards and backwards (Gustafsson 1996).
-    """
+def _smoothed_as(values: FloatArray, controller: Following, period_s: float) -> FloatArray:
+    """Return values without what lies above the smoothing of a controller, and without a delay."""
     if controller.smoothed_Hz is None or 2.0 * controller.smoothed_Hz * period_s >= MODEL.highest_of_nyquist:
         return values
-    from scipy.signal import butter, sosfiltfilt
-
-    sections = butter(4, controller.smoothed_Hz, fs=1.0 / period_s, output="sos")
-    return np.asarray(sosfiltfilt(sections, values))
+    return low_passed(values, controller.smoothed_Hz, period_s)
 
 
 def smoothed(position: FloatArray, period_s: float, bandwidth_Hz: float) -> FloatArray:

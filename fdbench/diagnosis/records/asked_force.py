@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fdbench.diagnosis.records.damage import FORCE
+from fdbench.diagnosis.records.low_pass import low_passed
 from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
 from fdbench.diagnosis.settings import PLAUSIBLE
 from fdbench.plants.feed_drive import Cascade, FeedDrive
@@ -45,16 +46,13 @@ def force_scale(run: RecordedRun, controller: Cascade) -> float | None:
     is fitted below ``PLAUSIBLE.asked_Hz``, with the force F_a of `asked_force`; a clock or a zero that is a little off
     is in the other terms.
     """
-    from scipy.signal import butter, sosfiltfilt
-
     force, asked = run.channels[FORCE], asked_force(run, controller)
     limited = np.abs(force).max() > PLAUSIBLE.greatest_force * controller.force_limit_N
-    rate_Hz = 1.0 / run.period_s
-    if asked is None or limited or PLAUSIBLE.asked_Hz > 0.4 * rate_Hz:
+    if asked is None or limited or PLAUSIBLE.asked_Hz * run.period_s > 0.4:
         return None
     position = run.channels["position_m"]
     columns = [asked, np.ones(len(force)), np.arange(len(force)) * run.period_s, position, np.gradient(position)]
-    low = sosfiltfilt(butter(4, PLAUSIBLE.asked_Hz, fs=rate_Hz, output="sos"), np.array([force, *columns]), axis=1)
+    low = low_passed(np.array([force, *columns]), PLAUSIBLE.asked_Hz, run.period_s)
     inner = slice(len(force) // 20, -(len(force) // 20) or None)
     measured, design = low[0, inner], low[1:, inner].T
     others = design[:, 1:]

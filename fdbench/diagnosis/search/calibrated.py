@@ -43,13 +43,19 @@ class Calibrated:
         misfit, cost = _judged(evidence, float(evidence.squares(held_out=False)[0]), found)
         return cls(ready=ready, refinement=refinement, hypothesis=found, misfit=misfit, cost=cost)
 
-    @property
-    def enough(self) -> float:
-        """What another controller has to cost at most: it brings more than naming a cause costs."""
-        return self.cost - self.hypothesis.cost_of_a_cause
+    def surpassed_by(self, ready: Aligned) -> "Calibrated | None":
+        """Return another model re-calibrated, where it brings more than naming a cause costs; else None.
+
+        It is not fitted where a linear fit about the nominal parameters found here does not promise that.
+        """
+        enough = self.cost - self.hypothesis.cost_of_a_cause
+        if _promised_cost(ready, self.hypothesis) > enough:
+            return None
+        tried = Calibrated.of(ready)
+        return None if tried.cost > enough else tried
 
 
-def promised_cost(ready: Aligned, near: Hypothesis) -> float:
+def _promised_cost(ready: Aligned, near: Hypothesis) -> float:
     """Return the cost of a model that a linear fit about the nominal parameters of another one promises."""
     refinement, given = _refinement(ready)
     return _judged(*refinement.promise(dataclasses.replace(given, shifts=near.shifts)))[1]

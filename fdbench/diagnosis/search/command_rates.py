@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from fdbench.diagnosis.evidence.prepare import Aligned
 from fdbench.diagnosis.model.nominal import Simulation
-from fdbench.diagnosis.search.calibrated import Calibrated, promised_cost
+from fdbench.diagnosis.search.calibrated import Calibrated
 from fdbench.diagnosis.settings import SEARCH
 from fdbench.plants._controllers import Cascade
 
@@ -31,15 +31,13 @@ def with_likely_rates(best: Calibrated, anew: Callable[[Simulation], Aligned]) -
         return best
     if controller.velocity_feedforward == 0.0 and controller.acceleration_feedforward_kg == 0.0:
         return best
-    ready = anew(dataclasses.replace(nominal.simulation, command_rates=BACKWARD))
-    if promised_cost(ready, best.hypothesis) > best.enough:
-        return best
-    tried = Calibrated.of(ready)
-    if tried.cost > best.enough:
+    tried = best.surpassed_by(anew(dataclasses.replace(nominal.simulation, command_rates=BACKWARD)))
+    if tried is None:
         return best
     said = (
         "The controller seems to difference its command backwards, each sample from the one before: with rates at the "
         'samples the model fits worse, whatever its values. Write `command_rates = "backward"` under [simulation] of '
         'the model, or `"central"` if that is wrong; or log reference_velocity_m_per_s.'
     )
-    return dataclasses.replace(tried, ready=dataclasses.replace(ready, warnings=[*ready.warnings, said]))
+    ready = dataclasses.replace(tried.ready, warnings=[*tried.ready.warnings, said])
+    return dataclasses.replace(tried, ready=ready)

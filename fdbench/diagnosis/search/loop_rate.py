@@ -6,7 +6,7 @@ from collections.abc import Callable
 from fdbench.diagnosis.evidence.prepare import Aligned
 from fdbench.diagnosis.model.nominal import Simulation
 from fdbench.diagnosis.model.readings import Readings
-from fdbench.diagnosis.search.calibrated import Calibrated, promised_cost
+from fdbench.diagnosis.search.calibrated import Calibrated
 from fdbench.diagnosis.settings import SEARCH
 from fdbench.plants._controllers import Following, OpenLoop
 
@@ -30,11 +30,8 @@ def at_likely_rate(best: Calibrated, anew: Callable[[Simulation], Aligned]) -> C
     for loops in SEARCH.loops:
         if best.misfit < SEARCH.noise_alone:
             break
-        at_rate = _at_rate(ready, loops, anew)
-        if promised_cost(at_rate, best.hypothesis) > best.enough:
-            break
-        tried = Calibrated.of(at_rate)
-        if tried.cost > best.enough:
+        tried = best.surpassed_by(_at_rate(ready, loops, anew))
+        if tried is None:
             break
         best = tried
     return best

@@ -130,12 +130,14 @@ def _lines_in_position(
         place = np.minimum(((position - lowest) * (n_bins / travel)).astype(np.intp), n_bins - 1)
         for moving in (speed > 0.0, speed < 0.0):
             visits = np.bincount(place[moving], minlength=n_bins).astype(np.float64)
+            left = []
             for own in gap:
                 sums = np.bincount(place[moving], weights=own[moving], minlength=n_bins).astype(np.float64)
                 slow = [_local_mean(sums, visits, width) for width in widths]
                 profiles = np.stack([sums - visits * mean for mean in slow])
-                parts.append((position[moving], own[moving] - slow[1][place[moving]]))
+                left.append(own[moving] - slow[:2][-1][place[moving]])  # a short travel has long waves alone
                 power += np.abs(np.fft.rfft(profiles / np.sqrt(np.maximum(visits, 1.0)), n_padded)) ** 2
+            parts.append((position[moving], np.stack(left)))
     resolved = max(3, round(2.0 / travel / float(wavenumber[1])))
     # What is slower has more power than any pitch, also at the ways of a sample at its speeds; it goes before.
     height = np.zeros(len(wavenumber))
@@ -183,15 +185,15 @@ def _telling(waves: Sequence[float], parts: Sequence[tuple[FloatArray, FloatArra
     waves : sequence of float
         What stands out most is first.
     parts : sequence of pairs of arrays
-        Positions and gap in each run, direction and channel, without what is slow.
+        Positions (n,) and gap (n_channels, n) in each run and direction, without what is slow.
     """
     found: list[float] = []
     left = list(waves)
     while left and len(found) < SEARCH.pitches:
         fitted = [[_wave_in(gap, position, wave) for position, gap in parts] for wave in left]
-        taken = [sum(float(own @ own) for own in every) for every in fitted]
+        taken = [sum(float(np.sum(own**2)) for own in every) for every in fitted]
         best = int(np.argmax(taken))
-        if taken[best] < SEARCH.strong_wave * sum(float(gap @ gap) for _, gap in parts):
+        if taken[best] < SEARCH.strong_wave * sum(float(np.sum(gap**2)) for _, gap in parts):
             best = 0
         parts = [(position, gap - own) for (position, gap), own in zip(parts, fitted[best], strict=True)]
         found.append(left.pop(best))
@@ -199,12 +201,12 @@ def _telling(waves: Sequence[float], parts: Sequence[tuple[FloatArray, FloatArra
 
 
 def _wave_in(values: FloatArray, position: FloatArray, wave: float) -> FloatArray:
-    """Return the wave over the position that fits values best."""
+    """Return the wave over the position that fits each row of values best."""
     angle = 2.0 * np.pi * wave * position
     basis = np.stack((np.cos(angle), np.sin(angle)))
     gram = basis @ basis.T
     gram[np.diag_indices(2)] += 1e-9 * (1.0 + np.trace(gram))
-    return np.asarray(np.linalg.solve(gram, basis @ values) @ basis)
+    return np.asarray(np.linalg.solve(gram, basis @ values.T).T @ basis)
 
 
 def _local_mean(sums: FloatArray, visits: FloatArray, width: int) -> FloatArray:

@@ -81,7 +81,7 @@ def test_a_pitch_goes_before_its_aliases_at_a_steady_speed() -> None:
     """Where samples lie 4 mm apart, a wave and its alias are the same; where they lie otherwise, they are not."""
     pitch_m, step_m = 0.1025, 4e-3
     steady, other = step_m * np.arange(800), 1.7e-3 * np.arange(900)
-    parts = [(position, 5.0 * np.sin(2.0 * np.pi * position / pitch_m + 0.4)) for position in (steady, other)]
+    parts = [(position, 5.0 * np.sin(2.0 * np.pi * position / pitch_m + 0.4)[None]) for position in (steady, other)]
     aliases = [1.0 / step_m - 1.0 / pitch_m, 1.0 / step_m + 1.0 / pitch_m]
     assert _telling([*aliases, 1.0 / pitch_m], parts)[0] == 1.0 / pitch_m
     assert _telling([*aliases, 30.0], parts[:1])[0] in aliases
@@ -95,6 +95,13 @@ def test_orders_of_the_lead_are_tried_where_something_is_there() -> None:
     both = (strong + weak + noise)[None, 1:-2]
     assert min(abs(own - 5e-3) for own in _lines_in_position([both], [run], None, 1.0)) > 1e-4
     assert 5e-3 in _lines_in_position([both], [run], 0.01, 1.0)
+
+
+def test_a_travel_of_a_few_waves_has_long_ones_alone() -> None:
+    reference = moves((0.0, 2e-3, 0.0), (0.02,), 1.0, PERIOD_S)
+    wave = np.sin(2.0 * np.pi * reference[:, 0] / 1e-3)
+    found = _lines_in_position([wave[None, 1:-2]], [run_along(reference)], None, 1.0)
+    assert min(abs(own / 1e-3 - 1.0) for own in found) < 0.1
 
 
 def test_no_wavelength_where_the_axis_stands() -> None:
