@@ -112,10 +112,10 @@ class ModelSettings:
     usual_speed_span: float = number(30.0, "the same for the speed of a linear axis", zero=1.0)
     smallest_ratio: float = number(0.05, "of the nominal mass or gain, below which re-calibration does not go")
     freedom: float = number(3.0, "degrees of freedom of Student's t of a nominal parameter: a few are far off")
-    most_form: float = number(
-        1.5,
-        "deviations by which friction at low speed may exceed its nominal form, and no more",
-        "between axes without a cause and with Stribeck friction, of 76 opened ones of tier G",
+    most_form: tuple[float, ...] = number(
+        (0.5, 0.5, 0.5, 1.5),
+        "deviations by which friction may exceed its nominal form at 0.1, 0.03, 0.01, 0.003 of the fastest speed",
+        "between axes without a cause and with Stribeck friction, of 195 opened ones of tier G",
     )
     most_lag: float = number(3.0, "deviations by which the force may follow its command late, and no more")
     most_filter: float = number(2.0, "deviations by which the filter of the velocity may be slower, and no more")
@@ -123,6 +123,7 @@ class ModelSettings:
     untold_delay: float = number(0.25, "sampling times by which a velocity's reference that is not logged may be late")
     zeros_apart_m: float = number(1e-5, "standard deviation of what the zeros of two encoders are still apart")
     at_bound: float = number(0.02, "relative distance to a bound at which a fitted parameter lies on it")
+    hollow: float = number(0.05, "of a further amplitude, both in typical sizes, below which an amplitude is nothing")
     far_fetched: float = number(5.0, "deviations of a nominal parameter beyond which it stands in for an effect")
     line_step: float = number(3e-4, "relative step of a period in a fit", "a record holds hundreds of periods")
     step: float = number(0.1, "relative step of any other number of an effect in a fit")

@@ -191,6 +191,8 @@ class Effect(ABC):
         Name of the parameter that scales the effect: at zero there is none.
     further_amplitudes : tuple of str
         Names of the parameters that scale further parts; there is no effect where all amplitudes are zero.
+    needs_amplitude : bool
+        Whether there is no such effect where its amplitude is next to nothing beside further ones.
     random : bool
         Whether the kernel takes a standard uniform number, drawn once for each sample.
     disturbance : bool
@@ -228,6 +230,7 @@ class Effect(ABC):
     port: ClassVar[Port]
     states: ClassVar[tuple[str, ...]] = ()
     amplitude: ClassVar[str]
+    needs_amplitude: ClassVar[bool] = False
     random: ClassVar[bool] = False
     disturbance: ClassVar[bool] = False
     counts_as_disturbance: ClassVar[bool] = False

@@ -33,6 +33,7 @@ class CableStiffness(Effect):
     amplitude = "spring_stiffness_N_per_m"
     cause_type = "force_over_position"
     further_amplitudes = ("dahl_force_N",)
+    needs_amplitude = True  # a chain that rubs pulls too; what rubs alone is friction of another law
     confusable_with = ("thermal_expansion",)
 
     spring_stiffness_N_per_m: float = parameter("k", low=0.0, high=1e5, typical=200.0)

@@ -63,6 +63,7 @@ def parameters(effect: Effect, bounds: Mapping[str, Pair]) -> dict[str, Quantity
 
 
 def not_fitted(effect: Effect) -> list[str]:
-    """Return the parameters that are neither searched nor fitted, so that they have their typical values."""
+    """Return the parameters that are neither searched nor fitted, nor known, so that they have their typical values."""
     fitted = {item.name for item in adjustables(effect)}
-    return [item.name for item in effect.parameters() if item.name not in fitted and not item.grid]
+    others = (item for item in effect.parameters() if item.name not in fitted and not item.grid)
+    return [item.name for item in others if getattr(effect, item.name) == item.typical]

@@ -1,6 +1,7 @@
 """The verdict: causes with probabilities, shares and intervals, and the chances of an unknown cause and of no gap."""
 
 import dataclasses
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -16,7 +17,7 @@ from fdbench.diagnosis.judge.look_alikes import divided, force_balances, indisti
 from fdbench.diagnosis.judge.nominal_values import deviating_parameters
 from fdbench.diagnosis.judge.probability_models import Beside, Features, ProbabilityModels
 from fdbench.diagnosis.judge.reduction import Reductions, shapley
-from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound, is_beyond_its_form
+from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound, is_beyond_its_form, is_hollow
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import JUDGE
@@ -146,6 +147,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     left = gather(search.readings, search.split, found.final, ())
     worst = left.worst()
     contested = _contested(found, worst, models)
+    sound, hollow = [item for item in contested if not item.hollow], [item for item in contested if item.hollow]
     is_measured = all(floor.measured for floor in noise_models.values())
     readings = [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
     unknown = confidence.unknown_features(
@@ -155,14 +157,15 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         closed=_closed(found.as_given, repaired),
         measured=is_measured,
         surest=max(
-            (*(item.probability for item in contested), *(item.probability for item in (*deviating.causes, *readings))),
+            (*(item.probability for item in sound), *(item.probability for item in (*deviating.causes, *readings))),
             default=0.0,
         ),
     )
-    # What is left of the gap and a gain that is not as set speak for an unknown cause independently of each other.
-    unknown_probability = max(
-        1.0 - (1.0 - models.unknown.probability(unknown)) * (1.0 - deviating.nameless), 1.0 - discount
-    )
+    # What is left of the gap, a gain that is not as set, and a part of an effect that is none without the rest speak
+    # for an unknown cause independently of each other.
+    stand_ins = math.prod(1.0 - item.probability for item in hollow)
+    known = (1.0 - models.unknown.probability(unknown)) * (1.0 - deviating.nameless) * stand_ins
+    unknown_probability = max(1.0 - known, 1.0 - discount)
     small = JUDGE.small_share * shares.of(repaired)
     causes: list[Cause] = []
     for index, item in enumerate(contested):
@@ -175,12 +178,12 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         odds = divided(contest, type(effect), same, item.probability)
         # What the written model is no better with, beside all others, is not named, nor what is at a bound of its form.
         believed = left_by[everything] < left_by[alone] and not is_beyond_its_form(effect)
-        most = 1.0 if believed else JUDGE.named
+        most = JUDGE.fewest if item.hollow else 1.0 if believed else JUDGE.named
         own = np.array([part[index] for part in parts])
         share = shares.of(own)
         # What explains little beside what is left of the gap may be a part of a cause that is not known.
-        sound = discount * (1.0 - unknown_probability * small / max(small + share, 1e-12))
-        chances = {name: min(sound * p, most) for name, p in odds.items()}
+        credible = discount * (1.0 - unknown_probability * small / max(small + share, 1e-12))
+        chances = {name: min(credible * p, most) for name, p in odds.items()}
         unique = np.array([values[everything] - values[alone] for values in closed])
         causes.append(
             Cause(
@@ -208,11 +211,12 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     causes += readings
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
     beside = Beside(largest=max((item.own_size for item in contested), default=0.0), worst=worst)
-    suspects, suspect_features_of = suspected(found, models, beside, discount, {cause.effect for cause in causes})
+    said = {name for cause in causes for name in (cause.effect, *cause.alternatives)}
+    suspects, suspect_features_of = suspected(found, models, beside, discount, said)
     rivals = [rival.size for stage in (*found.contests, *found.stages[-1:]) for rival in stage.rivals[:1]]
     none = confidence.no_gap_features(before.misfit, deviating.furthest, max(rivals, default=0.0))
     surest = max((cause.probability for cause in causes), default=0.0)
-    effect_features_of = {OR.join((item.effect.name, *item.same)): item.features for item in contested}
+    effect_features_of = {OR.join((item.effect.name, *item.same)): item.features for item in sound}
     claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": deviating.features}
     within_noise = noise_alone(float(reductions.mean()[0]))
     return Verdict(
@@ -249,6 +253,11 @@ class _Contested:
     own_size: float
     features: Features
     probability: float
+
+    @property
+    def hollow(self) -> bool:
+        """Whether it is only a part of what it is called, see `is_hollow`: then an unknown cause is as probable."""
+        return is_hollow(self.effect)
 
 
 def _contested(found: Findings, worst: float, models: ProbabilityModels) -> list[_Contested]:
@@ -321,16 +330,22 @@ def artefact_cause(artefact: Artefact, share: float) -> Cause:
 
 
 def suspected(
-    found: Findings, models: ProbabilityModels, beside: Beside, discount: float, named: Collection[str]
+    found: Findings, models: ProbabilityModels, beside: Beside, discount: float, said: Collection[str]
 ) -> tuple[list[Suspect], dict[str, Features]]:
-    """Return the effect that the search came closest to adding when it ended, unless it is named, and its features."""
+    """Return the effects that were not added when the search ended, most probable first, and their features.
+
+    Not those of which something is ``said``, as a cause or in place of one.
+    """
     last = found.stages[-1] if found.stages else None
-    if last is None or not last.rivals or last.rivals[0].kind.name in named:
-        return [], {}
-    best = last.rivals[0]
-    features = confidence.effect_features(last, best.kind, beside)
-    chance = discount * min(models.suspect.probability(features, [best.kind.name]), JUDGE.named)
-    return [Suspect(effect=best.kind.name, probability=chance)], {best.kind.name: features}
+    kinds = [] if last is None else [rival.kind for rival in last.rivals if rival.kind.name not in said]
+    features: dict[str, Features] = {}
+    if last is not None:
+        features = {kind.name: confidence.effect_features(last, kind, beside) for kind in kinds}
+    suspects = [
+        Suspect(effect=name, probability=discount * min(models.suspect.probability(own, [name]), JUDGE.named))
+        for name, own in features.items()
+    ]
+    return sorted(suspects, key=lambda suspect: -suspect.probability), features
 
 
 def nearest(found: Findings) -> RivalReduction | None:

@@ -1,7 +1,7 @@
 """Nominal parameters of effects that a drive is known to have: their size, and friction's width, form and side."""
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self, final
 
@@ -70,6 +70,14 @@ class KnownAmplitude(_OfAKnownEffect):
     def relative_deviation(self) -> float | None:
         return self.deviation if self.is_friction else None
 
+    def shift_of_replaced(self, effects: Sequence[Effect], drive: FeedDrive, shift: float) -> float:
+        """Return by how much the effect in its place is larger: of another law, friction is as large as on paper."""
+        for effect in effects:
+            alike = effect.in_place_of(self.known(drive))
+            if alike is not None:
+                return (amplitude_of(effect) / amplitude_of(alike) - 1.0) / self.deviation
+        return shift
+
     def apply(self, drive: FeedDrive, shift: float) -> Changed:
         return resized(drive, self.index, max(1.0 + shift * self.deviation, 0.0)), ()
 
@@ -136,8 +144,9 @@ class BristleStiffness(_InNoDataSheet):
 class FrictionForm(NominalParameter):
     """Height of a bump of a free friction curve, carried by ``effect``; its deviation is relative to the friction.
 
-    It has a limit upwards: what resists at low speed beyond it is an effect, such as Stribeck's. Downwards it has none,
-    as no effect takes friction away there.
+    It has a limit upwards: what resists at low speed beyond it is an effect, such as Stribeck's; the tighter, the
+    faster its bump is, as a friction whose sign is rounded in another way differs in the slowest ones. Downwards it has
+    none, as no effect takes friction away there.
     """
 
     kind = "friction_form"
@@ -146,6 +155,7 @@ class FrictionForm(NominalParameter):
     changes_from_run_to_run = False
     effect: Effect
     amplitude: str
+    most: float
 
     @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
@@ -155,11 +165,14 @@ class FrictionForm(NominalParameter):
             return []
         effect = silent(kinds[0]).changed(fastest_m_per_s=fastest)
         names = (kinds[0].amplitude, *kinds[0].further_amplitudes)
-        return [cls(name=f"friction_{name}", deviation=deviation, effect=effect, amplitude=name) for name in names]
+        return [
+            cls(name=f"friction_{name}", deviation=deviation, effect=effect, amplitude=name, most=most)
+            for name, most in zip(names, MODEL.most_form, strict=True)
+        ]
 
     @property
     def room(self) -> tuple[float, float]:
-        return -math.inf, MODEL.most_form
+        return -math.inf, self.most
 
     def apply(self, drive: FeedDrive, shift: float) -> Changed:
         return drive, (self.effect.changed(**{self.amplitude: shift * self.size(drive)}),)

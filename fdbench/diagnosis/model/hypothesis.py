@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdbench.diagnosis.model.known_effects import without
+from fdbench.diagnosis.model.known_effects import sliding_as_known, without
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.nominal_parameter import NominalParameter
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
@@ -74,7 +74,13 @@ class Hypothesis:
                 apart_m += calibration.zeros_apart_m(shift)
         for index in self.replaced:
             drive = without(drive, index)
-        return Variant(plant=drive, extra=merged(offsets, self.effects), zeros_apart_m=apart_m)
+        extra = tuple(sliding_as_known(drive, effect) for effect in merged(offsets, self.effects))
+        return Variant(plant=drive, extra=extra, zeros_apart_m=apart_m)
+
+    def as_it_acts(self) -> "Hypothesis":
+        """Return it with its effects as they act, whose friction turns its sign as the known one does."""
+        drive = self.variant.plant
+        return dataclasses.replace(self, effects=tuple(sliding_as_known(drive, effect) for effect in self.effects))
 
     def room(self) -> list[tuple[float, float]]:
         """Return for each nominal parameter how far a fit may move it down and up, in standard deviations."""
@@ -113,7 +119,10 @@ class Hypothesis:
         return sum(sum(own) - max(max(own) - most, 0.0) for own in of_causes.values())
 
     def _scaled_shifts(self) -> Iterator[tuple[NominalParameter, float]]:
-        return zip(nominal_parameters(self.nominal), self.shifts, strict=True)
+        drive = self.nominal.drive
+        for item, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True):
+            gone = item.gone_with(self.replaced)
+            yield item, item.shift_of_replaced(self.effects, drive, shift) if gone else shift
 
     def priors(self, weight: float) -> list[tuple[float, float]]:
         r"""Return for each nominal parameter where it stands and the weight w of its square in a linear fit.
@@ -265,6 +274,17 @@ def is_beyond_its_form(effect: Effect) -> bool:
     arguments = inspect.signature(type(effect)).parameters
     refining = {name for name, item in arguments.items() if item.default is not item.empty}
     return not refining.issuperset(at_bound(effect))
+
+
+def is_hollow(effect: Effect) -> bool:
+    """Return whether an effect that needs its amplitude has next to nothing of it: further parts stand for another."""
+    kind = type(effect)
+    typical = kind.typical()
+    own, *further = (
+        abs(getattr(effect, name)) / max(abs(getattr(typical, name)), 1e-30)
+        for name in (kind.amplitude, *kind.further_amplitudes)
+    )
+    return kind.needs_amplitude and own < MODEL.hollow * max(further, default=0.0)
 
 
 def penalty(shift: float) -> float:

@@ -25,6 +25,12 @@ def turns_sign(effect: Effect) -> bool:
     return any(item.name == WIDTH for item in effect.parameters())
 
 
+def sliding_as_known(drive: FeedDrive, effect: Effect) -> Effect:
+    """Return an added friction that turns its sign over the same speed as the known one: they share a contact."""
+    known = next((item for item in drive.effects if turns_sign(item)), None)
+    return effect if known is None or not turns_sign(effect) else effect.within(**{WIDTH: getattr(known, WIDTH)})
+
+
 def without(drive: FeedDrive, index: int) -> FeedDrive:
     """Return the drive with one of its known effects at zero amplitude."""
     return resized(drive, index, 0.0)

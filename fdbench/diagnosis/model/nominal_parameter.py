@@ -56,6 +56,10 @@ class NominalParameter(ABC):
         """Whether there is none where known effects of the drive, by their index, are replaced."""
         return False
 
+    def shift_of_replaced(self, effects: Sequence[Effect], drive: FeedDrive, shift: float) -> float:
+        """Return its shift where known effects are replaced, which may be what ``effects`` in their place say it is."""
+        return shift
+
     def zeros_apart_m(self, shift: float) -> float:
         """Return by how much the motor's reading is ahead of the table's at the same place, by this parameter."""
         return 0.0

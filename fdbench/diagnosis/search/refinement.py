@@ -192,6 +192,12 @@ class Refinement:
         alone, *squares = self._squares(base, rivals)
         return rivals[int(np.argmin(_objectives(squares, rivals, prior_weight(alone))))]
 
+    def predicting_best(self, starts: Sequence[Hypothesis]) -> Hypothesis:
+        """Return the best of fits from several starts that are not tempered."""
+        fits = [self.refine(start, tempered=False) for start in starts]
+        squares = self._squares(starts[0], fits)[1:]
+        return fits[int(np.argmin(_objectives(squares, fits, 1.0)))]
+
     def is_closer(self, base: Hypothesis, rival: Hypothesis, other: Hypothesis) -> bool:
         """Return whether a rival leaves less than another one by a share that matters of what a base leaves."""
         alone, own, others = self._squares(base, [rival, other])

@@ -10,8 +10,8 @@ import pytest
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.axis_parameters import Viscous
 from fdbench.diagnosis.model.friction_parameters import BristleStiffness
-from fdbench.diagnosis.model.hypothesis import start
-from fdbench.diagnosis.model.known_effects import resized
+from fdbench.diagnosis.model.hypothesis import is_hollow, penalty, start
+from fdbench.diagnosis.model.known_effects import WIDTH, resized
 from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_vector, with_parameters
@@ -82,3 +82,50 @@ def test_viscous_friction_that_is_not_on_paper_is_in_doubt_as_far_as_the_forces_
     doubts = [item.deviation for item in Viscous.of(nominal.beside(covered))]
     assert doubts == pytest.approx([0.1 * 100.0 / 0.5] * 2)
     assert [item.deviation for item in Viscous.of(nominal)] == pytest.approx([0.1e-3 * without.mass_kg] * 2)
+
+
+def test_an_added_friction_turns_its_sign_as_the_known_one_does() -> None:
+    """They share a contact: calibrated, both are wider, and what is written says so."""
+    model = Nominal(plant=axis_lab.drive(), simulation=Simulation(substeps=10))
+    place = [item.kind for item in nominal_parameters(model)].index("width")
+    shifts = [0.0] * len(nominal_parameters(model))
+    shifts[place] = 1.3
+    added: Any = effects.get("position_dependent_friction").typical()
+    plain: Any = effects.get("cogging").typical()
+    hypothesis = start(model).with_effect(added).with_effect(plain).moved(shifts)
+    known: Any = hypothesis.variant.plant.effects[0]
+    friction, other = hypothesis.variant.extra
+    assert getattr(friction, WIDTH) == getattr(known, WIDTH) == pytest.approx(math.exp(1.3) * getattr(added, WIDTH))
+    assert friction.changed(**{WIDTH: getattr(added, WIDTH)}) == added
+    assert other == plain
+    assert hypothesis.as_it_acts().effects == (friction, plain)
+    assert hypothesis.as_it_acts().variant == hypothesis.variant
+
+
+def test_a_friction_of_another_law_is_as_large_as_on_paper() -> None:
+    """Half as strong bristles in place of a known friction cost what half of that friction costs."""
+    model = Nominal(
+        plant=axis_lab.drive(), simulation=Simulation(substeps=10), uncertainty=Uncertainty(known_effects=0.2)
+    )
+    alike: Any = LUGRE.in_place_of(model.drive.effects[0])
+    assert start(model).with_effect(alike, 0).named_penalty() == 0.0
+    half = alike.changed(coulomb_force_N=60.0, static_force_N=60.0)
+    assert start(model).with_effect(half, 0).named_penalty() == pytest.approx(penalty(-2.5))
+    place = [item.kind for item in nominal_parameters(model)].index("known_effects")
+    shifts = [0.0] * len(nominal_parameters(model))
+    shifts[place] = -2.5
+    assert start(model).moved(shifts).named_penalty() == pytest.approx(penalty(-2.5))
+
+
+def test_a_cable_that_only_rubs_is_none() -> None:
+    """A part of an effect that is none without the rest stands for a cause that the library lacks."""
+    cable: Any = effects.get("cable_stiffness")
+    assert not is_hollow(cable.typical())
+    assert not is_hollow(cable.typical(dahl_force_N=0.0))
+    assert is_hollow(cable.typical(spring_stiffness_N_per_m=0.0))
+    assert is_hollow(cable.typical(spring_stiffness_N_per_m=1.0, dahl_force_N=8.0))
+    asymmetry: Any = effects.get("direction_dependent_friction")
+    assert not is_hollow(asymmetry.typical(viscous_asymmetry_N_s_per_m=0.0))
+    answer = diagnose(*axis_lab.case((cable.typical(spring_stiffness_N_per_m=0.0, dahl_force_N=40.0),), seed=1)).answer
+    assert answer.unknown_probability > 0.5
+    assert answer.chances().get("cable_stiffness", 0.0) < 0.1
