@@ -124,6 +124,11 @@ class ModelSettings:
     zeros_apart_m: float = number(1e-5, "standard deviation of what the zeros of two encoders are still apart")
     at_bound: float = number(0.02, "relative distance to a bound at which a fitted parameter lies on it")
     hollow: float = number(0.05, "of a further amplitude, both in typical sizes, below which an amplitude is nothing")
+    corner: float = number(
+        2.0,
+        "speeds over which friction turns its sign, below which another speed of it is part of that",
+        "between 20 false and 5 true Stribeck frictions of opened axes of tier G",
+    )
     far_fetched: float = number(5.0, "deviations of a nominal parameter beyond which it stands in for an effect")
     line_step: float = number(3e-4, "relative step of a period in a fit", "a record holds hundreds of periods")
     step: float = number(0.1, "relative step of any other number of an effect in a fit")

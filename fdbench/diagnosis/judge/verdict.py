@@ -17,9 +17,9 @@ from fdbench.diagnosis.judge.look_alikes import divided, force_balances, indisti
 from fdbench.diagnosis.judge.nominal_values import deviating_parameters
 from fdbench.diagnosis.judge.probability_models import Beside, Features, ProbabilityModels
 from fdbench.diagnosis.judge.reduction import Reductions, shapley
-from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound, is_beyond_its_form, is_hollow
+from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound, is_beyond_its_form, is_corner, is_hollow
 from fdbench.diagnosis.search.search import Search
-from fdbench.diagnosis.search.stage import Stage
+from fdbench.diagnosis.search.stage import Rival, Stage
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
@@ -147,7 +147,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     left = gather(search.readings, search.split, found.final, ())
     worst = left.worst()
     contested = _contested(found, worst, models)
-    sound, hollow = [item for item in contested if not item.hollow], [item for item in contested if item.hollow]
+    sound = [item for item in contested if not (item.hollow or item.corner)]
     is_measured = all(floor.measured for floor in noise_models.values())
     readings = [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
     unknown = confidence.unknown_features(
@@ -163,7 +163,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     )
     # What is left of the gap, a gain that is not as set, and a part of an effect that is none without the rest speak
     # for an unknown cause independently of each other.
-    stand_ins = math.prod(1.0 - item.probability for item in hollow)
+    stand_ins = math.prod(1.0 - item.probability for item in contested if item.hollow)
     known = (1.0 - models.unknown.probability(unknown)) * (1.0 - deviating.nameless) * stand_ins
     unknown_probability = max(1.0 - known, 1.0 - discount)
     small = JUDGE.small_share * shares.of(repaired)
@@ -178,7 +178,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         odds = divided(contest, type(effect), same, item.probability)
         # What the written model is no better with, beside all others, is not named, nor what is at a bound of its form.
         believed = left_by[everything] < left_by[alone] and not is_beyond_its_form(effect)
-        most = JUDGE.fewest if item.hollow else 1.0 if believed else JUDGE.named
+        most = (1.0 if believed else JUDGE.named) if item in sound else JUDGE.fewest
         own = np.array([part[index] for part in parts])
         share = shares.of(own)
         # What explains little beside what is left of the gap may be a part of a cause that is not known.
@@ -259,6 +259,11 @@ class _Contested:
         """Whether it is only a part of what it is called, see `is_hollow`: then an unknown cause is as probable."""
         return is_hollow(self.effect)
 
+    @property
+    def corner(self) -> bool:
+        """Whether it says no more than how a known friction turns its sign, which is no cause."""
+        return is_corner(self.effect)
+
 
 def _contested(found: Findings, worst: float, models: ProbabilityModels) -> list[_Contested]:
     """Return each effect of the final hypothesis beside its rivals."""
@@ -337,7 +342,7 @@ def suspected(
     Not those of which something is ``said``, as a cause or in place of one.
     """
     last = found.stages[-1] if found.stages else None
-    kinds = [] if last is None else [rival.kind for rival in last.rivals if rival.kind.name not in said]
+    kinds = [] if last is None else [rival.kind for rival in last.rivals if _is_suspect(rival, said)]
     features: dict[str, Features] = {}
     if last is not None:
         features = {kind.name: confidence.effect_features(last, kind, beside) for kind in kinds}
@@ -346,6 +351,11 @@ def suspected(
         for name, own in features.items()
     ]
     return sorted(suspects, key=lambda suspect: -suspect.probability), features
+
+
+def _is_suspect(rival: Rival, said: Collection[str]) -> bool:
+    own = next(item for item in rival.hypothesis.as_it_acts().effects if type(item) is rival.kind)
+    return rival.kind.name not in said and not is_corner(own)
 
 
 def nearest(found: Findings) -> RivalReduction | None:

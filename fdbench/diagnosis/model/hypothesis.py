@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdbench.diagnosis.model.known_effects import sliding_as_known, without
+from fdbench.diagnosis.model.known_effects import WIDTH, sliding_as_known, without
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.nominal_parameter import NominalParameter
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
@@ -285,6 +285,13 @@ def is_hollow(effect: Effect) -> bool:
         for name in (kind.amplitude, *kind.further_amplitudes)
     )
     return kind.needs_amplitude and own < MODEL.hollow * max(further, default=0.0)
+
+
+def is_corner(effect: Effect) -> bool:
+    """Return whether a friction only bends where it turns its sign, as it does by another law of rounding."""
+    speeds = [item.name for item in type(effect).parameters() if item.unit == "m/s" and item.grid]
+    width = getattr(effect, WIDTH, 0.0)
+    return any(getattr(effect, name) < MODEL.corner * width for name in speeds)
 
 
 def penalty(shift: float) -> float:

@@ -10,7 +10,7 @@ import pytest
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.axis_parameters import Viscous
 from fdbench.diagnosis.model.friction_parameters import BristleStiffness
-from fdbench.diagnosis.model.hypothesis import is_hollow, penalty, start
+from fdbench.diagnosis.model.hypothesis import is_corner, is_hollow, penalty, start
 from fdbench.diagnosis.model.known_effects import WIDTH, resized
 from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
@@ -99,7 +99,7 @@ def test_an_added_friction_turns_its_sign_as_the_known_one_does() -> None:
     assert friction.changed(**{WIDTH: getattr(added, WIDTH)}) == added
     assert other == plain
     assert hypothesis.as_it_acts().effects == (friction, plain)
-    assert hypothesis.as_it_acts().variant == hypothesis.variant
+    assert hypothesis.as_it_acts().variant.extra == hypothesis.variant.extra
 
 
 def test_a_friction_of_another_law_is_as_large_as_on_paper() -> None:
@@ -129,3 +129,12 @@ def test_a_cable_that_only_rubs_is_none() -> None:
     answer = diagnose(*axis_lab.case((cable.typical(spring_stiffness_N_per_m=0.0, dahl_force_N=40.0),), seed=1)).answer
     assert answer.unknown_probability > 0.5
     assert answer.chances().get("cable_stiffness", 0.0) < 0.1
+
+
+def test_a_bump_where_friction_turns_its_sign_is_no_stribeck_friction() -> None:
+    """Another law of rounding looks like one; so is none named that falls within twice that speed."""
+    stribeck: Any = effects.get("stribeck_friction")
+    speeds = {WIDTH: 1e-3, "stribeck_velocity_m_per_s": 3e-3}
+    assert not is_corner(stribeck.typical(**speeds))
+    assert is_corner(stribeck.typical(**(speeds | {WIDTH: 2e-3})))
+    assert not any(is_corner(effects.get(name).typical()) for name in ("coulomb_friction", "lugre_friction", "cogging"))
