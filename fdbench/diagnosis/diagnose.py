@@ -246,13 +246,7 @@ def _searched(
         for frequency_Hz, amplitude_N in lines_between_repeats(ready.runs)
     ]
     ready = dataclasses.replace(ready, warnings=[*ready.warnings, *clocks, *lines])
-    if (
-        final.effects
-    ):  # what re-calibration alone comes to lies in another valley at times, and at times in a deeper one
-        beside_calibrated = dataclasses.replace(weighed, shifts=calibrated.shifts)
-        final = last.predicting_best([weighed, beside_calibrated]).as_it_acts()
-    else:
-        final = calibrated
+    final = last.predicting_best(weighed, calibrated).as_it_acts() if final.effects else calibrated
     findings = Findings(
         search=search,
         as_given=channel_gaps(readings, plain, [given])[0],

@@ -1,5 +1,6 @@
 """Refinement: fit the numbers of a hypothesis in closed loop by damped Gauss-Newton steps."""
 
+import dataclasses
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -192,10 +193,16 @@ class Refinement:
         alone, *squares = self._squares(base, rivals)
         return rivals[int(np.argmin(_objectives(squares, rivals, prior_weight(alone))))]
 
-    def predicting_best(self, starts: Sequence[Hypothesis]) -> Hypothesis:
-        """Return the best of fits from several starts that are not tempered."""
+    def predicting_best(self, weighed: Hypothesis, calibrated: Hypothesis) -> Hypothesis:
+        """Return the best fit that is not tempered: from a hypothesis, and from where its base came to by such a fit.
+
+        That may be another valley, and a deeper one; from near it no other fit is made.
+        """
+        starts = [weighed]
+        if any(abs(a - b) > SEARCH.near for a, b in zip(weighed.shifts, calibrated.shifts, strict=True)):
+            starts.append(dataclasses.replace(weighed, shifts=calibrated.shifts))
         fits = [self.refine(start, tempered=False) for start in starts]
-        squares = self._squares(starts[0], fits)[1:]
+        squares = self._squares(weighed, fits)[1:]
         return fits[int(np.argmin(_objectives(squares, fits, 1.0)))]
 
     def is_closer(self, base: Hypothesis, rival: Hypothesis, other: Hypothesis) -> bool:
