@@ -77,9 +77,10 @@ class RecordedRun:
     def held_force_N(self) -> float:
         """Force with which the axis stands before it moves, such as a weight; 0 where it moves or that builds up.
 
-        A controller that was switched on before the record has it in its integral.
+        A controller that was switched on before the record has it in its integral. It is seen in the force as read: less
+        what is left of a baseline, a force that builds up may seem to stand.
         """
-        speed, force = np.abs(self.reference[:, 1]), self.channels["motor_force_N"]
+        speed, force = np.abs(self.reference[:, 1]), (self.readings or self.channels)["motor_force_N"]
         moves = np.flatnonzero(speed > RECORDS.resting * speed.max())
         first, standing = force[: RECORDS.start_samples], force[: moves[0] if len(moves) else self.n_samples]
         if len(standing) < 4 * len(first):

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound
-from fdbench.diagnosis.model.parameter_vector import adjustables_of
 from fdbench.diagnosis.settings import JUDGE, SEARCH
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
@@ -158,11 +157,12 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
     Beside a rival that removes as much, errors of the model are the same, and cancel in the difference d of the
     weighted squared gaps over stretches of time. Of such rivals the one with the smallest sum has the log odds
 
-    .. math:: \ln \frac{\Phi(c z)}{\Phi(-c z)} + \frac{p' - p}{2} + k' - k, \qquad z = \frac{\sum d}{\sqrt{n} s_d}
+    .. math:: \ln \frac{\Phi(c z)}{\Phi(-c z)} + \frac{p' - p}{2}, \qquad z = \frac{\sum d}{\sqrt{n} s_d}
 
-    against another one (Vuong 1989, Econometrica 57, 307-333, eq. 4.1), with c = ``SEARCH.paired``, the penalties p,
-    and 1 for each of the k fitted numbers (Akaike 1974); what they have together stays as it was. One that lies on a
-    bound of its form is no closer for it than the closest that does not: it imitates the other as far as it may.
+    against another one (Vuong 1989, Econometrica 57, 307-333, eq. 4.1), with c = ``SEARCH.paired`` and the penalties p;
+    what they have together stays as it was. On held-out stretches another number that is fitted is no advantage, and
+    costs nothing. One that lies on a bound of its form is no closer for it than the closest that does not: it imitates
+    the other as far as it may, and the number that brought it there costs 1 (Akaike 1974).
 
     Parameters
     ----------
@@ -177,10 +177,9 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
         behind = squares[:, alike] - squares[:, (within or alike)[:1]]
         scatter = np.sqrt(len(squares)) * behind.std(axis=0, ddof=1)
         scores = np.divide(behind.sum(axis=0), scatter, out=np.zeros(len(alike)), where=scatter > 0.0)
-        fitted = [len(adjustables_of(rivals[place].hypothesis)) for place in alike]
         odds = [
-            _log_odds(SEARCH.paired * max(float(z), 0.0)) - 0.5 * rivals[place].penalty - own_numbers
-            for place, z, own_numbers in zip(alike, scores, fitted, strict=True)
+            _log_odds(SEARCH.paired * max(float(z), 0.0)) - 0.5 * rivals[place].penalty - (place not in within)
+            for place, z in zip(alike, scores, strict=True)
         ]
         level = float(np.logaddexp.reduce([own[place] for place in alike]) - np.logaddexp.reduce(odds))
         for place, odd in zip(alike, odds, strict=True):

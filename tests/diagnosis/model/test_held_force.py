@@ -47,6 +47,14 @@ def test_a_force_is_held_where_it_is_there_from_the_first_sample_to_the_first_mo
     assert run(builds_up + noise, 200).held_force_N == 0.0, "switched on as the record begins"
 
 
+def test_a_force_that_builds_up_does_so_less_what_is_left_of_a_baseline() -> None:
+    noise = np.random.default_rng(0).standard_normal(400)
+    read = run(100.0 * (1.0 - np.exp(-np.arange(400) / 30.0)) + noise, 200)
+    level = {**read.channels, "motor_force_N": 100.0 + noise}
+    corrected = dataclasses.replace(read, channels=level, readings=read.channels)
+    assert corrected.held_force_N == read.held_force_N == 0.0
+
+
 def test_a_known_weight_that_is_held_is_no_gap_and_another_one_is_told() -> None:
     paper = axis_lab.drive()
     known = dataclasses.replace(paper, effects=(*paper.effects, WEIGHT.typical(constant_force_N=300.0)))

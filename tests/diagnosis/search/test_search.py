@@ -107,7 +107,7 @@ def test_probabilities_of_a_round_by_hand() -> None:
 def test_a_look_alike_on_a_bound_of_its_form_is_no_closer_for_it(
     inverter_ratio: float, first: str, odds: float
 ) -> None:
-    """Always a little closer, it is sure within its bounds; on one it has the odds of its one number more."""
+    """Always a little closer, it is sure within its bounds; on one it is behind by the number that brought it there."""
     base = start(NOMINAL)
     lag = effects.get("current_loop_lag").typical(inverter_ratio=inverter_ratio)
     rivals = tuple(
@@ -127,6 +127,28 @@ def test_a_look_alike_on_a_bound_of_its_form_is_no_closer_for_it(
     assert stage.rivals[0].kind.name == first
     closer, behind = map(stage.evidence_of, stage.rivals)
     assert closer - behind == pytest.approx(odds) if odds else closer - behind > 5.0
+
+
+def test_a_number_more_is_no_argument_on_held_out_stretches() -> None:
+    """Where two look-alikes leave the same, each is as probable, though one of them has two numbers that are fitted."""
+    base = start(NOMINAL)
+    kinds = (effects.get("current_loop_lag").typical(inverter_ratio=0.2), effects.get("dead_time").typical())
+    rivals = tuple(
+        Rival(
+            kind=type(item),
+            hypothesis=base.with_effect(item),
+            misfit=1.0,
+            penalty=0.0,
+            refined=True,
+            size=1.0,
+            own_size=1.0,
+        )
+        for item in kinds
+    )
+    squares = np.column_stack((np.random.default_rng(0).uniform(0.9, 1.1, 40),) * 2)
+    stage = ranked(Stage(base=base, misfit=5.0, penalty=0.0, test_count=1e3, rivals=rivals), squares)
+    one, other = stage.probabilities()
+    assert one == pytest.approx(other)
 
 
 @pytest.mark.parametrize(("misfit", "excess"), [(0.5, 0.25), (1.0, 0.5), (3.0, 2.0)])
