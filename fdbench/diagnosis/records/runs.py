@@ -77,8 +77,8 @@ class RecordedRun:
     def held_force_N(self) -> float:
         """Force with which the axis stands before it moves, such as a weight; 0 where it moves or that builds up.
 
-        A controller that was switched on before the record has it in its integral. It is seen in the force as read: less
-        what is left of a baseline, a force that builds up may seem to stand.
+        A controller that was switched on before the record has it in its integral. It is seen in the force as read:
+        less what is left of a baseline, a force that builds up may seem to stand.
         """
         speed, force = np.abs(self.reference[:, 1]), (self.readings or self.channels)["motor_force_N"]
         moves = np.flatnonzero(speed > RECORDS.resting * speed.max())
