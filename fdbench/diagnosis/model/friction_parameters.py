@@ -204,8 +204,7 @@ class FrictionSide(_OfAKnownEffect):
             return []
         if any(item.declared is kinds[0].declared for item in drive.effects):
             return []
-        effect = silent(kinds[0]).changed(**{WIDTH: getattr(drive.effects[known[0]], WIDTH)})
-        return [cls(name=cls.kind, index=known[0], deviation=deviation, effect=effect)]
+        return [cls(name=cls.kind, index=known[0], deviation=deviation, effect=silent(kinds[0]))]
 
     def gone_with(self, replaced: Collection[int]) -> bool:
         return False  # what is not known of the side is not of the form either

@@ -198,10 +198,10 @@ class Refinement:
 
         That may be another valley, and a deeper one; from near it no other fit is made.
         """
-        starts = [weighed]
-        if any(abs(a - b) > SEARCH.near for a, b in zip(weighed.shifts, calibrated.shifts, strict=True)):
-            starts.append(dataclasses.replace(weighed, shifts=calibrated.shifts))
-        fits = [self.refine(start, tempered=False) for start in starts]
+        found = self.refine(weighed, tempered=False)
+        if all(abs(a - b) <= SEARCH.near for a, b in zip(weighed.shifts, calibrated.shifts, strict=True)):
+            return found
+        fits = [found, self.refine(dataclasses.replace(weighed, shifts=calibrated.shifts), tempered=False)]
         squares = self._squares(weighed, fits)[1:]
         return fits[int(np.argmin(_objectives(squares, fits, 1.0)))]
 
