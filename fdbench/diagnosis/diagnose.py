@@ -36,6 +36,7 @@ from fdbench.diagnosis.records.plausibility import clock_warnings
 from fdbench.diagnosis.records.runs import merged
 from fdbench.diagnosis.search.calibrated import Calibrated
 from fdbench.diagnosis.search.command_rates import with_likely_rates
+from fdbench.diagnosis.search.in_place_of_a_value import in_place_of_a_value
 from fdbench.diagnosis.search.loop_rate import at_likely_rate
 from fdbench.diagnosis.search.periods import lines_between_repeats
 from fdbench.diagnosis.search.refinement import Refinement
@@ -237,6 +238,10 @@ def _searched(
     readings, plain = search.readings, search.split.plain
     last = Refinement(readings, plain, refinement.nominal)
     weighed = last.refine(final) if final.effects else calibrated
+    exchange = in_place_of_a_value(Search(last), weighed, stages[-1]) if stages else None
+    if exchange is not None and exchange.log_odds > 0.0:
+        final = weighed = exchange.hypothesis
+        contests = [*contests, stages[-1]]
     calibrated = last.refine(calibrated, tempered=False)
     simulated = readings.replay.on_each(ready.runs, calibrated.variant)
     clocks = [text for run, own in zip(ready.runs, simulated, strict=True) for text in clock_warnings(run, own)]
@@ -255,6 +260,7 @@ def _searched(
         weighed=weighed,
         stages=stages,
         contests=contests,
+        exchange=exchange,
         reductions=reductions_of(readings, plain, calibrated, final),
         artefacts=[
             artefact

@@ -213,6 +213,9 @@ class SearchSettings:
     smallest_gain: float = number(0.04, "share of the excess misfit that an effect must remove")
     of_noise: float = number(0.5, "of a misfit below that of noise, which an effect may leave at most", zero=1.0)
     besides: float = number(0.2, "share of the excess misfit that an effect removes besides what a wrong value would")
+    back: float = number(
+        0.5, "of its deviation, below which a value has come back beside an effect that may be in its place"
+    )
     noise_alone: float = number(1.05, "misfit below which nothing is left to explain", zero=1.0)
     effective_samples: float = number(60.0, "independent samples that a misfit is worth at most, for probabilities")
     paired: float = number(

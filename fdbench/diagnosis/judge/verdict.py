@@ -14,10 +14,11 @@ from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.force_balance_check import force_balances_removed
 from fdbench.diagnosis.judge.intervals import intervals, not_fitted, parameters
 from fdbench.diagnosis.judge.look_alikes import divided, force_balances, indistinguishable, instead, one_of
-from fdbench.diagnosis.judge.nominal_values import deviating_parameters
+from fdbench.diagnosis.judge.nominal_values import Deviating, deviating_parameters
 from fdbench.diagnosis.judge.probability_models import Beside, Features, ProbabilityModels
 from fdbench.diagnosis.judge.reduction import Reductions, shapley
 from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound, is_beyond_its_form, is_corner, is_hollow
+from fdbench.diagnosis.search.in_place_of_a_value import Exchange
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Rival, Stage
 from fdbench.diagnosis.settings import JUDGE
@@ -42,6 +43,8 @@ class Findings:
         matter are where they were.
     stages, contests : sequences of Stage
         Of the search, and for each final effect the model without it beside its rivals.
+    exchange : Exchange or None
+        The most probable effect in place of a value; it is in ``final`` where it is more probable than the value.
     reductions : Reductions
     artefacts : sequence of Artefact
         Effects that are seen in the readings themselves.
@@ -54,6 +57,7 @@ class Findings:
     weighed: Hypothesis
     stages: Sequence[Stage]
     contests: Sequence[Stage]
+    exchange: Exchange | None
     reductions: Reductions
     artefacts: Sequence[Artefact]
 
@@ -142,11 +146,11 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     bounds = intervals(search, found.final)
     left_by = dict(zip(reductions.subsets, reductions.mean().tolist(), strict=True))
     corrected = Shares(found.as_given, interpolated).of(np.maximum(found.as_given - recalibrated, 0.0))
-    deviating = deviating_parameters(search, found.weighed, corrected, models)
+    deviating, exchanged = _values(found, corrected, models)
     before = search.compared(found.base, [(Effect, found.final, True)])
     left = gather(search.readings, search.split, found.final, ())
     worst = left.worst()
-    contested = _contested(found, worst, models)
+    contested = _contested(found, worst, exchanged, models)
     sound = [item for item in contested if not (item.hollow or item.corner)]
     is_measured = all(floor.measured for floor in noise_models.values())
     readings = [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
@@ -176,6 +180,8 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
             search.readings, search.split, dataclasses.replace(contest, rivals=tuple(fitted))
         )
         odds = divided(contest, type(effect), same, item.probability)
+        if exchanged.get(effect.name, 0.0) > odds[effect.name]:
+            odds = exchanged
         # What the written model is no better with, beside all others, is not named, nor what is at a bound of its form.
         believed = left_by[everything] < left_by[alone] and not is_beyond_its_form(effect)
         most = (1.0 if believed else JUDGE.named) if item in sound else JUDGE.fewest
@@ -265,7 +271,34 @@ class _Contested:
         return is_corner(self.effect)
 
 
-def _contested(found: Findings, worst: float, models: ProbabilityModels) -> list[_Contested]:
+def _values(found: Findings, corrected: float, models: ProbabilityModels) -> tuple[Deviating, dict[str, float]]:
+    """Return the values that are off, and the probabilities of an effect that is in place of one and of that value.
+
+    What is in doubt is which of the two it is, not that it is one of them.
+    """
+    deviating, exchange = deviating_parameters(found.search, found.weighed, corrected, models), found.exchange
+    if exchange is None:
+        return deviating, {}
+    is_taken = found.final.has(exchange.kind)
+    moved = deviating_parameters(found.search, exchange.without, corrected, models) if is_taken else deviating
+    off = next((cause for cause in moved.causes if cause.effect == exchange.value), None)
+    if off is None or off.probability * exchange.odds < JUDGE.fewest:
+        return deviating, {}
+    shared = {
+        exchange.kind.name: off.probability * exchange.odds,
+        exchange.value: off.probability * (1.0 - exchange.odds),
+    }
+    if is_taken:
+        return deviating, shared
+    others = {**off.alternatives, exchange.kind.name: shared[exchange.kind.name]}
+    doubted = dataclasses.replace(off, probability=shared[exchange.value], alternatives=others)
+    causes = [doubted if cause is off else cause for cause in deviating.causes]
+    return dataclasses.replace(deviating, causes=causes), {}
+
+
+def _contested(
+    found: Findings, worst: float, exchanged: Mapping[str, float], models: ProbabilityModels
+) -> list[_Contested]:
     """Return each effect of the final hypothesis beside its rivals."""
     pairs = list(zip(found.final.effects, found.contests, strict=True))
     sizes = [
@@ -283,7 +316,9 @@ def _contested(found: Findings, worst: float, models: ProbabilityModels) -> list
                 same=same,
                 own_size=own_size,
                 features=features,
-                probability=models.effect.probability(features, [effect.name, *same]),
+                probability=max(
+                    models.effect.probability(features, [effect.name, *same]), exchanged.get(effect.name, 0.0)
+                ),
             )
         )
     return contested

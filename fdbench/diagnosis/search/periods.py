@@ -9,6 +9,7 @@ from fdbench.diagnosis.evidence.inverse_dynamics import inverse_dynamics_residua
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
+from fdbench.diagnosis.model.replay import PIECE
 from fdbench.diagnosis.records.runs import RecordedRun, differences
 from fdbench.diagnosis.search.resonances import resonances
 from fdbench.diagnosis.settings import JUDGE, MODEL, RECORDS, SEARCH
@@ -187,26 +188,69 @@ def _telling(waves: Sequence[float], parts: Sequence[tuple[FloatArray, FloatArra
     parts : sequence of pairs of arrays
         Positions (n,) and gap (n_channels, n) in each run and direction, without what is slow.
     """
+    amplitudes = [_Amplitudes.of(gap, position, waves) for position, gap in parts]
     found: list[float] = []
-    left = list(waves)
+    left = list(range(len(waves)))
     while left and len(found) < SEARCH.pitches:
-        fitted = [[_wave_in(gap, position, wave) for position, gap in parts] for wave in left]
-        taken = [sum(float(np.sum(own**2)) for own in every) for every in fitted]
+        taken = np.sum([part.taken() for part in amplitudes], axis=0)[left]
         best = int(np.argmax(taken))
-        if taken[best] < SEARCH.strong_wave * sum(float(np.sum(gap**2)) for _, gap in parts):
+        if taken[best] < SEARCH.strong_wave * sum(part.squares for part in amplitudes):
             best = 0
-        parts = [(position, gap - own) for (position, gap), own in zip(parts, fitted[best], strict=True)]
-        found.append(left.pop(best))
+        number = left.pop(best)
+        for part in amplitudes:
+            part.take(number)
+        found.append(waves[number])
     return found
 
 
-def _wave_in(values: FloatArray, position: FloatArray, wave: float) -> FloatArray:
-    """Return the wave over the position that fits each row of values best."""
-    angle = 2.0 * np.pi * wave * position
-    basis = np.stack((np.cos(angle), np.sin(angle)))
-    gram = basis @ basis.T
-    gram[np.diag_indices(2)] += 1e-9 * (1.0 + np.trace(gram))
-    return np.asarray(np.linalg.solve(gram, basis @ values.T).T @ basis)
+class _Amplitudes:
+    """Least-squares fits of waves over the position to rows of values, one wave after another taken from them.
+
+    Parameters
+    ----------
+    gram : (2, n_waves, 2, n_waves) array
+        Products of cosine and sine of each wave with those of each.
+    along : (2, n_waves, n_rows) array
+        Products of these with the values.
+    squares : float
+        Of the values.
+    """
+
+    def __init__(self, gram: FloatArray, along: FloatArray, squares: float) -> None:
+        self.gram, self.along, self.squares = gram, along, squares
+
+    @classmethod
+    def of(cls, values: FloatArray, position: FloatArray, waves: Sequence[float]) -> "_Amplitudes":
+        """Return the products of values (n_rows, n) and of waves (1/m) at positions (n,)."""
+        n = 2 * len(waves)
+        gram, along = np.zeros((n, n)), np.zeros((n, len(values)))
+        turns = 2.0 * np.pi * np.asarray(waves)
+        for first in range(0, len(position), PIECE):
+            here = slice(first, first + PIECE)
+            angle = np.outer(turns, position[here])
+            basis = np.concatenate((np.cos(angle), np.sin(angle)))
+            gram += basis @ basis.T
+            along += basis @ values[:, here].T
+        shape = (2, len(waves))
+        return cls(gram.reshape(*shape, *shape), along.reshape(*shape, len(values)), float(np.sum(values**2)))
+
+    def taken(self) -> FloatArray:
+        """Return the squares that each wave alone takes of the values, (n_waves,)."""
+        own = np.einsum("awbw->wab", self.gram)
+        amplitudes = self._fitted(own, self.along.transpose(1, 0, 2))
+        return np.asarray(np.einsum("war,wab,wbr->w", amplitudes, own, amplitudes))
+
+    def take(self, number: int) -> None:
+        """Take a wave from the values."""
+        own, along = self.gram[:, number, :, number], self.along[:, number]
+        amplitudes = self._fitted(own, along)
+        self.squares += float(np.sum(amplitudes * (own @ amplitudes - 2.0 * along)))
+        self.along = self.along - np.einsum("awb,br->awr", self.gram[:, :, :, number], amplitudes)
+
+    @staticmethod
+    def _fitted(own: FloatArray, along: FloatArray) -> FloatArray:
+        trace = np.trace(own, axis1=-2, axis2=-1)
+        return np.asarray(np.linalg.solve(own + 1e-9 * (1.0 + trace)[..., None, None] * np.eye(2), along))
 
 
 def _local_mean(sums: FloatArray, visits: FloatArray, width: int) -> FloatArray:

@@ -6,50 +6,21 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from axis_lab import drive
+from search_lab import NOMINAL, PERIOD_S, search
 
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.run_to_run import Change
-from fdbench.diagnosis.evidence.split import Split
-from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.model.candidates import candidates
 from fdbench.diagnosis.model.hypothesis import penalty, start
-from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
+from fdbench.diagnosis.model.nominal import Covered, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
-from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay, Replayed
-from fdbench.diagnosis.records.noise_model import white
-from fdbench.diagnosis.records.runs import RecordedRun
-from fdbench.diagnosis.search.refinement import Refinement, Tangent
-from fdbench.diagnosis.search.search import Search, foremost
+from fdbench.diagnosis.search.refinement import Tangent
+from fdbench.diagnosis.search.search import foremost
 from fdbench.diagnosis.search.stage import Rival, Stage, ranked
 from fdbench.diagnosis.settings import MODEL, SEARCH, changed
-from fdbench.effects import Effect, effects
-
-PERIOD_S = 1e-3
-FLOORS = {"motor_force_N": 4.0, "position_m": 5e-7, "motor_minus_table_position_m": 5e-8}
-NOMINAL = Nominal(plant=drive(), simulation=Simulation(substeps=10))
-
-
-def search(*extra: Effect) -> Search:
-    """Return a search in two noisy runs of an axis with effects; the second one is held out."""
-    replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
-    rng, runs = np.random.default_rng(0), []
-    base = start(NOMINAL)
-    for item in extra:
-        base = base.with_effect(item)
-    for stops in ((0.0, 0.06, 0.01), (0.0, 0.05, 0.02)):
-        reference = moves(stops, (0.08,), 2.0, PERIOD_S)
-        still = dict.fromkeys(FLOORS, np.zeros(len(reference)))
-        run = RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=still, lap=None)
-        simulated = replay.simulate(run, [base.variant])
-        noisy = {name: own[0] + FLOORS[name] * rng.standard_normal(len(own[0])) for name, own in simulated.items()}
-        runs.append(dataclasses.replace(run, channels=noisy))
-    held_out = [np.full(run.n_samples, place == 1) for place, run in enumerate(runs)]
-    noise_models = {name: white(rms, measured=True) for name, rms in FLOORS.items()}
-    split = Split(runs=runs, held_out=held_out, noise_models=noise_models)
-    return Search(Refinement(Readings(replay, runs), split))
+from fdbench.effects import effects
 
 
 def test_the_effect_that_is_there_comes_first() -> None:

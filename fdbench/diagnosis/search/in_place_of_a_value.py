@@ -1,0 +1,112 @@
+"""In place of a value: an effect that explains what a nominal parameter was moved for, and leaves it as it is known."""
+
+from dataclasses import dataclass
+
+from scipy.special import expit
+
+from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
+from fdbench.diagnosis.search.search import Search
+from fdbench.diagnosis.search.stage import Rival, Stage
+from fdbench.diagnosis.settings import JUDGE, SEARCH
+from fdbench.effects import Effect, effects
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Exchange:
+    """An effect instead of another value of a nominal parameter.
+
+    Attributes
+    ----------
+    value : str
+        Name of the effect that a large change of the value is.
+    kind : Effect class
+    without, hypothesis : Hypothesis
+        With the value moved, and with the effect instead.
+    log_odds : float
+        Of the effect against the value.
+    """
+
+    value: str
+    kind: type[Effect]
+    without: Hypothesis
+    hypothesis: Hypothesis
+    log_odds: float
+
+    @property
+    def odds(self) -> float:
+        """Probability that it is the effect, if it is one of the two."""
+        return float(expit(self.log_odds))
+
+
+def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Exchange | None:
+    r"""Return the most probable exchange of a value for an effect of its type, if there is one.
+
+    The search weighs what friction may do in each run, so that a value moves there for nothing, and an effect that
+    would make this unnecessary has nothing to explain. Compared as they are, with the misfits M and penalties p of
+    one model for all runs,
+
+    .. math:: \ln\frac{p(\text{effect})}{p(\text{value})} = \frac{n}{2} \ln\frac{M_v}{M_e} + \frac{p_v - p_e}{2} - \ln N
+
+    one of the N effects of the library being as likely as a value that is wrong.
+
+    Parameters
+    ----------
+    search : Search
+        Of the runs as they are judged.
+    base : Hypothesis
+        Fitted to these.
+    stage : Stage
+        The last one, with the rivals that are tried.
+    """
+    moved = _distances(base)
+    wrong = {name: size for name, size in moved.items() if size > JUDGE.beyond_doubt and not _named(base, name)}
+    types = {effects.get(name).type_of() for name in wrong}
+    tried = [rival for rival in stage.rivals if _is_tried(rival, base) and rival.kind.type_of() in types]
+    if not tried:
+        return None
+    hypotheses = [(rival.kind, search.refinement.refine(_with(base, rival)), True) for rival in tried]
+    compared = search.compared(base, hypotheses)
+    as_it_is = compared.log_evidence(compared.misfit, compared.penalty) + 0.5 * base.cost_of_a_cause
+    found = [
+        Exchange(
+            value=name,
+            kind=rival.kind,
+            without=base,
+            hypothesis=rival.hypothesis,
+            log_odds=compared.evidence_of(rival) - as_it_is,
+        )
+        for rival in compared.rivals
+        for name, size in wrong.items()
+        if effects.get(name).type_of() == rival.kind.type_of()
+        and _distances(rival.hypothesis)[name] < SEARCH.back * size
+    ]
+    return max(found, key=lambda item: item.log_odds, default=None)
+
+
+def _distances(hypothesis: Hypothesis) -> dict[str, float]:
+    """Return for each value that has a name how far it is moved, in standard deviations, on the side where it is most.
+
+    A value that is gone with a known effect that another one replaces has not moved.
+    """
+    found: dict[str, float] = {}
+    for item, shift in zip(nominal_parameters(hypothesis.nominal), hypothesis.shifts, strict=True):
+        name = item.cause(hypothesis.nominal)
+        if name and not item.nuisance:
+            far = 0.0 if item.gone_with(hypothesis.replaced) else abs(shift)
+            found[name] = max(found.get(name, 0.0), far)
+    return found
+
+
+def _named(hypothesis: Hypothesis, name: str) -> bool:
+    return any(item.name == name for item in hypothesis.effects)
+
+
+def _is_tried(rival: Rival, base: Hypothesis) -> bool:
+    return rival.refined and not base.has(rival.kind) and rival.hypothesis.has(rival.kind)
+
+
+def _with(base: Hypothesis, rival: Rival) -> Hypothesis:
+    own = next(item for item in rival.hypothesis.effects if type(item) is rival.kind)
+    replaced = set(rival.hypothesis.replaced) - set(base.replaced)
+    return base.with_effect(own, *replaced)
