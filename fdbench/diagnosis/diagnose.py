@@ -38,7 +38,6 @@ from fdbench.diagnosis.search.calibrated import Calibrated
 from fdbench.diagnosis.search.command_rates import with_likely_rates
 from fdbench.diagnosis.search.in_place_of_a_value import in_place_of_a_value
 from fdbench.diagnosis.search.loop_rate import at_likely_rate
-from fdbench.diagnosis.search.periods import lines_between_repeats
 from fdbench.diagnosis.search.refinement import Refinement
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Stage
@@ -245,12 +244,7 @@ def _searched(
     calibrated = last.refine(calibrated, tempered=False)
     simulated = readings.replay.on_each(ready.runs, calibrated.variant)
     clocks = [text for run, own in zip(ready.runs, simulated, strict=True) for text in clock_warnings(run, own)]
-    lines = [
-        f"Repeats differ by a force of {frequency_Hz:.4g} Hz and {amplitude_N:.3g} N, which is not in step with their "
-        "command, such as that of a spindle or a fan. It counts as noise here, and is no cause that could be named."
-        for frequency_Hz, amplitude_N in lines_between_repeats(ready.runs)
-    ]
-    ready = dataclasses.replace(ready, warnings=[*ready.warnings, *clocks, *lines])
+    ready = dataclasses.replace(ready, warnings=[*ready.warnings, *clocks])
     final = last.predicting_best(weighed, calibrated).as_it_acts() if final.effects else calibrated
     findings = Findings(
         search=search,

@@ -170,6 +170,9 @@ class EvidenceSettings:
     segment_s: float = number(0.25, "stretches of time whose sums are weighted, and drawn whole by the bootstrap")
     held_out: float = number(1.0 / 3.0, "share of a record that is judged on, without repeats, laps or other records")
     smallest_artefact: float = number(0.04, "mean square of a sensor artefact, in units of the noise, that is a cause")
+    answer: float = number(5.0, "power of the position against its surroundings, from which it answers to a force")
+    answered: float = number(0.99, "probability of a force out of step to which the position answers")
+    unanswered: float = number(0.5, "probability of one of which the position would show no answer")
     held_moves: float = number(5.0, "times the noise that the model moves by where a repeated sample is no coincidence")
     grid_fewest: int = number(40, "differences of readings that show a grid")
     grid_nearest: float = number(0.5, "steps of a grid: smallest differences of readings that are looked at")
@@ -219,9 +222,9 @@ class SearchSettings:
     noise_alone: float = number(1.05, "misfit below which nothing is left to explain", zero=1.0)
     effective_samples: float = number(60.0, "independent samples that a misfit is worth at most, for probabilities")
     paired: float = number(
-        0.7,
+        0.2,
         "of the standard errors by which look-alikes differ over stretches of time, that count: forms are not exact",
-        "likeliest for 13 pairs of look-alikes in opened trials A, B, D and G",
+        "likeliest for 122 pairs of look-alikes in opened trials A, B, D, F and G",
     )
     steps: int = number(12, "Gauss-Newton steps of a refinement at most")
     kept_promise: float = number(

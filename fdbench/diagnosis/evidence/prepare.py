@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fdbench.diagnosis.evidence.baseline import Baseline
+from fdbench.diagnosis.evidence.force_out_of_step import without_forces_out_of_step
 from fdbench.diagnosis.evidence.interpolation_artefact import interpolation_artefact, interpolation_error, waves
 from fdbench.diagnosis.evidence.run_to_run import Repeatability
 from fdbench.diagnosis.evidence.sensor_artefacts import (
@@ -157,11 +158,14 @@ def aligned(
         [run for run, out in zip(own, left_out, strict=True) if not out] for own in (runs, raw_runs, fresh)
     )
     counts = [count for count, out in zip(counts, left_out, strict=True) if not out]
+    out_of_step = without_forces_out_of_step([*fitted, *judged], nominal, replay)
+    fitted, judged = out_of_step.runs[: len(fitted)], out_of_step.runs[len(fitted) :]
+    runs, warnings = [*fitted, *judged], [*warnings, *out_of_step.warnings]
     split, judged_on = split_runs(fitted, judged, noise_models(runs, nominal.way))
     if baseline is not None:
         split = dataclasses.replace(split, noise_models=baseline.noise(split.noise_models, split.runs))
     held = held_artefact(raw_runs, fresh, counts)
-    artefacts = [] if held is None else [held]
+    artefacts = [item for item in (held, out_of_step.artefact) if item is not None]
     grid = grid_artefact([run.as_read() for run in runs], replay, nominal.scale.length)
     grid = None if grid is None else of_the_log(grid, split.noise_models)
     if grid is not None and mean_energy(grid, split.noise_models) > EVIDENCE.smallest_artefact:

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
@@ -34,6 +34,8 @@ class Artefact:
         Mean square that it brings into each channel, in the channel's unit squared.
     interpolated : bool
         Whether the readings that are compared are without it.
+    further : mapping of str to float
+        Other parameters that the readings tell.
     """
 
     kind: type[Effect]
@@ -43,6 +45,7 @@ class Artefact:
     high: float
     energy: Mapping[str, float]
     interpolated: bool = False
+    further: Mapping[str, float] = field(default_factory=dict)
 
 
 # ---- repeated samples ----

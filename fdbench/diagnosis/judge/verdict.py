@@ -358,14 +358,16 @@ def plausibility_discount(left: float) -> float:
 def artefact_cause(artefact: Artefact, share: float) -> Cause:
     """Return the cause that is seen in the readings themselves."""
     amplitude = artefact.kind.amplitude
-    unit = spoken_unit(next(item.unit for item in artefact.kind.parameters() if item.name == amplitude))
+    units = {item.name: spoken_unit(item.unit) for item in artefact.kind.parameters()}
+    further = {name: Quantity(value=value, ci95=None, unit=units[name]) for name, value in artefact.further.items()}
+    size = Quantity(value=artefact.value, ci95=(artefact.low, artefact.high), unit=units[amplitude])
     return Cause(
         effect=artefact.kind.name,
         kind=READING,
         probability=artefact.probability,
         share=share,
         unique_share=share,
-        parameters={amplitude: Quantity(value=artefact.value, ci95=(artefact.low, artefact.high), unit=unit)},
+        parameters={amplitude: size, **further},
     )
 
 

@@ -10,9 +10,10 @@ from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import PIECE
-from fdbench.diagnosis.records.runs import RecordedRun, differences
+from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.diagnosis.records.spectral_lines import at_peak, lines_in_time
 from fdbench.diagnosis.search.resonances import resonances
-from fdbench.diagnosis.settings import JUDGE, MODEL, RECORDS, SEARCH
+from fdbench.diagnosis.settings import RECORDS, SEARCH
 from fdbench.record import FloatArray
 
 
@@ -41,57 +42,18 @@ def located(readings: Readings, split: Split, base: Hypothesis) -> Mapping[str, 
         inverse_dynamics_residuals(run, own, split.noise_models, base.nominal.drive)
         for run, own in zip(split.runs, gaps, strict=True)
     ]
-    turn_m, length = base.nominal.turn_m, base.nominal.scale.length
+    turn_m, length, period_s = base.nominal.turn_m, base.nominal.scale.length, split.runs[0].period_s
     times_force = [own * run.channels["motor_force_N"][1:-2] for own, run in zip(lacking, split.runs, strict=True)]
     waves, waves_of_ratio = (_lines_in_position(own, split.runs, turn_m, length) for own in (lacking, times_force))
     longest_m = max(length * SEARCH.longest_pitch_m, _travel(split.runs)[1] / SEARCH.long_waves)
     return {
-        "line": _lines_in_time(scaled, split.runs),
-        "line_of_motion": _lines_in_time(turned, split.runs),
+        "line": lines_in_time(scaled, period_s),
+        "line_of_motion": lines_in_time(turned, period_s),
         "wavelength": waves,
         "pitch": [wave for wave in waves if wave <= longest_m],
         "pitch_of_ratio": [wave for wave in waves_of_ratio if wave <= longest_m],
         "resonance": resonances([own[-1] for own in lacking], split, base.nominal.drive),
     }
-
-
-def lines_between_repeats(runs: Sequence[RecordedRun]) -> list[tuple[float, float]]:
-    r"""Return the lines (Hz) that make a good part of what the force of repeats differs by, and their amplitude (N).
-
-    A force that is periodic, but not in step with the command, comes at another phase each time: of two such ones the
-    difference has :math:`\sqrt 2` times the amplitude, root mean square.
-    """
-    left = differences(runs, "motor_force_N")
-    if not left:
-        return []
-    found, period = [], runs[0].period_s
-    for line in _lines_in_time([own[None] for own in left], [runs[0]] * len(left)):
-        parts = [np.exp(-2j * np.pi * line * period * np.arange(len(own))) @ own / len(own) for own in left]
-        mean_square = float(np.mean(np.abs(parts) ** 2))
-        if 2.0 * mean_square > JUDGE.force_line * float(np.mean([np.mean(own**2) for own in left])):
-            found.append((line, float(np.sqrt(2.0 * mean_square))))
-    return found
-
-
-def _lines_in_time(gaps: Sequence[FloatArray], runs: Sequence[RecordedRun]) -> list[float]:
-    """Return the lines that stand out of the spectrum of any run, the sharpest first."""
-    from scipy.signal import periodogram
-
-    found: list[tuple[float, float, float]] = []
-    near, far = SEARCH.line_near, SEARCH.line_far
-    for gap, run in zip(gaps, runs, strict=True):
-        frequency, powers = periodogram(gap, 1.0 / run.period_s, "hann")
-        power = powers.sum(axis=0)
-        power[(frequency < SEARCH.lowest_line_Hz) | (frequency > MODEL.highest_of_nyquist * frequency[-1])] = 0.0
-        side = np.lib.stride_tricks.sliding_window_view(np.pad(power, far, mode="edge"), far - near + 1).max(axis=1)
-        height = power / np.maximum(np.maximum(side[: len(power)], side[far + near :]), 1e-30)
-        for peak in np.flatnonzero(height > SEARCH.stands_out).tolist():
-            found.append((float(height[peak]), _parabola(frequency, power, peak), near * float(frequency[1])))
-    lines: list[float] = []
-    for _, line, width in sorted(found, reverse=True):
-        if all(abs(line - other) > width for other in lines):
-            lines.append(line)
-    return lines[: SEARCH.lines]
 
 
 def _travel(runs: Sequence[RecordedRun]) -> tuple[float, float]:
@@ -148,9 +110,9 @@ def _lines_in_position(
     found: list[float] = []
     band = np.where(wavenumber <= SEARCH.long_waves / travel, power[0], 0.0)
     for peak in _peaks(np.where(wavenumber >= SEARCH.fewest_waves / travel, band, 0.0), resolved, SEARCH.lines):
-        found.append(1.0 / _parabola(wavenumber, power[0], peak))
+        found.append(1.0 / at_peak(wavenumber, power[0], peak))
     band = np.where(wavenumber <= 1.0 / shortest_wave_m, height, 0.0)
-    peaks = [_parabola(wavenumber, height, peak) for peak in _peaks(band, resolved, SEARCH.standing_out)]
+    peaks = [at_peak(wavenumber, height, peak) for peak in _peaks(band, resolved, SEARCH.standing_out)]
     found += [1.0 / wave for wave in _telling(peaks, parts)]
     for pitch_m in () if turn_m is None else [turn_m / order for order in SEARCH.orders]:
         near = np.abs(wavenumber - 1.0 / pitch_m) < 0.5 * wavenumber[resolved]
@@ -271,12 +233,3 @@ def _around(power: FloatArray, resolved: int) -> FloatArray:
         np.convolve(logs, np.ones(2 * half + 1), "same")[around : len(power) + around] for half in (around, resolved)
     )
     return np.asarray(np.exp((wide - near) / (2 * (around - resolved))))
-
-
-def _parabola(axis: FloatArray, power: FloatArray, peak: int) -> float:
-    if not 0 < peak < len(power) - 1:
-        return float(axis[peak])
-    left, middle, right = np.sqrt(power[peak - 1 : peak + 2])
-    bend = left - 2.0 * middle + right
-    offset = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
-    return float(axis[peak] + min(max(offset, -1.0), 1.0) * (axis[1] - axis[0]))

@@ -165,7 +165,8 @@ class Search:
             for (kind, hypothesis, refined), misfit, (size, own_size) in zip(hypotheses, misfits, sizes, strict=True)
         )
         stage = dataclasses.replace(stage, rivals=rivals)
-        return ranked(stage, evidence.by_group(held_out=True)[:, 1 : 1 + n])
+        every = np.concatenate([evidence.by_group(held_out=outside) for outside in (True, False)])
+        return ranked(stage, every[:, 1 : 1 + n])
 
     def review(self, final: Hypothesis, stages: Sequence[Stage]) -> tuple[Hypothesis, list[Stage]]:
         """Pit each effect against its rivals beside all others; what is superfluous goes, what is worse is replaced.

@@ -160,15 +160,16 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
     .. math:: \ln \frac{\Phi(c z)}{\Phi(-c z)} + \frac{p' - p}{2}, \qquad z = \frac{\sum d}{\sqrt{n} s_d}
 
     against another one (Vuong 1989, Econometrica 57, 307-333, eq. 4.1), with c = ``SEARCH.paired`` and the penalties p;
-    what they have together stays as it was. On held-out stretches another number that is fitted is no advantage, and
-    costs nothing. One that lies on a bound of its form is no closer for it than the closest that does not: it imitates
-    the other as far as it may, and the number that brought it there costs 1 (Akaike 1974).
+    what they have together stays as it was. Stretches that were fitted count, too: what look-alikes differ by is far
+    more than another number fits there, which costs nothing. One that lies on a bound of its form is no closer for it
+    than the closest that does not: it imitates the other as far as it may, and the number that brought it there costs 1
+    (Akaike 1974).
 
     Parameters
     ----------
     stage : Stage
     squares : (n_stretches, n_rivals) array
-        Weighted squared gaps on held-out segments.
+        Weighted squared gaps.
     """
     rivals, own = list(stage.rivals), [stage.evidence_of(rival) for rival in stage.rivals]
     alike = [rivals.index(rival) for rival in look_alikes(stage)]

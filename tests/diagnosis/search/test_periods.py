@@ -1,13 +1,11 @@
 """Periods are located: lines over time, wavelengths over position, in what a gap asks for."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.records.runs import RecordedRun
-from fdbench.diagnosis.search.periods import _lines_in_position, _lines_in_time, _telling, lines_between_repeats
+from fdbench.diagnosis.search.periods import _lines_in_position, _telling
 from fdbench.diagnosis.settings import SEARCH
 
 PERIOD_S = 1e-3
@@ -18,31 +16,6 @@ def run_along(reference: np.ndarray) -> RecordedRun:
     position = reference[:, 0]
     channels = {"motor_force_N": np.zeros(len(position)), "position_m": position}
     return RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=channels, lap=None)
-
-
-def test_lines_are_found_and_noise_has_none() -> None:
-    run, rng = run_along(np.zeros((4000, 3))), np.random.default_rng(0)
-    noise, time_s = rng.standard_normal(4000), np.arange(4000) * PERIOD_S
-    assert _lines_in_time([noise[None]], [run]) == []
-    lines = np.sin(2.0 * np.pi * 17.3 * time_s) + 0.7 * np.sin(2.0 * np.pi * 90.1 * time_s)
-    found = _lines_in_time([(noise + lines)[None]], [run])
-    assert sorted(found) == pytest.approx([17.3, 90.1], abs=0.03)
-
-
-def test_a_force_that_is_not_in_step_with_the_command_is_a_line_between_repeats() -> None:
-    rng = np.random.default_rng(5)
-    time_s = np.arange(len(STROKES)) * PERIOD_S
-
-    def repeat(amplitude_N: float) -> RecordedRun:
-        run, phase = run_along(STROKES), rng.uniform(0.0, 2.0 * np.pi)
-        force = amplitude_N * np.sin(2.0 * np.pi * 27.3 * time_s + phase) + rng.standard_normal(len(time_s))
-        return dataclasses.replace(run, channels={**run.channels, "motor_force_N": force})
-
-    assert lines_between_repeats([repeat(0.0) for _ in range(3)]) == []
-    ((line, amplitude_N),) = lines_between_repeats([repeat(5.0) for _ in range(6)])
-    assert line == pytest.approx(27.3, abs=0.05)
-    assert amplitude_N == pytest.approx(5.0, rel=0.4)
-    assert lines_between_repeats([repeat(5.0)]) == [], "nothing was repeated"
 
 
 @pytest.mark.parametrize("pitch_m", [1.3e-3, 4e-3, 0.05])

@@ -1,0 +1,68 @@
+"""Spectral lines: frequencies that stand out of signals over time, and what a signal has of them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdbench.diagnosis.settings import MODEL, SEARCH
+from fdbench.record import FloatArray
+
+ComplexArray = NDArray[np.complex128]
+
+
+def lines_in_time(signals: Sequence[FloatArray], period_s: float) -> list[float]:
+    """Return the lines (Hz) that stand out of the spectrum of any signal, (n_channels, n) each, the sharpest first."""
+    from scipy.signal import periodogram
+
+    found: list[tuple[float, float, float]] = []
+    near, far = SEARCH.line_near, SEARCH.line_far
+    for signal in signals:
+        frequency, powers = periodogram(signal, 1.0 / period_s, "hann")
+        power = powers.sum(axis=0)
+        power[(frequency < SEARCH.lowest_line_Hz) | (frequency > MODEL.highest_of_nyquist * frequency[-1])] = 0.0
+        side = np.lib.stride_tricks.sliding_window_view(np.pad(power, far, mode="edge"), far - near + 1).max(axis=1)
+        height = power / np.maximum(np.maximum(side[: len(power)], side[far + near :]), 1e-30)
+        for peak in np.flatnonzero(height > SEARCH.stands_out).tolist():
+            found.append((float(height[peak]), at_peak(frequency, power, peak), near * float(frequency[1])))
+    lines: list[float] = []
+    for _, line, width in sorted(found, reverse=True):
+        if all(abs(line - other) > width for other in lines):
+            lines.append(line)
+    return lines[: SEARCH.lines]
+
+
+def at_peak(axis: FloatArray, power: FloatArray, peak: int) -> float:
+    """Return where the peak is on an even axis, by a parabola through the roots of three powers."""
+    if not 0 < peak < len(power) - 1:
+        return float(axis[peak])
+    left, middle, right = np.sqrt(power[peak - 1 : peak + 2])
+    bend = left - 2.0 * middle + right
+    offset = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+    return float(axis[peak] + min(max(offset, -1.0), 1.0) * (axis[1] - axis[0]))
+
+
+def component(signal: FloatArray, frequency: float) -> complex:
+    """Return what a signal has of a frequency (cycles per sample), as a complex amplitude, by a Hann window."""
+    weight = np.hanning(len(signal))
+    turn = np.exp(-2j * np.pi * frequency * np.arange(len(signal)))
+    return complex(2.0 * np.sum(weight * signal * turn) / weight.sum())
+
+
+def sharpened(signal: FloatArray, frequency: float) -> float:
+    """Return the frequency (cycles per sample) that a signal has most of, within what is resolved about a given one."""
+    from scipy.optimize import minimize_scalar
+
+    bounds = frequency - 1.0 / len(signal), frequency + 1.0 / len(signal)
+    return float(minimize_scalar(lambda own: -abs(component(signal, own)), bounds=bounds, method="bounded").x)
+
+
+def tones(n_samples: int, frequencies: Sequence[float]) -> FloatArray:
+    """Return cosine and sine of frequencies (cycles per sample), (2 n_frequencies, n_samples)."""
+    angle = 2.0 * np.pi * np.outer(frequencies, np.arange(n_samples))
+    return np.concatenate((np.cos(angle), np.sin(angle)))
+
+
+def fitted(signals: FloatArray, basis: FloatArray) -> FloatArray:
+    """Return what least squares make of signals, (n_channels, n_samples), by the rows of a basis."""
+    return np.asarray(np.linalg.lstsq(basis.T, signals.T, rcond=None)[0].T @ basis)

@@ -1,0 +1,106 @@
+"""A force at its own phase in each record is named with its size; pick-up, and what was there before, are not."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from axis_lab import PERIOD_S, as_built, drive, protocol, record
+
+from fdbench.diagnosis.answer import READING, Answer
+from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.evidence.force_out_of_step import lines_between_repeats
+from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.effects import Effect, effects
+from fdbench.plants.feed_drive import RotaryMotor
+from fdbench.record import Record
+
+AMPLITUDE_N, FREQUENCY_HZ = 40.0, 27.3
+Made = Callable[[object, float, int], Record]
+
+
+def records(made: Made, seed: int) -> list[Record]:
+    """Return three repeats of each motion."""
+    return [
+        made(motion, duration_s, seed + 10 * place + repeat)
+        for place, (motion, duration_s) in enumerate(protocol(1.0).values())
+        for repeat in range(3)
+    ]
+
+
+def force(phase_rad: float) -> Effect:
+    return effects.get("periodic_force").typical(
+        force_amplitude_N=AMPLITUDE_N, frequency_Hz=FREQUENCY_HZ, phase_rad=phase_rad
+    )
+
+
+def turning(motion: object, duration_s: float, seed: int) -> Record:
+    """Return a record beside something that turns."""
+    phase = float(np.random.default_rng(seed).uniform(-math.pi, math.pi))
+    return record(as_built(1), (force(phase),), motion, duration_s, seed)
+
+
+def quiet(motion: object, duration_s: float, seed: int) -> Record:
+    return record(as_built(1), (), motion, duration_s, seed)
+
+
+def picked_up(motion: object, duration_s: float, seed: int) -> Record:
+    """Return a record in which the reading of the force alone has the line."""
+    found, phase = quiet(motion, duration_s, seed), float(np.random.default_rng(seed).uniform(-math.pi, math.pi))
+    angle = 2.0 * np.pi * FREQUENCY_HZ * found["time_s"] + phase
+    motor = drive().motor
+    assert isinstance(motor, RotaryMotor)
+    columns = {name: found[name] for name in found}
+    columns["motor_torque_Nm"] = columns["motor_torque_Nm"] + AMPLITUDE_N * np.sin(angle) * motor.lead_m / (2.0 * np.pi)
+    return Record(columns, {}, found.source)
+
+
+def answer_to(now: list[Record], before: list[Record] | None = None) -> Answer:
+    return diagnose(Nominal(plant=drive(), simulation=Simulation(substeps=10)), now, baseline=before or []).answer
+
+
+def named(answer: Answer) -> list[str]:
+    return [cause.effect for cause in answer.causes if cause.probability > 0.5]
+
+
+def test_a_force_out_of_step_is_named_with_its_size_and_taken_out_of_the_noise() -> None:
+    answer = answer_to(records(turning, 100))
+    assert named(answer) == ["periodic_force"]
+    (cause,) = (cause for cause in answer.causes if cause.effect == "periodic_force")
+    assert cause.kind == READING
+    assert cause.parameters["force_amplitude_N"].value == pytest.approx(AMPLITUDE_N, rel=0.1)
+    assert cause.parameters["frequency_Hz"].value == pytest.approx(FREQUENCY_HZ, abs=0.05)
+    assert sum("which is not in step with their command" in text for text in answer.warnings) == 1
+    assert answer.gap.channels["motor_force_N"].noise_floor < 0.1 * AMPLITUDE_N
+
+
+def test_pick_up_of_the_measurement_is_no_force() -> None:
+    answer = answer_to(records(picked_up, 100))
+    assert named(answer) == []
+    assert sum("pick-up of the measurement, which is taken out" in text for text in answer.warnings) == 1
+
+
+def test_a_force_that_was_there_before_is_no_change() -> None:
+    assert named(answer_to(records(turning, 200), records(turning, 100))) == []
+    assert named(answer_to(records(turning, 200), records(quiet, 100))) == ["periodic_force"]
+
+
+def test_what_repeats_do_not_differ_by_is_no_line() -> None:
+    rng = np.random.default_rng(5)
+    time_s = np.arange(2000) * PERIOD_S
+    still = RecordedRun(
+        name="x", period_s=PERIOD_S, reference=np.zeros((2000, 3)), channels={"position_m": np.zeros(2000)}, lap=None
+    )
+
+    def run(amplitude_N: float, phase_rad: float) -> RecordedRun:
+        wave = amplitude_N * np.sin(2.0 * np.pi * FREQUENCY_HZ * time_s + phase_rad)
+        channels = {**still.channels, "motor_force_N": wave + rng.standard_normal(2000)}
+        return dataclasses.replace(still, channels=channels)
+
+    assert lines_between_repeats([run(5.0, 0.3) for _ in range(3)]) == [], "in step with the command"
+    assert lines_between_repeats([run(5.0, 0.3)]) == [], "nothing was repeated"
+    assert lines_between_repeats([run(0.0, 0.0) for _ in range(3)]) == [], "noise"
+    (line,) = lines_between_repeats([run(5.0, phase) for phase in (0.0, 2.0, 4.0)])
+    assert line == pytest.approx(FREQUENCY_HZ, abs=0.05)
