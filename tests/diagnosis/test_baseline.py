@@ -60,6 +60,22 @@ def test_a_weight_that_came_on_top_is_named() -> None:
     assert answer.causes[0].parameters["change"].value == pytest.approx(8.0, rel=0.1)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        effects.get("quadratic_drag").typical(quadratic_drag_N_s2_per_m2=120.0),
+        effects.get("viscous_friction").typical(viscous_friction_N_s_per_m=150.0),
+    ],
+)
+def test_a_drag_of_air_and_another_grease_are_told_apart(change: Effect) -> None:
+    """Either explains most of what the other does."""
+    axis = as_built(2)
+    answer = answer_to(records(axis, seed=100), records(axis, change, seed=200))
+    assert named(answer) == [change.name]
+    chances = answer.chances()
+    assert sum(chances.get(name, 0.0) for name in ("quadratic_drag", "viscous_friction")) <= 1.0 + 1e-9
+
+
 def test_where_nothing_has_changed_nothing_is_named() -> None:
     axis = as_built(2)
     assert named(answer_to(records(axis, WAVE, seed=100), records(axis, WAVE, seed=200))) == []

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fdbench.diagnosis.answer import READING, Cause, Quantity, RivalReduction, Suspect, chances
+from fdbench.diagnosis.answer import READING, Cause, Pair, Quantity, RivalReduction, Suspect, chances
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, energies
 from fdbench.diagnosis.judge import probability_models as confidence
@@ -16,7 +16,8 @@ from fdbench.diagnosis.judge.intervals import intervals, not_fitted, parameters
 from fdbench.diagnosis.judge.look_alikes import divided, force_balances, indistinguishable, instead, one_of
 from fdbench.diagnosis.judge.nominal_values import Deviating, deviating_parameters
 from fdbench.diagnosis.judge.probability_models import Beside, Features, ProbabilityModels
-from fdbench.diagnosis.judge.reduction import Reductions, shapley
+from fdbench.diagnosis.judge.reduction import Reductions
+from fdbench.diagnosis.judge.shares import Parts, Shares
 from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound, is_beyond_its_form, is_corner, is_hollow
 from fdbench.diagnosis.search.in_place_of_a_value import Exchange
 from fdbench.diagnosis.search.search import Search
@@ -96,31 +97,6 @@ class Verdict:
         return chances(self.causes, self.suspects)
 
 
-class Shares:
-    """Shares of a gap; a channel counts by the root mean square of its gap beyond the noise.
-
-    Parameters
-    ----------
-    gaps : (n_channels,) array
-        Mean squared held-out gap in units of the floor.
-    interpolated : (n_channels,) array
-        What was taken out of the readings beforehand.
-    """
-
-    def __init__(self, gaps: FloatArray, interpolated: FloatArray) -> None:
-        self.total = gaps + interpolated
-        weights = np.sqrt(np.maximum(self.total - 1.0, 0.0))
-        self.weights = weights / weights.sum() if weights.sum() > 0.0 else np.full(len(weights), 1.0 / len(weights))
-
-    def of(self, closed: FloatArray) -> float:
-        """Return the share of mean squares that are closed in the channels, between 0 and 1."""
-        return float(np.clip(np.sum(self.weights * self.by_channel(closed)), 0.0, 1.0))
-
-    def by_channel(self, closed: FloatArray) -> FloatArray:
-        """Return the share in each channel."""
-        return np.asarray(np.clip(closed / np.maximum(self.total, 1e-12), 0.0, 1.0))
-
-
 def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     """Return the verdict; see the contract for the answer.
 
@@ -139,12 +115,6 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     discount = plausibility_discount(
         Shares(found.as_given, interpolated).of(np.maximum(repaired - JUDGE.unrepeated, 0.0))
     )
-    with_equivalents = found.final.nominal.with_equivalents
-    closed = [reductions.closed_in_channel(place) for place in range(len(noise_models))]
-    everything = tuple(range(len(found.final.effects)))
-    parts = [shapley(own, len(everything)) for own in closed]
-    bounds = intervals(search, found.final)
-    left_by = dict(zip(reductions.subsets, reductions.mean().tolist(), strict=True))
     corrected = Shares(found.as_given, interpolated).of(np.maximum(found.as_given - recalibrated, 0.0))
     deviating, exchanged = _values(found, corrected, models)
     before = search.compared(found.base, [(Effect, found.final, True)])
@@ -171,43 +141,14 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     known = (1.0 - models.unknown.probability(unknown)) * (1.0 - deviating.nameless) * stand_ins
     unknown_probability = max(1.0 - known, 1.0 - discount)
     small = JUDGE.small_share * shares.of(repaired)
+    parts, bounds = Parts(reductions, shares, list(noise_models)), intervals(search, found.final)
     causes: list[Cause] = []
     for index, item in enumerate(contested):
-        effect, contest, same = item.effect, item.contest, item.same
-        alone = tuple(other for other in everything if other != index)
-        fitted = [rival for rival in contest.rivals if rival.refined or rival.kind is type(effect)]
-        removed = force_balances_removed(
-            search.readings, search.split, dataclasses.replace(contest, rivals=tuple(fitted))
-        )
-        odds = divided(contest, type(effect), same, item.probability)
-        if exchanged.get(effect.name, 0.0) > odds[effect.name]:
-            odds = exchanged
-        # What the written model is no better with, beside all others, is not named, nor what is at a bound of its form.
-        believed = left_by[everything] < left_by[alone] and not is_beyond_its_form(effect)
-        most = (1.0 if believed else JUDGE.named) if item in sound else JUDGE.fewest
-        own = np.array([part[index] for part in parts])
-        share = shares.of(own)
+        share = parts.share(index)
         # What explains little beside what is left of the gap may be a part of a cause that is not known.
         credible = discount * (1.0 - unknown_probability * small / max(small + share, 1e-12))
-        chances = {name: min(credible * p, most) for name, p in odds.items()}
-        unique = np.array([values[everything] - values[alone] for values in closed])
-        causes.append(
-            Cause(
-                effect=effect.name,
-                probability=chances[effect.name],
-                share=share,
-                share_of_channel=dict(zip(noise_models, shares.by_channel(own).tolist(), strict=True)),
-                unique_share=min(share, shares.of(unique)),
-                parameters=parameters(effect, bounds[index]),
-                indistinguishable_from=tuple(with_equivalents([effect.name, *same])[1:]),
-                alternatives={name: p for name, p in chances.items() if name != effect.name},
-                one_of=tuple(with_equivalents(one_of(chances))),
-                instead=instead(contest, type(effect), same),
-                force_balances=force_balances(removed, type(effect), same),
-                typical=tuple(not_fitted(effect)),
-                at_bound=tuple(at_bound(effect)),
-            )
-        )
+        chances = {name: min(credible * p, item.most(parts.is_better_with(index))) for name, p in item.odds.items()}
+        causes.append(_named(found, item, chances, parts, index, bounds[index]))
     # A gap of no more than repeats differ by lacks no cause, however little it looks like noise.
     if is_measured:
         repeats = float(np.mean([plain.runs[place].repeats for place in plain.judged]))
@@ -251,6 +192,8 @@ class _Contested:
     features : mapping of str to float
     probability : float
         That it is one of them, as though no cause could be unknown.
+    odds : mapping of str to float
+        How it is divided among the effect, those, and others that may be there instead.
     """
 
     effect: Effect
@@ -259,6 +202,7 @@ class _Contested:
     own_size: float
     features: Features
     probability: float
+    odds: Mapping[str, float]
 
     @property
     def hollow(self) -> bool:
@@ -269,6 +213,46 @@ class _Contested:
     def corner(self) -> bool:
         """Whether it says no more than how a known friction turns its sign, which is no cause."""
         return is_corner(self.effect)
+
+    def most(self, is_better_with: bool) -> float:
+        """Return the highest probability that it may have.
+
+        What the written model is no better with, beside all others, is not named, nor what is at a bound of its form.
+        """
+        if self.hollow or self.corner:
+            return JUDGE.fewest
+        return 1.0 if is_better_with and not is_beyond_its_form(self.effect) else JUDGE.named
+
+
+def _named(
+    found: Findings,
+    item: _Contested,
+    chances: Mapping[str, float],
+    parts: Parts,
+    index: int,
+    bounds: Mapping[str, Pair],
+) -> Cause:
+    """Return an effect of the final hypothesis as a cause."""
+    effect, contest, same, search = item.effect, item.contest, item.same, found.search
+    with_equivalents = found.final.nominal.with_equivalents
+    fitted = [rival for rival in contest.rivals if rival.refined or rival.kind is type(effect)]
+    removed = force_balances_removed(search.readings, search.split, dataclasses.replace(contest, rivals=tuple(fitted)))
+    share = parts.share(index)
+    return Cause(
+        effect=effect.name,
+        probability=chances[effect.name],
+        share=share,
+        share_of_channel=parts.by_channel(index),
+        unique_share=min(share, parts.unique(index)),
+        parameters=parameters(effect, bounds),
+        indistinguishable_from=tuple(with_equivalents([effect.name, *same])[1:]),
+        alternatives={name: p for name, p in chances.items() if name != effect.name},
+        one_of=tuple(with_equivalents(one_of(chances))),
+        instead=instead(contest, type(effect), same),
+        force_balances=force_balances(removed, type(effect), same),
+        typical=tuple(not_fitted(effect)),
+        at_bound=tuple(at_bound(effect)),
+    )
 
 
 def _values(found: Findings, corrected: float, models: ProbabilityModels) -> tuple[Deviating, dict[str, float]]:
@@ -309,6 +293,10 @@ def _contested(
         same = indistinguishable(contest, type(effect))
         beside = Beside(largest=max((*sizes[:index], *sizes[index + 1 :]), default=0.0), worst=worst)
         features = confidence.effect_features(contest, type(effect), beside, same)
+        own = models.effect.probability(features, [effect.name, *same])
+        odds = divided(contest, type(effect), same, own)
+        if exchanged.get(effect.name, 0.0) > odds[effect.name]:
+            odds, own = dict(exchanged), max(own, exchanged[effect.name])
         contested.append(
             _Contested(
                 effect=effect,
@@ -316,9 +304,8 @@ def _contested(
                 same=same,
                 own_size=own_size,
                 features=features,
-                probability=max(
-                    models.effect.probability(features, [effect.name, *same]), exchanged.get(effect.name, 0.0)
-                ),
+                probability=own,
+                odds=odds,
             )
         )
     return contested
