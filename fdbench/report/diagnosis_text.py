@@ -132,7 +132,10 @@ def _named(cause: Cause) -> str:
     """Return what is said of a cause, and of what its share is."""
     chance, likely = f"probability {probability_text(cause.probability)}", cause.probability >= LIKELY
     if cause.parametric:
-        return f"{_wrong(cause, likely)}, {chance}; its correction removes {percent(cause.share)} of the {NOMINAL}."
+        said = f"{_wrong(cause, likely)}, {chance}; its correction removes {percent(cause.share)} of the {NOMINAL}."
+        others = sorted(cause.alternatives.items(), key=lambda item: -item[1])
+        words = [f"{name}, probability {probability_text(p)}" for name, p in others if p >= WORTH_SAYING]
+        return f"{said} Or it is {', or '.join(words)}, and the value as on paper." if words else said
     share = f"{percent(cause.share)} of the {AFTER}"
     if cause.indistinguishable_from:
         names = " or ".join([cause.effect, *cause.indistinguishable_from])

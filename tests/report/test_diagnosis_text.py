@@ -156,6 +156,14 @@ def force(beside: str, largest_N: float) -> ProcessForce:
     )
 
 
+def test_what_may_be_in_place_of_a_value_is_said_beside_it() -> None:
+    doubted = replace(FRICTION, probability=0.52, alternatives={"lugre_friction": 0.46, "stribeck_friction": 0.001})
+    words = "Or it is lugre_friction, probability 0.46, and the value as on paper."
+    assert words in told(answer([doubted]))
+    assert "stribeck_friction" not in told(answer([doubted]))
+    assert "as on paper" not in told(answer([FRICTION]))
+
+
 def test_a_force_is_said_once_with_what_its_line_is() -> None:
     twice = answer(process_forces=(force("repeats", -178.0), force("nominal", 187.0)))
     text = said(twice)
