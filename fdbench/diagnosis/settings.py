@@ -170,6 +170,9 @@ class EvidenceSettings:
     segment_s: float = number(0.25, "stretches of time whose sums are weighted, and drawn whole by the bootstrap")
     held_out: float = number(1.0 / 3.0, "share of a record that is judged on, without repeats, laps or other records")
     smallest_artefact: float = number(0.04, "mean square of a sensor artefact, in units of the noise, that is a cause")
+    same_phase: float = number(
+        0.8, "length of the mean over its mean length, of a line in several motions, below which it is out of step"
+    )
     answer: float = number(5.0, "power of the position against its surroundings, from which it answers to a force")
     answered: float = number(0.99, "probability of a force out of step to which the position answers")
     unanswered: float = number(0.5, "probability of one of which the position would show no answer")

@@ -5,6 +5,7 @@ have such a force, and their mean has less of it the more there are.
 """
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,13 +17,14 @@ from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.runs import RecordedRun, differences
 from fdbench.diagnosis.records.spectral_lines import component, fitted, lines_in_time, sharpened, tones
-from fdbench.diagnosis.settings import EVIDENCE, JUDGE
+from fdbench.diagnosis.settings import EVIDENCE, JUDGE, RECORDS
 from fdbench.effects import Effect, Port
 from fdbench.plants.feed_drive import Following
 from fdbench.record import FloatArray
 
 FORCE, POSITION = "motor_force_N", "position_m"
 ASIDE = (-6, -5, -4, -3, 3, 4, 5, 6)  # resolved frequencies beside a line, that are its surroundings
+USUAL, TURNS = 0.2, 3.0  # relative change of speed, and turns of a line there, that tell whether it is over time
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,7 +62,7 @@ def without_forces_out_of_step(runs: Sequence[RecordedRun], nominal: Nominal, re
     replay : Replay
         Tells what the position would do if the line were a force.
     """
-    lines = lines_between_repeats(runs)
+    lines = lines_between_repeats(runs) if differences(runs, FORCE) else lines_of_all(runs)
     if not lines:
         return OutOfStep(runs=list(runs))
     own = [[sharpened(_gap(run, FORCE), line * run.period_s) for line in lines] for run in runs]
@@ -99,16 +101,44 @@ def lines_between_repeats(runs: Sequence[RecordedRun]) -> list[float]:
 
     A force that is periodic, but not in step with the command, comes at another phase each time.
     """
-    left = differences(runs, FORCE)
-    if not left:
-        return []
-    period_s = runs[0].period_s
+    left, period_s = differences(runs, FORCE), runs[0].period_s
     found = []
     for line in lines_in_time([own[None] for own in left], period_s):
         taken = [fitted(own[None], tones(len(own), [sharpened(own, line * period_s)])) for own in left]
         if sum(float(np.sum(own**2)) for own in taken) > JUDGE.force_line * sum(float(own @ own) for own in left):
             found.append(line)
     return found
+
+
+def lines_of_all(runs: Sequence[RecordedRun]) -> list[float]:
+    """Return the lines (Hz) that all of several motions have, at another phase each, and at any speed.
+
+    One that has the same phase in all is in step with them, and an effect may say so. What repeats with the way is a
+    line at a steady speed, and none at another.
+    """
+    if len(runs) < 2:
+        return []
+    own = [lines_in_time([_gap(run, FORCE)[None]], run.period_s) for run in runs]
+    found = []
+    for line in own[0]:
+        nearest = [min(others, key=lambda other: abs(other - line), default=math.inf) for others in own]
+        widths = [1.0 / (run.n_samples * run.period_s) for run in runs]
+        if all(abs(other - line) < width + widths[0] for other, width in zip(nearest, widths, strict=True)):
+            phasors = [component(_gap(run, FORCE), line * run.period_s) for run in runs]
+            in_step = abs(np.mean(phasors)) > EVIDENCE.same_phase * np.mean(np.abs(phasors))
+            if not in_step and all(_is_at_any_speed(run, line * run.period_s) for run in runs):
+                found.append(line)
+    return found
+
+
+def _is_at_any_speed(run: RecordedRun, frequency: float) -> bool:
+    """Return whether a run has a line (cycles per sample) also where it is not at its usual speed."""
+    gap, speed = _gap(run, FORCE), np.abs(run.reference[:, 1])
+    moving = speed[speed > RECORDS.resting * speed.max()]
+    usual = float(np.median(moving)) if len(moving) else 0.0
+    other = np.abs(speed - usual) > USUAL * usual
+    tone = fitted(gap[None], tones(len(gap), [sharpened(gap, frequency)]))[0]
+    return bool(other.sum() * frequency > TURNS and gap[other] @ tone[other] > 0.5 * (tone[other] @ tone[other]))
 
 
 def _line(runs: Sequence[RecordedRun], frequencies: Sequence[float], nominal: Nominal, replay: Replay) -> _Line:
@@ -159,11 +189,11 @@ def _words(line: _Line) -> str:
     size = f"{line.frequency_Hz:.4g} Hz and {float(line.amplitudes_N.mean()):.3g} N"
     if line.is_answered is False:
         return (
-            f"Repeats differ by a line of {size} in the force, to which the position does not answer as it would to a "
+            f"Records differ by a line of {size} in the force, to which the position does not answer as it would to a "
             "force: pick-up of the measurement, which is taken out of each record and is no cause."
         )
     doubt = "" if line.is_answered else " It may be pick-up of the measurement: the position would not show more of it."
     return (
-        f"Repeats differ by a force of {size}, which is not in step with their command, such as that of a spindle or "
+        f"Records differ by a force of {size}, which is not in step with their command, such as that of a spindle or "
         f"a fan. It is taken out of each record before the rest is judged.{doubt}"
     )

@@ -10,7 +10,8 @@ from axis_lab import PERIOD_S, as_built, drive, protocol, record
 
 from fdbench.diagnosis.answer import READING, Answer
 from fdbench.diagnosis.diagnose import diagnose
-from fdbench.diagnosis.evidence.force_out_of_step import lines_between_repeats
+from fdbench.diagnosis.evidence.force_out_of_step import lines_between_repeats, lines_of_all
+from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.effects import Effect, effects
@@ -74,6 +75,36 @@ def test_a_force_out_of_step_is_named_with_its_size_and_taken_out_of_the_noise()
     assert cause.parameters["frequency_Hz"].value == pytest.approx(FREQUENCY_HZ, abs=0.05)
     assert sum("which is not in step with their command" in text for text in answer.warnings) == 1
     assert answer.gap.channels["motor_force_N"].noise_floor < 0.1 * AMPLITUDE_N
+
+
+def test_motions_that_were_recorded_once_show_it_too() -> None:
+    once = [
+        turning(motion, duration_s, seed)
+        for seed, (motion, duration_s) in enumerate((*protocol(1.0).values(), *protocol(1.3).values()), 300)
+    ]
+    assert named(answer_to(once)) == ["periodic_force"]
+    healthy = [
+        quiet(motion, duration_s, seed)
+        for seed, (motion, duration_s) in enumerate((*protocol(1.0).values(), *protocol(1.3).values()), 300)
+    ]
+    assert named(answer_to(healthy)) == []
+
+
+def test_a_wave_over_the_way_is_no_line_over_time() -> None:
+    """All strokes are at one speed and begin elsewhere: cogging is a line at 20 Hz, at another phase each."""
+    rng = np.random.default_rng(2)
+    runs, lines = [], []
+    for first in (0.0, 0.0012, 0.0031):
+        reference = moves((first, first + 0.4, first + 0.1), (0.1,), 4.0, PERIOD_S, dwell_s=1.0)
+        noise = rng.standard_normal(len(reference))
+        cogging = 20.0 * np.sin(2.0 * np.pi * reference[:, 0] / 0.005) * (np.abs(reference[:, 1]) > 0.0)
+        fan = 20.0 * np.sin(2.0 * np.pi * 20.0 * np.arange(len(reference)) * PERIOD_S + 1e3 * first)
+        for found, force_N in ((runs, cogging), (lines, fan)):
+            channels = {"motor_force_N": force_N + noise, "position_m": reference[:, 0]}
+            found.append(RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=channels, lap=None))
+    assert lines_of_all(runs) == []
+    (line,) = lines_of_all(lines)
+    assert line == pytest.approx(20.0, abs=0.05)
 
 
 def test_pick_up_of_the_measurement_is_no_force() -> None:
