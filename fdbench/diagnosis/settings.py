@@ -117,6 +117,7 @@ class ModelSettings:
         "deviations by which friction may exceed its nominal form at 0.1, 0.03, 0.01, 0.003 of the fastest speed",
         "between axes without a cause and with Stribeck friction, of 195 opened ones of tier G",
     )
+    most_stiffness: float = number(1.5, "deviations by which the stiffness of a screw may be off, and no more")
     most_lag: float = number(3.0, "deviations by which the force may follow its command late, and no more")
     most_filter: float = number(2.0, "deviations by which the filter of the velocity may be slower, and no more")
     most_delay: float = number(2.0, "deviations by which the velocity's reference may be late or early, and no more")
@@ -133,6 +134,9 @@ class ModelSettings:
     line_step: float = number(3e-4, "relative step of a period in a fit", "a record holds hundreds of periods")
     step: float = number(0.1, "relative step of any other number of an effect in a fit")
     phase_step_rad: float = number(0.3, "step of a phase in a fit")
+    another_period: float = number(
+        0.02, "relative difference from which a period is another than that of a known effect"
+    )
     least_replacement: float = number(0.1, "of a known effect that another one in its place must have in a linear fit")
     most_replacement: float = number(3.0, "of a known effect that another one in its place may have in a linear fit")
     largest_change: float = number(4.0, "times the tried size that one linear fit may make of an effect")

@@ -20,10 +20,14 @@ def check_feedback(feedback: str, name: str = "feedback") -> None:
 @final
 @dataclass(frozen=True, kw_only=True)
 class VelocityLoop:
-    """Proportional velocity control, F = K (v_reference - v); source: McPherson (2024), eq. (2.1)."""
+    """Proportional velocity control, F = K (v_reference - v); source: McPherson (2024), eq. (2.1).
+
+    The velocity v is that of a tachometer, or the difference of the motor's reading over ``difference_span`` samples.
+    """
 
     gain_N_s_per_m: float = positive()
     force_limit_N: float = positive()
+    difference_span: int = bounded(0, 2, default=0)
 
     action_row: ClassVar[str] = "ACTION_VELOCITY"
     action_name: ClassVar[str] = "velocity_m_per_s"
@@ -36,6 +40,7 @@ class VelocityLoop:
         """Return the controller's rows of a block."""
         return {
             "VELOCITY_FEEDFORWARD": 1.0,
+            "DIFFERENCE_SPAN": float(self.difference_span),
             "VELOCITY_GAIN": self.gain_N_s_per_m,
             "FORCE_LIMIT": self.force_limit_N,
         }

@@ -11,6 +11,7 @@ from fdbench.diagnosis.evidence.interpolation_artefact import interpolation_arte
 from fdbench.diagnosis.evidence.run_to_run import Repeatability
 from fdbench.diagnosis.evidence.sensor_artefacts import (
     Artefact,
+    beside_known,
     grid_artefact,
     held_artefact,
     interpolated,
@@ -175,6 +176,7 @@ def aligned(
         wave = interpolation_artefact(error, [run.as_read() for run in runs], replay, split.noise_models)
         split = dataclasses.replace(split, noise_models=raised(split.noise_models, wave.energy))
         artefacts.append(wave)
+    artefacts = [beside_known(artefact, drive) for artefact in artefacts]
     if baseline is not None:
         artefacts = [baseline.since(artefact) for artefact in artefacts]
     return Aligned(

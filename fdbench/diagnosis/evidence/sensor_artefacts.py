@@ -130,6 +130,15 @@ def grid_artefact(runs: Sequence[RecordedRun], replay: Replay, length: float) ->
     )
 
 
+def beside_known(artefact: Artefact, drive: FeedDrive) -> Artefact:
+    """Return what readings show, improbable as a cause where the model knows it and it is not surely larger."""
+    known = [
+        abs(float(getattr(item, item.amplitude))) for item in drive.effects if item.declared is artefact.kind.declared
+    ]
+    is_known = artefact.low <= max(known, default=0.0)
+    return dataclasses.replace(artefact, probability=0.0) if is_known else artefact
+
+
 def of_the_log(grid: Artefact, noise_models: Mapping[str, NoiseModel]) -> Artefact:
     """Return a grid without a force where that is far quieter than steps in the loop would make it.
 

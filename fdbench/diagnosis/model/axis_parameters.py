@@ -1,4 +1,4 @@
-"""Nominal parameters of the axis itself: masses, viscous friction, and a force offset."""
+"""Nominal parameters of the axis itself: masses, viscous friction, the stiffness of its screw, and a force offset."""
 
 import math
 from dataclasses import dataclass, replace
@@ -95,6 +95,42 @@ class Viscous(_OfASide):
 
     def text(self, drive: FeedDrive, shift: float) -> str:
         return si_text(getattr(self.part(self.apply(drive, shift)[0]), self.field), unit_of(self.field))
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Stiffness(NominalParameter):
+    """Stiffness of the screw or the shaft, as far as a data sheet may have it wrong; its deviation is relative.
+
+    It moves no further: a screw that lost more of it is a cause.
+    """
+
+    kind = "stiffness"
+    unit = "N/m"
+    nuisance = True
+    changes_from_run_to_run = False
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        deviation = nominal.uncertainty.stiffness
+        return [] if nominal.drive.screw is None or deviation == 0.0 else [cls(name=cls.kind, deviation=deviation)]
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        if drive.screw is None:
+            return drive, ()
+        stiffness = drive.screw.stiffness_N_per_m * max(1.0 + shift * self.deviation, MODEL.smallest_ratio)
+        return replace(drive, screw=replace(drive.screw, stiffness_N_per_m=stiffness)), ()
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        screw = self.apply(drive, shift)[0].screw
+        return "none" if screw is None else si_text(screw.stiffness_N_per_m, self.unit)
+
+    def size(self, drive: FeedDrive) -> float:
+        return 0.0 if drive.screw is None else self.deviation * drive.screw.stiffness_N_per_m
+
+    @property
+    def room(self) -> tuple[float, float]:
+        return -MODEL.most_stiffness, MODEL.most_stiffness
 
 
 @final

@@ -95,7 +95,8 @@ def candidates(
 ) -> list[Candidate]:
     """Return all candidates that may be added to a hypothesis.
 
-    Not those whose size is a nominal parameter: re-calibration moves it in every hypothesis.
+    Not those whose size is a nominal parameter: re-calibration moves it in every hypothesis. Of what is known a machine
+    may have another period besides, such as a further order of cogging.
 
     Parameters
     ----------
@@ -106,15 +107,32 @@ def candidates(
         Sampling time of the records; no frequency above 0.8 of the Nyquist frequency is a candidate.
     """
     drive = base.nominal.drive
-    present = {effect.declared for effect in (*base.effects, *drive.effects)}
+    present = {effect.declared for effect in base.effects}
     covered = {item.cause(base.nominal) for item in nominal_parameters(base.nominal)}
     found: list[Candidate] = []
     highest_Hz = math.inf if period_s is None else MODEL.highest_of_nyquist * 0.5 / period_s
     for kind in base.nominal.library:
         unseen = drive.screw is None and (kind.port is Port.TABLE_SCALE or kind.needs_screw)
-        if kind.declared not in present and kind.name not in covered and not unseen:
-            found += [item for item in _of_kind(base, kind, located) if _fastest_Hz(item.members[0]) <= highest_Hz]
+        known = [effect for effect in drive.effects if effect.declared is kind.declared]
+        is_value = kind.name in covered and not known
+        if kind.declared in present or is_value or unseen:
+            continue
+        found += [
+            item
+            for item in _of_kind(base, kind, located)
+            if _fastest_Hz(item.members[0]) <= highest_Hz
+            and all(_is_another(item.members[0], other) for other in known)
+        ]
     return found
+
+
+def _is_another(effect: Effect, known: Effect) -> bool:
+    """Return whether an effect has another period than a known one of its kind."""
+    return any(
+        abs(getattr(effect, item.name) / getattr(known, item.name) - 1.0) > MODEL.another_period
+        for item in type(effect).parameters()
+        if item.locate
+    )
 
 
 def _fastest_Hz(effect: Effect) -> float:

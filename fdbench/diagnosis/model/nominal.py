@@ -54,7 +54,8 @@ class Simulation:
 class Uncertainty:
     """Standard deviations of the nominal parameters; re-calibration moves within them.
 
-    Masses, viscous frictions and the effects that the model knows are relative, the force offset is in newtons. No
+    Masses, viscous frictions, the stiffness of a screw and the effects that the model knows are relative, the force
+    offset is in newtons. The stiffness moves by one and a half of its deviations at most. No
     data sheet says over which speed friction turns its sign, or over which way it bends: ``transition_velocity`` and
     ``bristle_stiffness`` are those of their natural logarithms.
     ``friction_side`` is the part of the known friction that acts on the motor instead of the table, and
@@ -69,6 +70,7 @@ class Uncertainty:
 
     mass: float = positive(default=0.03)
     viscous: float = positive(default=0.1)
+    stiffness: float = nonnegative(default=0.05)
     known_effects: float = positive(default=0.06)
     transition_velocity: float = nonnegative(default=1.0)
     bristle_stiffness: float = nonnegative(default=1.0)

@@ -3,7 +3,7 @@
 import functools
 from collections.abc import Sequence
 
-from fdbench.diagnosis.model.axis_parameters import EncoderZeros, ForceOffset, Mass, Viscous
+from fdbench.diagnosis.model.axis_parameters import EncoderZeros, ForceOffset, Mass, Stiffness, Viscous
 from fdbench.diagnosis.model.friction_parameters import (
     BristleStiffness,
     FrictionForm,
@@ -18,6 +18,7 @@ from fdbench.diagnosis.model.nominal_parameter import NominalParameter
 KINDS: Sequence[type[NominalParameter]] = (
     Mass,
     Viscous,
+    Stiffness,
     KnownAmplitude,
     TransitionVelocity,
     BristleStiffness,

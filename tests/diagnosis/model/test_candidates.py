@@ -1,5 +1,6 @@
 """Candidates: what may be added to a hypothesis, at which points, and what a linear fit makes of it."""
 
+import dataclasses
 import math
 
 import pytest
@@ -55,6 +56,19 @@ def test_periods_are_tried_where_they_were_located() -> None:
             for item in found] == [3e-3, 7e-3]  # fmt: skip
     assert [len(item.members) for item in found] == [2, 2]
     assert "cogging" not in {item.name for item in candidates(BASE, {})}
+
+
+def test_a_further_order_of_a_known_cogging_is_a_candidate_and_the_known_one_is_not() -> None:
+    known = effects.get("cogging").typical(pitch_m=7e-3)
+    plant = dataclasses.replace(drive(), effects=(*drive().effects, known))
+    base = start(Nominal(plant=plant, simulation=Simulation(substeps=10)))
+    found = [item for item in candidates(base, {"pitch": [3e-3, 7.05e-3]}) if item.name == "cogging"]
+    (effect,) = (item.members[0] for item in found)
+    assert (
+        dict(zip((item.name for item in found[0].kind.parameters()), effect.values(), strict=True))["pitch_m"] == 3e-3
+    )
+    with_both = base.with_effect(effect)
+    assert "cogging" not in {item.name for item in candidates(with_both, {"pitch": [5e-3]})}
 
 
 def test_one_shape_of_each_class() -> None:
