@@ -1,11 +1,14 @@
 """Sensor artefacts: repeated samples are interpolated over, and a grid of readings is recognised."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from axis_lab import drive
 
 from fdbench.diagnosis.evidence.sensor_artefacts import (
     Artefact,
+    beside_known,
     grid_artefact,
     held_artefact,
     interpolated,
@@ -69,6 +72,15 @@ def test_a_grid_of_readings_is_recognised(step_m: float) -> None:
     assert found.value == pytest.approx(step_m, rel=0.02)
     assert found.low < step_m < found.high
     assert found.probability > 0.9
+
+
+@pytest.mark.parametrize(("known_m", "is_named"), [(1e-6, False), (2e-6, False), (3e-7, True)])
+def test_a_grid_that_the_model_knows_is_no_cause_and_a_coarser_one_is(known_m: float, is_named: bool) -> None:
+    kind = effects.get("encoder_quantisation")
+    found = Artefact(kind=kind, probability=0.99, value=1e-6, low=0.98e-6, high=1.02e-6, energy={})
+    assert beside_known(found, drive()).probability == 0.99
+    known = dataclasses.replace(drive(), effects=(*drive().effects, kind.typical(resolution_m=known_m)))
+    assert (beside_known(found, known).probability == 0.99) is is_named
 
 
 def test_smooth_readings_have_no_grid() -> None:
