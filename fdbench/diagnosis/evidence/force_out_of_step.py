@@ -15,6 +15,8 @@ from fdbench.diagnosis.evidence.sensor_artefacts import Artefact
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay, Variant
+from fdbench.diagnosis.records.conditions import FORCE
+from fdbench.diagnosis.records.noise_model import POSITION
 from fdbench.diagnosis.records.runs import RecordedRun, differences
 from fdbench.diagnosis.records.spectral_lines import component, fitted, lines_in_time, sharpened, tones
 from fdbench.diagnosis.settings import EVIDENCE, JUDGE, RECORDS
@@ -22,7 +24,6 @@ from fdbench.effects import Effect, Port
 from fdbench.plants.feed_drive import Following
 from fdbench.record import FloatArray
 
-FORCE, POSITION = "motor_force_N", "position_m"
 ASIDE = (-6, -5, -4, -3, 3, 4, 5, 6)  # resolved frequencies beside a line, that are its surroundings
 USUAL, TURNS = 0.2, 3.0  # relative change of speed, and turns of a line there, that tell whether it is over time
 
@@ -66,8 +67,8 @@ def without_forces_out_of_step(runs: Sequence[RecordedRun], nominal: Nominal, re
     if not lines:
         return OutOfStep(runs=list(runs))
     own = [[sharpened(_gap(run, FORCE), line * run.period_s) for line in lines] for run in runs]
-    found = [_line(runs, [item[place] for item in own], nominal, replay) for place in range(len(lines))]
-    kinds = [kind for kind in nominal.library if kind.port is Port.TABLE_FORCE and _shape(kind) is not None]
+    kind = next((item for item in nominal.library if item.port is Port.TABLE_FORCE and _shape(item)), None)
+    found = [_line(runs, [item[place] for item in own], kind, nominal, replay) for place in range(len(lines))]
     cleaned, removed = [], []
     for run, frequencies in zip(runs, own, strict=True):
         names = list(run.channels)
@@ -79,19 +80,19 @@ def without_forces_out_of_step(runs: Sequence[RecordedRun], nominal: Nominal, re
         cleaned.append(dataclasses.replace(run, channels=channels, left=left))
     forces = [line for line in found if line.is_answered is not False]
     artefact = None
-    if kinds and forces:
+    if kind is not None and forces:
         strongest = max(forces, key=lambda line: float(line.amplitudes_N.mean()))
         amplitude = float(strongest.amplitudes_N.mean())
         half = 1.96 * float(strongest.amplitudes_N.std()) / np.sqrt(len(runs))
         artefact = Artefact(
-            kind=kinds[0],
+            kind=kind,
             probability=EVIDENCE.answered if strongest.is_answered else EVIDENCE.unanswered,
             value=amplitude,
             low=max(amplitude - half, 0.0),
             high=amplitude + half,
             energy={name: float(np.mean([own[name] for own in removed])) for name in runs[0].channels},
             interpolated=True,
-            further={str(_shape(kinds[0])): strongest.frequency_Hz},
+            further={_shape(kind): strongest.frequency_Hz},
         )
     return OutOfStep(runs=cleaned, artefact=artefact, warnings=tuple(map(_words, found)))
 
@@ -141,7 +142,13 @@ def _is_at_any_speed(run: RecordedRun, frequency: float) -> bool:
     return bool(other.sum() * frequency > TURNS and gap[other] @ tone[other] > 0.5 * (tone[other] @ tone[other]))
 
 
-def _line(runs: Sequence[RecordedRun], frequencies: Sequence[float], nominal: Nominal, replay: Replay) -> _Line:
+def _line(
+    runs: Sequence[RecordedRun],
+    frequencies: Sequence[float],
+    kind: type[Effect] | None,
+    nominal: Nominal,
+    replay: Replay,
+) -> _Line:
     """Return a line that each run has at its own frequency (cycles per sample)."""
     force = np.array([abs(component(_gap(run, FORCE), own)) for run, own in zip(runs, frequencies, strict=True)])
     answers, beside = 0.0, 0.0
@@ -152,10 +159,10 @@ def _line(runs: Sequence[RecordedRun], frequencies: Sequence[float], nominal: No
         beside += float(np.mean([abs(component(gap, other)) ** 2 for other in aside]))
     frequency_Hz = float(np.mean(frequencies)) / runs[0].period_s
     is_answered: bool | None = answers > EVIDENCE.answer * beside
-    if isinstance(nominal.drive.controller, Following):
+    if kind is None or isinstance(nominal.drive.controller, Following):
         # What a controller that nobody knows makes of a force is not known either.
         return _Line(frequency_Hz=frequency_Hz, amplitudes_N=force, is_answered=is_answered or None)
-    per_N, moved_per_N = _response(runs[0], frequency_Hz, float(force.mean()), nominal, replay)
+    per_N, moved_per_N = _response(runs[0], kind, frequency_Hz, float(force.mean()), nominal, replay)
     expected = float(np.sum((force * moved_per_N / per_N) ** 2))
     if not is_answered and expected < EVIDENCE.answer * beside:
         is_answered = None
@@ -163,11 +170,15 @@ def _line(runs: Sequence[RecordedRun], frequencies: Sequence[float], nominal: No
 
 
 def _response(
-    run: RecordedRun, frequency_Hz: float, amplitude_N: float, nominal: Nominal, replay: Replay
+    run: RecordedRun,
+    kind: type[Effect],
+    frequency_Hz: float,
+    amplitude_N: float,
+    nominal: Nominal,
+    replay: Replay,
 ) -> tuple[float, float]:
     """Return the amplitudes of the force's and of the position's reading for a periodic force on the table of 1 N."""
-    kind = next(item for item in nominal.library if item.port is Port.TABLE_FORCE and _shape(item) is not None)
-    force = kind.typical(**{kind.amplitude: amplitude_N, str(_shape(kind)): frequency_Hz})
+    force = kind.typical(**{kind.amplitude: amplitude_N, _shape(kind): frequency_Hz})
     without = start(nominal).variant
     own = replay.simulate(run, [without, Variant(plant=without.plant, extra=(force,))])
     change = {name: own[name][1] - own[name][0] for name in (FORCE, POSITION)}
@@ -175,10 +186,10 @@ def _response(
     return max(found[0], 1e-12), found[1]
 
 
-def _shape(kind: type[Effect]) -> str | None:
-    """Return the parameter of a class of effects that is a line over time, if it is no special form of another."""
+def _shape(kind: type[Effect]) -> str:
+    """Return the parameter of an effect that is a line over time, empty without one and for a form of another."""
     lines = [item.name for item in kind.parameters() if item.locate == "line"]
-    return lines[0] if lines and not kind.same_signal_as else None
+    return lines[0] if lines and not kind.same_signal_as else ""
 
 
 def _gap(run: RecordedRun, name: str) -> FloatArray:

@@ -16,6 +16,7 @@ from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, changed_by, re
 from fdbench.diagnosis.model.candidates import phase_of
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.conditions import FORCE
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import EVIDENCE
@@ -27,7 +28,6 @@ SUDDEN = 3.0  # times what 95 % of the bends are below
 SAME = 1e-9  # of the travel, by which equal readings differ by rounding
 ROUNDS = 3  # the wave is one over the true position, which readings less the wave are
 TURNS, FEWEST = 32, 40  # bins of the wave's turn from sample to sample, and samples that make one
-FORCE = "motor_force_N"
 PARTS = 40  # of a run, that belong in turn to either of two halves
 
 

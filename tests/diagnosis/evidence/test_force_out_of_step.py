@@ -77,6 +77,13 @@ def test_a_force_out_of_step_is_named_with_its_size_and_taken_out_of_the_noise()
     assert answer.gap.channels["motor_force_N"].noise_floor < 0.1 * AMPLITUDE_N
 
 
+def test_an_axis_that_cannot_have_one_is_given_none() -> None:
+    nominal = Nominal(plant=drive(), simulation=Simulation(substeps=10), exclude=("periodic_force",))
+    answer = diagnose(nominal, records(turning, 100)).answer
+    assert named(answer) == []
+    assert sum("which is not in step with their command" in text for text in answer.warnings) == 1
+
+
 def test_motions_that_were_recorded_once_show_it_too() -> None:
     once = [
         turning(motion, duration_s, seed)
