@@ -40,7 +40,7 @@ class Exchange:
 
 
 def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Exchange | None:
-    r"""Return the most probable exchange of a value for an effect of its type, if there is one.
+    r"""Return the most probable exchange of a value for an effect of its family, such as friction, if there is one.
 
     The search weighs what friction may do in each run, so that a value moves there for nothing, and an effect that
     would make this unnecessary has nothing to explain. Compared as they are, with the misfits M and penalties p of
@@ -61,8 +61,8 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
     """
     moved = _distances(base)
     wrong = {name: size for name, size in moved.items() if size > JUDGE.beyond_doubt and not _named(base, name)}
-    types = {effects.get(name).type_of() for name in wrong}
-    tried = [rival for rival in stage.rivals if _is_tried(rival, base) and rival.kind.type_of() in types]
+    families = {_family(effects.get(name)) for name in wrong}
+    tried = [rival for rival in stage.rivals if _is_tried(rival, base) and _family(rival.kind) in families]
     if not tried:
         return None
     hypotheses = [(rival.kind, search.refinement.refine(_with(base, rival)), True) for rival in tried]
@@ -78,8 +78,7 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
         )
         for rival in compared.rivals
         for name, size in wrong.items()
-        if effects.get(name).type_of() == rival.kind.type_of()
-        and _distances(rival.hypothesis)[name] < SEARCH.back * size
+        if _family(effects.get(name)) == _family(rival.kind) and _distances(rival.hypothesis)[name] < SEARCH.back * size
     ]
     return max(found, key=lambda item: item.log_odds, default=None)
 
@@ -96,6 +95,11 @@ def _distances(hypothesis: Hypothesis) -> dict[str, float]:
             far = 0.0 if item.gone_with(hypothesis.replaced) else abs(shift)
             found[name] = max(found.get(name, 0.0), far)
     return found
+
+
+def _family(kind: type[Effect]) -> str:
+    """Return what a type of cause is, whatever it depends on: friction over velocity and over time are friction."""
+    return kind.type_of().partition("_over_")[0]
 
 
 def _named(hypothesis: Hypothesis, name: str) -> bool:
