@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdbench.diagnosis.evidence.sensor_artefacts import Artefact
+from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, beyond
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import RecordedRun, same_command
 from fdbench.record import FloatArray
@@ -51,10 +51,8 @@ class Baseline:
         return all(self.of(run) is not None for run in runs)
 
     def since(self, artefact: Artefact) -> Artefact:
-        """Return what readings show now, improbable as a cause where it was there before and is not surely larger."""
-        before = [item.high for item in self.artefacts if item.kind.declared is artefact.kind.declared]
-        was_there = artefact.low <= max(before, default=0.0)
-        return dataclasses.replace(artefact, probability=0.0) if was_there else artefact
+        """Return what readings show now, as a cause `beyond` what they showed before."""
+        return beyond(artefact, [item.high for item in self.artefacts if item.kind.declared is artefact.kind.declared])
 
     def noise(self, found: Mapping[str, NoiseModel], runs: Sequence[RecordedRun]) -> Mapping[str, NoiseModel]:
         r"""Return noise models that hold for corrected runs: the baseline's own noise is in all repeats alike.

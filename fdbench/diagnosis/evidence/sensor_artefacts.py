@@ -130,13 +130,16 @@ def grid_artefact(runs: Sequence[RecordedRun], replay: Replay, length: float) ->
     )
 
 
-def beside_known(artefact: Artefact, drive: FeedDrive) -> Artefact:
-    """Return what readings show, improbable as a cause where the model knows it and it is not surely larger."""
-    known = [
-        abs(float(getattr(item, item.amplitude))) for item in drive.effects if item.declared is artefact.kind.declared
-    ]
+def beyond(artefact: Artefact, known: Sequence[float]) -> Artefact:
+    """Return what readings show, improbable as a cause where such an amplitude is known and it is not surely larger."""
     is_known = artefact.low <= max(known, default=0.0)
     return dataclasses.replace(artefact, probability=0.0) if is_known else artefact
+
+
+def beside_known(artefact: Artefact, drive: FeedDrive) -> Artefact:
+    """Return what readings show, as a cause `beyond` what the model knows of it."""
+    alike = [item for item in drive.effects if item.declared is artefact.kind.declared]
+    return beyond(artefact, [abs(float(getattr(item, item.amplitude))) for item in alike])
 
 
 def of_the_log(grid: Artefact, noise_models: Mapping[str, NoiseModel]) -> Artefact:
