@@ -65,7 +65,7 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
     tried = [rival for rival in stage.rivals if _is_tried(rival, base) and _family(rival.kind) in families]
     if not tried:
         return None
-    hypotheses = [(rival.kind, search.refinement.refine(_with(base, rival)), True) for rival in tried]
+    hypotheses = [(rival.kind, search.refinement.refine(rival.added_to(base, stage.base)), True) for rival in tried]
     compared = search.compared(base, hypotheses)
     as_it_is = compared.log_evidence(compared.misfit, compared.penalty) + 0.5 * base.cost_of_a_cause
     found = [
@@ -108,9 +108,3 @@ def _named(hypothesis: Hypothesis, name: str) -> bool:
 
 def _is_tried(rival: Rival, base: Hypothesis) -> bool:
     return rival.refined and not base.has(rival.kind) and rival.hypothesis.has(rival.kind)
-
-
-def _with(base: Hypothesis, rival: Rival) -> Hypothesis:
-    own = next(item for item in rival.hypothesis.effects if type(item) is rival.kind)
-    replaced = set(rival.hypothesis.replaced) - set(base.replaced)
-    return base.with_effect(own, *replaced)

@@ -135,8 +135,8 @@ class Search:
         for rival in others:
             if rival.hypothesis.replaced == best.hypothesis.replaced:
                 self.progress(f"{rival.kind.name} in place of {best.kind.name}")
-                own = next(effect for effect in rival.hypothesis.effects if type(effect) is rival.kind)
-                exchanged = self.refinement.refine(best.hypothesis.without_effect(best.kind).with_effect(own))
+                exchanged = best.hypothesis.without_effect(best.kind).with_effect(rival.effect)
+                exchanged = self.refinement.refine(exchanged)
                 if self.refinement.better(base, [rival.hypothesis, exchanged]) is exchanged:
                     again[rival.kind] = exchanged
         if not again:
@@ -207,8 +207,7 @@ class Search:
         found = [(kind, final, True)]
         for rival in origin.rivals:
             if rival.refined and rival.kind not in present:
-                replaced = set(rival.hypothesis.replaced) - set(origin.base.replaced)
-                tried = others.with_effect(rival.hypothesis.effects[-1], *replaced)
+                tried = rival.added_to(others, origin.base)
                 found.append((rival.kind, self.refinement.refine(tried), True))
         return self.contested(others, found)
 

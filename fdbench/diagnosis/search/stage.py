@@ -47,6 +47,15 @@ class Rival:
     paraphrase: bool = False
     paired: float = 0.0
 
+    @property
+    def effect(self) -> Effect:
+        """The effect that it adds to its base."""
+        return next(item for item in self.hypothesis.effects if type(item) is self.kind)
+
+    def added_to(self, other: Hypothesis, base: Hypothesis) -> Hypothesis:
+        """Return another hypothesis with its effect, in place of what it replaced of its base."""
+        return other.with_effect(self.effect, *(set(self.hypothesis.replaced) - set(base.replaced)))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stage:
