@@ -15,9 +15,7 @@ from fdbench.diagnosis.evidence.sensor_artefacts import Artefact
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay, Variant
-from fdbench.diagnosis.records.conditions import FORCE
-from fdbench.diagnosis.records.noise_model import POSITION
-from fdbench.diagnosis.records.runs import RecordedRun, differences
+from fdbench.diagnosis.records.runs import FORCE, POSITION, RecordedRun, differences
 from fdbench.diagnosis.records.spectral_lines import component, fitted, lines_in_time, sharpened, tones
 from fdbench.diagnosis.settings import EVIDENCE, JUDGE, RECORDS
 from fdbench.effects import Effect, Port
@@ -63,7 +61,8 @@ def without_forces_out_of_step(runs: Sequence[RecordedRun], nominal: Nominal, re
     replay : Replay
         Tells what the position would do if the line were a force.
     """
-    lines = lines_between_repeats(runs) if differences(runs, FORCE) else lines_of_all(runs)
+    between = differences(runs, FORCE)
+    lines = lines_between_repeats(between, runs[0].period_s) if between else lines_of_all(runs)
     if not lines:
         return OutOfStep(runs=list(runs))
     own = [[sharpened(_gap(run, FORCE), line * run.period_s) for line in lines] for run in runs]
@@ -97,16 +96,22 @@ def without_forces_out_of_step(runs: Sequence[RecordedRun], nominal: Nominal, re
     return OutOfStep(runs=cleaned, artefact=artefact, warnings=tuple(map(_words, found)))
 
 
-def lines_between_repeats(runs: Sequence[RecordedRun]) -> list[float]:
+def lines_between_repeats(between: Sequence[FloatArray], period_s: float) -> list[float]:
     """Return the lines (Hz) that make a good part of what the force of repeats differs by.
 
     A force that is periodic, but not in step with the command, comes at another phase each time.
+
+    Parameters
+    ----------
+    between : sequence of (n_samples,) array
+        What the force of each repeat differs by from the one before, at least once.
+    period_s : float
+        Sampling time.
     """
-    left, period_s = differences(runs, FORCE), runs[0].period_s
     found = []
-    for line in lines_in_time([own[None] for own in left], period_s):
-        taken = [fitted(own[None], tones(len(own), [sharpened(own, line * period_s)])) for own in left]
-        if sum(float(np.sum(own**2)) for own in taken) > JUDGE.force_line * sum(float(own @ own) for own in left):
+    for line in lines_in_time([own[None] for own in between], period_s):
+        taken = [fitted(own[None], tones(len(own), [sharpened(own, line * period_s)])) for own in between]
+        if sum(float(np.sum(own**2)) for own in taken) > JUDGE.force_line * sum(float(own @ own) for own in between):
             found.append(line)
     return found
 

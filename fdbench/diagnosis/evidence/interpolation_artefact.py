@@ -16,9 +16,8 @@ from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, changed_by, re
 from fdbench.diagnosis.model.candidates import phase_of
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay
-from fdbench.diagnosis.records.conditions import FORCE
 from fdbench.diagnosis.records.noise_model import NoiseModel
-from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.diagnosis.records.runs import FORCE, RecordedRun
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.effects import Effect, Parameter, Port
 from fdbench.record import FloatArray

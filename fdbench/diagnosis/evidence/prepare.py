@@ -7,7 +7,12 @@ import numpy as np
 
 from fdbench.diagnosis.evidence.baseline import Baseline
 from fdbench.diagnosis.evidence.force_out_of_step import without_forces_out_of_step
-from fdbench.diagnosis.evidence.interpolation_artefact import interpolation_artefact, interpolation_error, waves
+from fdbench.diagnosis.evidence.interpolation_artefact import (
+    InterpolationError,
+    interpolation_artefact,
+    interpolation_error,
+    waves,
+)
 from fdbench.diagnosis.evidence.run_to_run import Repeatability
 from fdbench.diagnosis.evidence.sensor_artefacts import (
     Artefact,
@@ -34,7 +39,7 @@ from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun, merged, prep
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import Following
-from fdbench.record import Record
+from fdbench.record import FloatArray, Record
 from fdbench.statistics import rms
 
 
@@ -95,90 +100,46 @@ def aligned(
         raise RecordError("no records: at least one is needed, better three repeats of several motions.")
     records, holdouts = nominal.on_the_arc(records), nominal.on_the_arc(holdouts)
     records, holdouts, copies = without_copies(records, holdouts)
-    nominal, raw_runs, warnings = prepared(nominal, [*records, *holdouts], on_paper=baseline is None)
-    warnings = [*copies, *warnings]
-    drive = nominal.drive
-    check_alike(raw_runs)
-    for run in raw_runs if logged else ():
-        check_record(run.as_read(), drive)
-    fastest = max(float(np.abs(run.reference[:, 1]).max()) for run in raw_runs)
-    longest = max(run.n_samples * run.period_s for run in raw_runs)
-    force = max(rms(run.channels["motor_force_N"]) for run in raw_runs)
-    period = raw_runs[0].period_s
-    covered = Covered(
-        fastest_m_per_s=fastest,
-        longest_s=longest,
-        force_N=force,
-        period_s=period,
-        before=baseline is not None,
-        two_positions=DEFLECTION in raw_runs[0].channels,
-        velocity_told=all("reference_velocity_m_per_s" in record for record in (*records, *holdouts)),
-    )
-    nominal = nominal.beside(covered)
-    # A model that follows the measured motion follows its errors, too.
-    follows = isinstance(drive.controller, Following)
-    as_read = [run.as_read() for run in raw_runs]
-    error = None if follows else interpolation_error(as_read, nominal)
-    nominal = nominal.beside(dataclasses.replace(covered, seen=waves(nominal.library)))
+    nominal, runs, said = prepared(nominal, [*records, *holdouts], on_paper=baseline is None)
+    check_alike(runs)
+    for run in runs if logged else ():
+        check_record(run.as_read(), nominal.drive)
+    told = all("reference_velocity_m_per_s" in record for record in (*records, *holdouts))
+    nominal, error = _as_recorded(nominal, runs, before=baseline is not None, velocity_told=told)
     drive = nominal.drive
     replay, given = _replay(nominal), start(nominal)
-    warnings += [*limits_of_forces(as_read, drive), *scale_warnings(as_read, drive)]
-    runs: list[RecordedRun] = []
-    counts, unsteady, fresh = [], [], []
-    simulated = replay.on_each(raw_runs, given.variant)
-    raw_runs, said = with_common_zeros(raw_runs, simulated)
-    warnings += said
-    for run, as_nominal in zip(raw_runs, simulated, strict=True):
-        warnings += check_alignment(run, as_nominal)
-        mended, n_held = interpolated(run, as_nominal)
-        fresh.append(mended)
-        if baseline is not None:
-            mended = baseline.corrected(mended)
-            if baseline.of(mended) is None:
-                warnings.append(
-                    f"{run.name}: no baseline record has its command, so the error of the model's form does not cancel."
-                )
-        if restless(mended):
-            mended = dataclasses.replace(mended, lap=None)
-            unsteady.append(mended)
-            warnings.append(
-                f"{run.name}: its laps differ by more than a tenth of the force. A force acts that does not repeat "
-                "with the motion; it is shown by itself, and what else is named was told beside it."
-            )
-        runs.append(mended.beside(as_nominal))
-        counts.append(n_held)
-    others = apart(runs)
-    left_out = [any(run is item.run for item in others) for run in runs]
+    as_read = [run.as_read() for run in runs]
+    warnings = [*copies, *said, *limits_of_forces(as_read, drive), *scale_warnings(as_read, drive)]
+    simulated = replay.on_each(runs, given.variant)
+    runs, said = with_common_zeros(runs, simulated)
+    every = [_beside_model(run, own, baseline) for run, own in zip(runs, simulated, strict=True)]
+    warnings += [*said, *(text for item in every for text in item.warnings)]
+    others = apart([item.run for item in every])
     fitted, judged = (
-        [run for run, out in zip(runs[part], left_out[part], strict=True) if not out]
-        for part in (slice(len(records)), slice(len(records), None))
+        [item for item in part if all(item.run is not other.run for other in others)]
+        for part in (every[: len(records)], every[len(records) :])
     )
     if not fitted:
         fitted, judged = judged, []
-    runs, raw_runs, fresh = (
-        [run for run, out in zip(own, left_out, strict=True) if not out] for own in (runs, raw_runs, fresh)
-    )
-    counts = [count for count, out in zip(counts, left_out, strict=True) if not out]
-    out_of_step = without_forces_out_of_step([*fitted, *judged], nominal, replay)
-    fitted, judged = out_of_step.runs[: len(fitted)], out_of_step.runs[len(fitted) :]
-    runs, warnings = [*fitted, *judged], [*warnings, *out_of_step.warnings]
-    split, judged_on = split_runs(fitted, judged, noise_models(runs, nominal.way))
+    kept = [*fitted, *judged]
+    out_of_step = without_forces_out_of_step([item.run for item in kept], nominal, replay)
+    runs, warnings = out_of_step.runs, [*warnings, *out_of_step.warnings]
+    split, judged_on = split_runs(runs[: len(fitted)], runs[len(fitted) :], noise_models(runs, nominal.way))
     if baseline is not None:
         split = dataclasses.replace(split, noise_models=baseline.noise(split.noise_models, split.runs))
-    held = held_artefact(raw_runs, fresh, counts)
+    held = held_artefact([item.read for item in kept], [item.bridged for item in kept], [item.n_held for item in kept])
     artefacts = [item for item in (held, out_of_step.artefact) if item is not None]
-    grid = grid_artefact([run.as_read() for run in runs], replay, nominal.scale.length)
+    as_read = [run.as_read() for run in runs]
+    grid = grid_artefact(as_read, replay, nominal.scale.length)
     grid = None if grid is None else of_the_log(grid, split.noise_models)
     if grid is not None and mean_energy(grid, split.noise_models) > EVIDENCE.smallest_artefact:
         split = dataclasses.replace(split, noise_models=raised(split.noise_models, grid.energy))
         artefacts.append(grid)
     if error is not None:
-        wave = interpolation_artefact(error, [run.as_read() for run in runs], replay, split.noise_models)
+        wave = interpolation_artefact(error, as_read, replay, split.noise_models)
         split = dataclasses.replace(split, noise_models=raised(split.noise_models, wave.energy))
         artefacts.append(wave)
     artefacts = [beside_known(artefact, drive) for artefact in artefacts]
-    if baseline is not None:
-        artefacts = [baseline.since(artefact) for artefact in artefacts]
     return Aligned(
         nominal=nominal,
         runs=runs,
@@ -186,9 +147,69 @@ def aligned(
         readings=Readings(replay, split.runs),
         split=split,
         judged_on=judged_on,
-        artefacts=artefacts,
+        artefacts=artefacts if baseline is None else [baseline.since(artefact) for artefact in artefacts],
         others=others,
-        unsteady=unsteady,
+        unsteady=[item.run for item in every if item.is_unsteady],
+        warnings=warnings,
+    )
+
+
+def _as_recorded(
+    nominal: Nominal, runs: Sequence[RecordedRun], *, before: bool, velocity_told: bool
+) -> tuple[Nominal, InterpolationError | None]:
+    """Return the model with what records cover of it, and the error of interpolation that their readings show."""
+    covered = Covered(
+        fastest_m_per_s=max(float(np.abs(run.reference[:, 1]).max()) for run in runs),
+        longest_s=max(run.n_samples * run.period_s for run in runs),
+        force_N=max(rms(run.channels["motor_force_N"]) for run in runs),
+        period_s=runs[0].period_s,
+        before=before,
+        two_positions=DEFLECTION in runs[0].channels,
+        velocity_told=velocity_told,
+    )
+    nominal = nominal.beside(covered)
+    # A model that follows the measured motion follows its errors, too.
+    follows = isinstance(nominal.drive.controller, Following)
+    error = None if follows else interpolation_error([run.as_read() for run in runs], nominal)
+    return nominal.beside(dataclasses.replace(covered, seen=waves(nominal.library))), error
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class _BesideModel:
+    """A run as it was read, with the samples bridged that the logger held, and as it is compared with its model."""
+
+    read: RecordedRun
+    bridged: RecordedRun
+    n_held: int
+    run: RecordedRun
+    is_unsteady: bool
+    warnings: list[str]
+
+
+def _beside_model(read: RecordedRun, as_nominal: Mapping[str, FloatArray], baseline: Baseline | None) -> _BesideModel:
+    """Return a run beside what the nominal model has, less what a baseline has of it already."""
+    warnings = [*check_alignment(read, as_nominal)]
+    bridged, n_held = interpolated(read, as_nominal)
+    run = bridged
+    if baseline is not None:
+        run = baseline.corrected(bridged)
+        if baseline.of(run) is None:
+            warnings.append(
+                f"{run.name}: no baseline record has its command, so the error of the model's form does not cancel."
+            )
+    is_unsteady = restless(run)
+    if is_unsteady:
+        run = dataclasses.replace(run, lap=None)
+        warnings.append(
+            f"{run.name}: its laps differ by more than a tenth of the force. A force acts that does not repeat "
+            "with the motion; it is shown by itself, and what else is named was told beside it."
+        )
+    return _BesideModel(
+        read=read,
+        bridged=bridged,
+        n_held=n_held,
+        run=run.beside(as_nominal),
+        is_unsteady=is_unsteady,
         warnings=warnings,
     )
 

@@ -11,9 +11,8 @@ from numba import njit
 
 from fdbench.compilation import kept
 from fdbench.diagnosis.model.replay import Replay, Variant
-from fdbench.diagnosis.records.conditions import FORCE
 from fdbench.diagnosis.records.noise_model import NoiseModel
-from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
+from fdbench.diagnosis.records.runs import DEFLECTION, FORCE, RecordedRun
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.effects import Effect, Port, effects
 from fdbench.plants.feed_drive import FeedDrive

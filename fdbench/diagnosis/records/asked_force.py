@@ -5,9 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fdbench.diagnosis.records.damage import FORCE
 from fdbench.diagnosis.records.low_pass import low_passed
-from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
+from fdbench.diagnosis.records.runs import DEFLECTION, FORCE, POSITION, RecordedRun
 from fdbench.diagnosis.settings import PLAUSIBLE
 from fdbench.plants.feed_drive import Cascade, FeedDrive
 from fdbench.record import FloatArray
@@ -50,7 +49,7 @@ def force_scale(run: RecordedRun, controller: Cascade) -> float | None:
     limited = np.abs(force).max() > PLAUSIBLE.greatest_force * controller.force_limit_N
     if asked is None or limited or PLAUSIBLE.asked_Hz * run.period_s > 0.4:
         return None
-    position = run.channels["position_m"]
+    position = run.channels[POSITION]
     columns = [asked, np.ones(len(force)), np.arange(len(force)) * run.period_s, position, np.gradient(position)]
     low = low_passed(np.array([force, *columns]), PLAUSIBLE.asked_Hz, run.period_s)
     inner = slice(len(force) // 20, -(len(force) // 20) or None)
@@ -70,7 +69,7 @@ def asked_force(run: RecordedRun, controller: Cascade) -> FloatArray | None:
 
     None where it reads what is not there. The integral of the law of `fdbench.plants.feed_drive.Cascade` begins at 0.
     """
-    position = run.channels["position_m"]
+    position = run.channels[POSITION]
     own_side = controller.velocity_feedback in (None, controller.feedback)
     if not own_side and DEFLECTION not in run.channels:
         return None

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdbench.diagnosis.records.runs import RecordedRun, between_laps, by_command, deviations, same_command
+from fdbench.diagnosis.records.runs import FORCE, RecordedRun, between_laps, by_command, deviations, same_command
 from fdbench.diagnosis.settings import RECORDS
 from fdbench.record import FloatArray
 from fdbench.statistics import rms
-
-FORCE = "motor_force_N"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

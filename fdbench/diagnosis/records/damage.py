@@ -5,14 +5,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.diagnosis.records.runs import COMMAND, RecordedRun
+from fdbench.diagnosis.records.runs import COMMAND, FORCE, POSITION, RecordedRun
 from fdbench.diagnosis.settings import PLAUSIBLE
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 from fdbench.units import time_text
-
-FORCE, POSITION = "motor_force_N", "position_m"
 
 
 def check_damage(run: RecordedRun, drive: FeedDrive, noise_m: float) -> None:

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fdbench.diagnosis.records.damage import FORCE, stretches
-from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.diagnosis.records.damage import stretches
+from fdbench.diagnosis.records.runs import FORCE, RecordedRun
 from fdbench.diagnosis.settings import PLAUSIBLE
 from fdbench.plants.feed_drive import Cascade, FeedDrive
 from fdbench.record import FloatArray

@@ -10,12 +10,11 @@ from functools import cached_property
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from fdbench.diagnosis.records.runs import RecordedRun, differences
+from fdbench.diagnosis.records.runs import POSITION, RecordedRun, differences
 from fdbench.diagnosis.settings import RECORDS
 from fdbench.record import FloatArray
 
 SMALLEST = 1e-12
-POSITION = "position_m"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -6,14 +6,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fdbench.diagnosis.records.damage import check_damage, check_force_is_alive, check_force_is_own
-from fdbench.diagnosis.records.runs import COMMAND, RecordedRun
+from fdbench.diagnosis.records.runs import COMMAND, FORCE, POSITION, RecordedRun
 from fdbench.diagnosis.settings import PLAUSIBLE
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray, Record
 from fdbench.units import time_text
 
-FORCE, POSITION = "motor_force_N", "position_m"
 PREFIXES = {1e3: "a thousand: millimetres, milliseconds or kilonewtons", 1e6: "a million: micrometres"}
 
 

@@ -16,7 +16,7 @@ from fdbench.record import FloatArray, Record, held_samples
 
 COMMAND = "reference_position_m"
 SIDES = ("motor_position_m", "table_position_m")
-DEFLECTION = "motor_minus_table_position_m"
+FORCE, POSITION, DEFLECTION = "motor_force_N", "position_m", "motor_minus_table_position_m"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +69,7 @@ class RecordedRun:
     @functools.cached_property
     def start(self) -> tuple[float, float]:
         """Position (m) and velocity (m/s) at the first sample, by a line through the first few."""
-        first = self.channels["position_m"][: RECORDS.start_samples]
+        first = self.channels[POSITION][: RECORDS.start_samples]
         slope, offset = np.polyfit(np.arange(len(first)) * self.period_s, first, 1)
         return float(offset), float(slope)
 
@@ -80,7 +80,7 @@ class RecordedRun:
         A controller that was switched on before the record has it in its integral. It is seen in the force as read:
         less what is left of a baseline, a force that builds up may seem to stand.
         """
-        speed, force = np.abs(self.reference[:, 1]), (self.readings or self.channels)["motor_force_N"]
+        speed, force = np.abs(self.reference[:, 1]), (self.readings or self.channels)[FORCE]
         moves = np.flatnonzero(speed > RECORDS.resting * speed.max())
         first, standing = force[: RECORDS.start_samples], force[: moves[0] if len(moves) else self.n_samples]
         if len(standing) < 4 * len(first):
@@ -186,7 +186,7 @@ COMMAND_RATES: Mapping[str, Callable[[FloatArray, float], FloatArray]] = {"centr
 
 def channels_of(record: Record, drive: FeedDrive, position: str) -> dict[str, FloatArray]:
     """Return what is compared: force, position of the loop, and the stretch where both positions were measured."""
-    channels = {"motor_force_N": drive.motor_force(record), "position_m": record[position]}
+    channels = {FORCE: drive.motor_force(record), POSITION: record[position]}
     if set(SIDES) <= set(record):
         channels[DEFLECTION] = record[SIDES[0]] - record[SIDES[1]]
     return {name: np.asarray(values, dtype=np.float64) for name, values in channels.items()}

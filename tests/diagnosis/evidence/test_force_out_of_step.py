@@ -13,7 +13,7 @@ from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.evidence.force_out_of_step import lines_between_repeats, lines_of_all
 from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
-from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.diagnosis.records.runs import FORCE, RecordedRun, differences
 from fdbench.effects import Effect, effects
 from fdbench.plants.feed_drive import RotaryMotor
 from fdbench.record import Record
@@ -132,8 +132,10 @@ def test_what_repeats_do_not_differ_by_is_no_line() -> None:
         channels = {**still.channels, "motor_force_N": wave + rng.standard_normal(2000)}
         return dataclasses.replace(still, channels=channels)
 
-    assert lines_between_repeats([run(5.0, 0.3) for _ in range(3)]) == [], "in step with the command"
-    assert lines_between_repeats([run(5.0, 0.3)]) == [], "nothing was repeated"
-    assert lines_between_repeats([run(0.0, 0.0) for _ in range(3)]) == [], "noise"
-    (line,) = lines_between_repeats([run(5.0, phase) for phase in (0.0, 2.0, 4.0)])
+    def lines(amplitude_N: float, *phases: float) -> list[float]:
+        return lines_between_repeats(differences([run(amplitude_N, phase) for phase in phases], FORCE), PERIOD_S)
+
+    assert lines(5.0, 0.3, 0.3, 0.3) == [], "in step with the command"
+    assert lines(0.0, 0.0, 0.0, 0.0) == [], "noise"
+    (line,) = lines(5.0, 0.0, 2.0, 4.0)
     assert line == pytest.approx(FREQUENCY_HZ, abs=0.05)
