@@ -82,13 +82,13 @@ class RecordedRun:
         """
         speed, force = np.abs(self.reference[:, 1]), (self.readings or self.channels)[FORCE]
         moves = np.flatnonzero(speed > RECORDS.resting * speed.max())
-        first, standing = force[: RECORDS.start_samples], force[: moves[0] if len(moves) else self.n_samples]
-        if len(standing) < 4 * len(first):
+        standing = force[: moves[0] if len(moves) else self.n_samples]
+        if len(standing) < 4 * RECORDS.start_samples:
             return 0.0
-        level, noise = float(standing.mean()), float(np.std(np.diff(standing))) / math.sqrt(2.0)
-        is_there = abs(level) > RECORDS.held * noise / math.sqrt(len(standing))
-        builds_up = abs(first.mean() - level) > 0.25 * abs(level) + RECORDS.held * noise / math.sqrt(len(first))
-        if builds_up or not is_there:
+        noise = float(np.std(np.diff(standing))) / math.sqrt(2.0)
+        is_there = abs(float(standing.mean())) > RECORDS.held * noise / math.sqrt(len(standing))
+        about_level = float(np.sum((standing - standing.mean()) ** 2))
+        if not is_there or about_level - _squares_about_rise(standing) > (RECORDS.held * noise) ** 2:
             return 0.0
         return float(np.polyfit(np.arange(len(standing)), standing, 1)[1])
 
@@ -116,6 +116,13 @@ class RecordedRun:
         """Return the run with what the nominal model leaves of it."""
         left = {name: values - nominal[name] for name, values in self.channels.items()}
         return dataclasses.replace(self, left=left)
+
+
+def _squares_about_rise(force: FloatArray) -> float:
+    r"""Return the squares that the best of rises :math:`a (1 - e^{-t / \tau})` from nothing leaves of a force."""
+    n = len(force)
+    rise = 1.0 - np.exp(-np.arange(n)[:, None] / (n * 0.5 ** np.arange(math.log2(n))))
+    return float(force @ force - np.max((force @ rise) ** 2 / np.sum(rise**2, axis=0)))
 
 
 def prepare(record: Record, drive: FeedDrive, rates: str = "central") -> RecordedRun:

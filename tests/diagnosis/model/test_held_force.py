@@ -47,6 +47,14 @@ def test_a_force_is_held_where_it_is_there_from_the_first_sample_to_the_first_mo
     assert run(builds_up + noise, 200).held_force_N == 0.0, "switched on as the record begins"
 
 
+def test_a_force_that_builds_up_is_told_however_loud_it_is() -> None:
+    rise = 50.0 * (1.0 - np.exp(-np.arange(400) / 40.0))
+    for seed in range(50):
+        noise = 17.0 * np.random.default_rng(seed).standard_normal(400)
+        assert run(rise + noise, 150).held_force_N == 0.0
+        assert run(50.0 + noise, 150).held_force_N == pytest.approx(50.0, abs=12.0)
+
+
 def test_a_force_that_builds_up_does_so_less_what_is_left_of_a_baseline() -> None:
     noise = np.random.default_rng(0).standard_normal(400)
     read = run(100.0 * (1.0 - np.exp(-np.arange(400) / 30.0)) + noise, 200)
