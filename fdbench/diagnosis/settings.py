@@ -131,6 +131,9 @@ class ModelSettings:
         "between 20 false and 5 true Stribeck frictions of opened axes of tier G",
     )
     far_fetched: float = number(5.0, "deviations of a nominal parameter beyond which it stands in for an effect")
+    changed: float = number(
+        2.0, "the same of a value that no cause changes, on a machine that was calibrated on its own baseline"
+    )
     line_step: float = number(3e-4, "relative step of a period in a fit", "a record holds hundreds of periods")
     step: float = number(0.1, "relative step of any other number of an effect in a fit")
     phase_step_rad: float = number(0.3, "step of a phase in a fit")

@@ -191,6 +191,9 @@ class Effect(ABC):
         Name of the parameter that scales the effect: at zero there is none.
     further_amplitudes : tuple of str
         Names of the parameters that scale further parts; there is no effect where all amplitudes are zero.
+    starts : tuple of float
+        Sizes at which a fit also begins, in units of the one that fits linearly: of what passes nothing on up to its
+        size, a fit from below stops there.
     needs_amplitude : bool
         Whether there is no such effect where its amplitude is next to nothing beside further ones.
     random : bool
@@ -230,6 +233,7 @@ class Effect(ABC):
     port: ClassVar[Port]
     states: ClassVar[tuple[str, ...]] = ()
     amplitude: ClassVar[str]
+    starts: ClassVar[tuple[float, ...]] = ()
     needs_amplitude: ClassVar[bool] = False
     random: ClassVar[bool] = False
     disturbance: ClassVar[bool] = False

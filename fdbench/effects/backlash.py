@@ -34,10 +34,11 @@ class Backlash(Effect):
     port = Port.TRANSMISSION
     rank = 1
     amplitude = "gap_m"
+    starts = (4.0, 16.0)
     cause_type = "play"
     confusable_with = ("axial_compliance", "lugre_friction")
 
-    gap_m: float = parameter("b", low=0.0, high=2e-4, typical=5e-6)
+    gap_m: float = parameter("b", low=0.0, high=2e-3, typical=5e-6)
 
     @kernel
     def kernel(t, h, x, v, u, b):

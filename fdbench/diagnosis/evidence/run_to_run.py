@@ -16,7 +16,7 @@ from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import PIECE, Replay
 from fdbench.diagnosis.records.noise_model import SMALLEST, NoiseModel, noise_models, spectrum_of
 from fdbench.diagnosis.records.runs import RecordedRun, deviations, repeated, same_command
-from fdbench.diagnosis.settings import EVIDENCE
+from fdbench.diagnosis.settings import EVIDENCE, RECORDS
 from fdbench.record import FloatArray
 
 
@@ -94,7 +94,7 @@ class Repeatability:
     Attributes
     ----------
     noise_models : mapping of str to NoiseModel
-        Noise of each channel; with repeated records, apart from what changes from run to run.
+        Noise of each channel, apart from what changes from run to run. Where nothing was repeated, both are assumed.
     """
 
     def __init__(self, replay: Replay, model: Hypothesis, runs: Sequence[RecordedRun]) -> None:
@@ -104,6 +104,8 @@ class Repeatability:
         self._root = assumed_root(model)
         pairs = repeated(runs)
         if not pairs:
+            if self._root.any() and not any(floor.measured for floor in self.noise_models.values()):
+                self.noise_models = self._with_assumed_changes(runs)
             return
         names = list(runs[0].channels)
         differences = [
@@ -134,6 +136,16 @@ class Repeatability:
     def covariance(self) -> FloatArray:
         """Covariance of the nominal parameters from run to run, in their standard deviations, (n_values, n_values)."""
         return np.asarray(self._root @ self._root.T)
+
+    def _with_assumed_changes(self, runs: Sequence[RecordedRun]) -> dict[str, NoiseModel]:
+        """Return floors that are assumed, and what changes that are assumed, too, would add from run to run."""
+        changes = [np.tensordot(self._root.T, self._responses(run), 1) for run in runs]
+        found = {}
+        for place, (name, floor) in enumerate(self.noise_models.items()):
+            every = [[own[index, place] for own in changes] for index in range(len(self._root))]
+            between = np.sum([spectrum_of(own, RECORDS.piece_samples) for own in every], axis=0)
+            found[name] = dataclasses.replace(floor, from_run_to_run=between)
+        return found
 
     def _responses(self, run: RecordedRun) -> FloatArray:
         known = next((found for other, found in self._known if same_command(run, other)), None)

@@ -11,6 +11,7 @@ from fdbench.diagnosis.model.parameter_vector import longest_s
 from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import Effect, Port
 
+NEIGHBOUR = 3.0  # ratio of neighbouring speeds of a grid
 QUARTER_TURN = math.pi / 2.0
 
 
@@ -141,10 +142,17 @@ def _fastest_Hz(effect: Effect) -> float:
     return max((float(getattr(effect, item.name)) for item in searched), default=0.0)
 
 
+def _speeds(base: Hypothesis, grid: Sequence[float]) -> Sequence[float]:
+    """Return a grid of speeds; of an axis far faster or slower than usual, also the same shares of its fastest."""
+    nominal = base.nominal
+    ratio = nominal.covered.fastest_m_per_s / (MODEL.usual_speed_m_per_s * nominal.scale.of("m/s"))
+    return grid if 1.0 / NEIGHBOUR < ratio < NEIGHBOUR else (*grid, *(value * ratio for value in grid))
+
+
 def _of_kind(base: Hypothesis, kind: type[Effect], located: Mapping[str, Sequence[float]] | None) -> list[Candidate]:
     axes = []
     for item in kind.parameters():
-        values: Sequence[float] = item.grid
+        values: Sequence[float] = _speeds(base, item.grid) if item.unit == "m/s" else item.grid
         if item.locate:
             values = item.grid or (item.typical,) if located is None else located.get(item.locate, ())
         if item.locate or values:

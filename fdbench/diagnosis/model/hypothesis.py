@@ -147,14 +147,20 @@ class Hypothesis:
 
     @functools.cached_property
     def implausible(self) -> float:
-        """What of `far_fetched` speaks against it: where the machine was well before, a changed value is a cause."""
+        """What of the prior penalty speaks against it: that of values which are `far_fetched`.
+
+        Where the machine was well before, a changed value is a cause, and what no cause changes is as it was: there
+        ``MODEL.changed`` deviations are far enough.
+        """
         if not self.nominal.covered.before:
             return self.far_fetched
         scale = nominal_parameters(self.nominal)
-        return dataclasses.replace(
-            self,
-            shifts=tuple(0.0 if item.cause(self.nominal) else x for item, x in zip(scale, self.shifts, strict=True)),
-        ).far_fetched
+        nameless = (
+            shift
+            for item, shift in zip(scale, self.shifts, strict=True)
+            if item.nuisance or not item.cause(self.nominal)
+        )
+        return sum(max(0.0, penalty(shift) - penalty(MODEL.changed)) for shift in nameless)
 
     @property
     def strain(self) -> float:

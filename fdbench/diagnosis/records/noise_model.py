@@ -124,13 +124,14 @@ def without_profile(runs: Sequence[RecordedRun], signals: Sequence[FloatArray], 
     return [left[start:end] for start, end in itertools.pairwise(first)]
 
 
-def spectrum_of(signals: Sequence[FloatArray]) -> FloatArray:
+def spectrum_of(signals: Sequence[FloatArray], length: int | None = None) -> FloatArray:
     """Return the mean square of signals at frequencies from 0 Hz to half the sampling rate, (n_frequencies,).
 
     By Welch's method (1967): pieces that overlap by half, Hann's window; scaled to the mean square of all samples.
+    Without a ``length``, pieces are long ones where all signals are as long.
     """
     short, long = RECORDS.piece_samples, RECORDS.long_piece_samples
-    length = short if min(len(values) for values in signals) < long else long
+    length = length or (short if min(len(values) for values in signals) < long else long)
     power = _powers(signals, length, without_trend=False).mean(axis=0)
     mean_square = sum(float(values @ values) for values in signals) / sum(len(values) for values in signals)
     return np.asarray(power * (mean_square / max(float(power.sum()), SMALLEST**2)))

@@ -59,10 +59,12 @@ class Search:
         return base, stages
 
     def stage(self, base: Hypothesis) -> Stage | None:
-        """Rank all classes of effects as the next one; None where the base leaves noise alone."""
+        """Rank all classes of effects as the next one; None where the base leaves noise alone, and does not strain."""
         fitted = self.split.fitted
         before = self._screen(base, (), fitted)
-        if before.alone.train < SEARCH.noise_alone:
+        # Values that strain may hide an effect where noise alone is left, too.
+        strains = base.named_penalty() > base.cost_of_a_cause
+        if before.alone.train < SEARCH.noise_alone and not strains:
             return None
         every = candidates(base, located(self.readings, self.split, base), self.split.runs[0].period_s)
         if len(fitted) > 1:  # most that is too large is seen to be so on a part of the records
@@ -246,11 +248,17 @@ class Search:
         return best
 
     def _starts(self, base: Hypothesis, hypothesis: Hypothesis, candidate: Candidate) -> list[Hypothesis]:
-        """Return where a refinement begins: also at a smaller size, where the fitted one is worse than no effect."""
+        """Return where a refinement begins: also at a smaller size, where the fitted one is worse than no effect.
+
+        And at sizes beyond, where a fit from below stops short.
+        """
+        effect, amplitude = candidate.members[0], candidate.kind.amplitude
+        beyond = [{amplitude: size * getattr(effect, amplitude)} for size in candidate.kind.starts]
+        found = [hypothesis, *(base.with_effect(effect.within(**own), candidate.replaces) for own in beyond)]
         if self.refinement.better(base, [base, hypothesis]) is hypothesis:
-            return [hypothesis]
+            return found
         smaller = [one for item in candidate.sizes(SEARCH.starts) for one in item.hypotheses(base)]
-        return [hypothesis, self.refinement.better(base, smaller)]
+        return [*found, self.refinement.better(base, smaller)]
 
     def refined_anew(self, hypothesis: Hypothesis, base: Hypothesis) -> Hypothesis:
         """Return the better of two refinements: from here, and where the base may stand in, from nominal parameters.

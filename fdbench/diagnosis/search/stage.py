@@ -117,9 +117,9 @@ class Stage:
         Noise that repeats have more of than a run has within itself is no bound: half the misfit is always an excess.
         Of less than that noise there is no gain but by what takes half of it, by itself.
         """
-        if self.misfit < 1.0 and rival.misfit > SEARCH.of_noise * self.misfit:
-            return 0.0
         alone = equivalent_misfit(self.misfit, self.base, self.effective)
+        if alone < 1.0 and rival.misfit > SEARCH.of_noise * self.misfit:
+            return 0.0
         gain = alone - equivalent_misfit(
             rival.misfit, self.base if rival.paraphrase else rival.hypothesis, self.effective
         )
