@@ -15,8 +15,9 @@ from fdbench.diagnosis.evidence.sensor_artefacts import Artefact
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay, Variant
-from fdbench.diagnosis.records.runs import FORCE, POSITION, RecordedRun, differences
-from fdbench.diagnosis.records.spectral_lines import component, fitted, lines_in_time, sharpened, tones
+from fdbench.diagnosis.records.damage import stretches
+from fdbench.diagnosis.records.runs import FORCE, POSITION, RecordedRun, differences, repeated
+from fdbench.diagnosis.records.spectral_lines import Parts, fitted, lines_in_time
 from fdbench.diagnosis.settings import EVIDENCE, JUDGE, RECORDS
 from fdbench.effects import Effect, Port
 from fdbench.plants.feed_drive import Following
@@ -61,18 +62,22 @@ def without_forces_out_of_step(runs: Sequence[RecordedRun], nominal: Nominal, re
     replay : Replay
         Tells what the position would do if the line were a force.
     """
-    between = differences(runs, FORCE)
-    lines = lines_between_repeats(between, runs[0].period_s) if between else lines_of_all(runs)
+    whole = [Parts.whole(run.n_samples) for run in runs]
+    parts, lines = whole, _lines(runs, whole)
+    if not lines:
+        # Friction at rest may hold what acts, so that nothing of it is read there.
+        parts = [while_moving(run) for run in runs]
+        lines = _lines(runs, parts) if any(len(own.slices) > 1 for own in parts) else []
     if not lines:
         return OutOfStep(runs=list(runs))
-    own = [[sharpened(_gap(run, FORCE), line * run.period_s) for line in lines] for run in runs]
+    each = [_in_each(runs, parts, line) for line in lines]
     kind = next((item for item in nominal.library if item.port is Port.TABLE_FORCE and _shape(item)), None)
-    found = [_line(runs, [item[place] for item in own], kind, nominal, replay) for place in range(len(lines))]
+    found = [_line(runs, parts, own, kind, nominal, replay) for own in each]
     cleaned, removed = [], []
-    for run, frequencies in zip(runs, own, strict=True):
+    for run, part, *frequencies in zip(runs, parts, *each, strict=True):
         names = list(run.channels)
         gaps = np.stack([_gap(run, name) for name in names])
-        waves = dict(zip(names, fitted(gaps, tones(run.n_samples, frequencies)), strict=True))
+        waves = dict(zip(names, fitted(gaps * part.inside, part.tones(frequencies)), strict=True))
         removed.append({name: float(np.mean(wave**2)) for name, wave in waves.items()})
         channels = {name: values - waves[name] for name, values in run.channels.items()}
         left = None if run.left is None else {name: values - waves[name] for name, values in run.left.items()}
@@ -96,7 +101,28 @@ def without_forces_out_of_step(runs: Sequence[RecordedRun], nominal: Nominal, re
     return OutOfStep(runs=cleaned, artefact=artefact, warnings=tuple(map(_words, found)))
 
 
-def lines_between_repeats(between: Sequence[FloatArray], period_s: float) -> list[float]:
+def while_moving(run: RecordedRun) -> Parts:
+    """Return the parts of a run in which it moves for long enough to tell a line; all of it without any."""
+    speed = np.abs(run.reference[:, 1])
+    slices = tuple(
+        slice(first, last)
+        for first, last in stretches(speed > RECORDS.resting * speed.max())
+        if last - first >= RECORDS.piece_samples
+    )
+    return Parts(n_samples=run.n_samples, slices=slices) if slices else Parts.whole(run.n_samples)
+
+
+def _lines(runs: Sequence[RecordedRun], parts: Sequence[Parts]) -> list[float]:
+    """Return the lines (Hz) that repeats differ by; where nothing was repeated, that all motions have."""
+    between = differences(runs, FORCE)
+    if not between:
+        return lines_of_all(runs, parts)
+    repeats = [part for run, part in zip(runs, parts, strict=True) if any(run is own for own, _ in repeated(runs))]
+    of_laps = [Parts.whole(len(own)) for own in between]
+    return lines_between_repeats(between, repeats or of_laps, runs[0].period_s)
+
+
+def lines_between_repeats(between: Sequence[FloatArray], parts: Sequence[Parts], period_s: float) -> list[float]:
     """Return the lines (Hz) that make a good part of what the force of repeats differs by.
 
     A force that is periodic, but not in step with the command, comes at another phase each time.
@@ -105,18 +131,26 @@ def lines_between_repeats(between: Sequence[FloatArray], period_s: float) -> lis
     ----------
     between : sequence of (n_samples,) array
         What the force of each repeat differs by from the one before, at least once.
+    parts : sequence of Parts
+        Of each.
     period_s : float
         Sampling time.
     """
     found = []
-    for line in lines_in_time([own[None] for own in between], period_s):
-        taken = [fitted(own[None], tones(len(own), [sharpened(own, line * period_s)])) for own in between]
-        if sum(float(np.sum(own**2)) for own in taken) > JUDGE.force_line * sum(float(own @ own) for own in between):
+    for line in lines_in_time(
+        [one for own, part in zip(between, parts, strict=True) for one in part.of(own)], period_s
+    ):
+        taken, every = 0.0, 0.0
+        for own, part in zip(between, parts, strict=True):
+            inside = (own * part.inside)[None]
+            wave = fitted(inside, part.tones([part.sharpened(own, line * period_s)]))
+            taken, every = taken + float(np.sum(wave**2)), every + float(np.sum(inside**2))
+        if taken > JUDGE.force_line * every:
             found.append(line)
     return found
 
 
-def lines_of_all(runs: Sequence[RecordedRun]) -> list[float]:
+def lines_of_all(runs: Sequence[RecordedRun], parts: Sequence[Parts]) -> list[float]:
     """Return the lines (Hz) that all of several motions have, at another phase each, and at any speed.
 
     One that has the same phase in all is in step with them, and an effect may say so. What repeats with the way is a
@@ -124,50 +158,67 @@ def lines_of_all(runs: Sequence[RecordedRun]) -> list[float]:
     """
     if len(runs) < 2:
         return []
-    own = [lines_in_time([_gap(run, FORCE)[None]], run.period_s) for run in runs]
+    own = [lines_in_time(part.of(_gap(run, FORCE)), run.period_s) for run, part in zip(runs, parts, strict=True)]
     found = []
     for line in own[0]:
         nearest = [min(others, key=lambda other: abs(other - line), default=math.inf) for others in own]
-        widths = [1.0 / (run.n_samples * run.period_s) for run in runs]
+        widths = [part.resolved / run.period_s for run, part in zip(runs, parts, strict=True)]
         if all(abs(other - line) < width + widths[0] for other, width in zip(nearest, widths, strict=True)):
-            phasors = [component(_gap(run, FORCE), line * run.period_s) for run in runs]
+            every = list(zip(runs, parts, strict=True))
+            phasors = [part.component(_gap(run, FORCE), line * run.period_s) for run, part in every]
             in_step = abs(np.mean(phasors)) > EVIDENCE.same_phase * np.mean(np.abs(phasors))
-            if not in_step and all(_is_at_any_speed(run, line * run.period_s) for run in runs):
+            if not in_step and all(_is_at_any_speed(run, part, line * run.period_s) for run, part in every):
                 found.append(line)
     return found
 
 
-def _is_at_any_speed(run: RecordedRun, frequency: float) -> bool:
+def _in_each(runs: Sequence[RecordedRun], parts: Sequence[Parts], line: float) -> list[float]:
+    """Return the frequency of a line (Hz) in each run, in cycles per sample.
+
+    Parts with rests between them are in phase at several frequencies; there the run that resolves most decides.
+    """
+    every = list(zip(runs, parts, strict=True))
+    finest, part = min(every, key=lambda item: item[1].resolved / item[0].period_s)
+    line = part.sharpened(_gap(finest, FORCE), line * finest.period_s) / finest.period_s
+    return [
+        own.sharpened(_gap(run, FORCE), line * run.period_s, None if len(own.slices) == 1 else 1.0 / run.n_samples)
+        for run, own in every
+    ]
+
+
+def _is_at_any_speed(run: RecordedRun, part: Parts, frequency: float) -> bool:
     """Return whether a run has a line (cycles per sample) also where it is not at its usual speed."""
     gap, speed = _gap(run, FORCE), np.abs(run.reference[:, 1])
     moving = speed[speed > RECORDS.resting * speed.max()]
     usual = float(np.median(moving)) if len(moving) else 0.0
-    other = np.abs(speed - usual) > USUAL * usual
-    tone = fitted(gap[None], tones(len(gap), [sharpened(gap, frequency)]))[0]
+    other = (np.abs(speed - usual) > USUAL * usual) & part.inside
+    tone = fitted((gap * part.inside)[None], part.tones([part.sharpened(gap, frequency)]))[0]
     return bool(other.sum() * frequency > TURNS and gap[other] @ tone[other] > 0.5 * (tone[other] @ tone[other]))
 
 
 def _line(
     runs: Sequence[RecordedRun],
+    parts: Sequence[Parts],
     frequencies: Sequence[float],
     kind: type[Effect] | None,
     nominal: Nominal,
     replay: Replay,
 ) -> _Line:
     """Return a line that each run has at its own frequency (cycles per sample)."""
-    force = np.array([abs(component(_gap(run, FORCE), own)) for run, own in zip(runs, frequencies, strict=True)])
+    every = list(zip(runs, parts, frequencies, strict=True))
+    force = np.array([abs(part.component(_gap(run, FORCE), own)) for run, part, own in every])
     answers, beside = 0.0, 0.0
-    for run, own in zip(runs, frequencies, strict=True):
+    for run, part, own in every:
         gap = _gap(run, POSITION)
-        answers += abs(component(gap, own)) ** 2
-        aside = [own + number / len(gap) for number in ASIDE]
-        beside += float(np.mean([abs(component(gap, other)) ** 2 for other in aside]))
+        answers += abs(part.component(gap, own)) ** 2
+        aside = [own + number * part.resolved for number in ASIDE]
+        beside += float(np.mean([abs(part.component(gap, other)) ** 2 for other in aside]))
     frequency_Hz = float(np.mean(frequencies)) / runs[0].period_s
     is_answered: bool | None = answers > EVIDENCE.answer * beside
     if kind is None or isinstance(nominal.drive.controller, Following):
         # What a controller that nobody knows makes of a force is not known either.
         return _Line(frequency_Hz=frequency_Hz, amplitudes_N=force, is_answered=is_answered or None)
-    per_N, moved_per_N = _response(runs[0], kind, frequency_Hz, float(force.mean()), nominal, replay)
+    per_N, moved_per_N = _response(runs[0], parts[0], kind, frequency_Hz, float(force.mean()), nominal, replay)
     expected = float(np.sum((force * moved_per_N / per_N) ** 2))
     if not is_answered and expected < EVIDENCE.answer * beside:
         is_answered = None
@@ -176,6 +227,7 @@ def _line(
 
 def _response(
     run: RecordedRun,
+    part: Parts,
     kind: type[Effect],
     frequency_Hz: float,
     amplitude_N: float,
@@ -187,7 +239,7 @@ def _response(
     without = start(nominal).variant
     own = replay.simulate(run, [without, Variant(plant=without.plant, extra=(force,))])
     change = {name: own[name][1] - own[name][0] for name in (FORCE, POSITION)}
-    found = [abs(component(values, frequency_Hz * run.period_s)) / amplitude_N for values in change.values()]
+    found = [abs(part.component(values, frequency_Hz * run.period_s)) / amplitude_N for values in change.values()]
     return max(found[0], 1e-12), found[1]
 
 

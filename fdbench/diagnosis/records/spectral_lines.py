@@ -1,6 +1,8 @@
 """Spectral lines: frequencies that stand out of signals over time, and what a signal has of them."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,25 +44,68 @@ def at_peak(axis: FloatArray, power: FloatArray, peak: int) -> float:
     return float(axis[peak] + min(max(offset, -1.0), 1.0) * (axis[1] - axis[0]))
 
 
-def component(signal: FloatArray, frequency: float) -> complex:
-    """Return what a signal has of a frequency (cycles per sample), as a complex amplitude, by a Hann window."""
-    weight = np.hanning(len(signal))
-    turn = np.exp(-2j * np.pi * frequency * np.arange(len(signal)))
-    return complex(2.0 * np.sum(weight * signal * turn) / weight.sum())
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Parts:
+    """Parts of a record in which a line is looked for: all of it, or several with nothing of the line between them.
 
+    Attributes
+    ----------
+    n_samples : int
+        Of the record.
+    slices : tuple of slice
+        At least one.
+    """
 
-def sharpened(signal: FloatArray, frequency: float) -> float:
-    """Return the frequency (cycles per sample) that a signal has most of, within what is resolved about a given one."""
-    from scipy.optimize import minimize_scalar
+    n_samples: int
+    slices: tuple[slice, ...]
 
-    bounds = frequency - 1.0 / len(signal), frequency + 1.0 / len(signal)
-    return float(minimize_scalar(lambda own: -abs(component(signal, own)), bounds=bounds, method="bounded").x)
+    @classmethod
+    def whole(cls, n_samples: int) -> "Parts":
+        """Return all of a record as one part."""
+        return cls(n_samples=n_samples, slices=(slice(0, n_samples),))
 
+    @property
+    def resolved(self) -> float:
+        """What the longest part resolves, in cycles per sample."""
+        return 1.0 / float(max(part.stop - part.start for part in self.slices))
 
-def tones(n_samples: int, frequencies: Sequence[float]) -> FloatArray:
-    """Return cosine and sine of frequencies (cycles per sample), (2 n_frequencies, n_samples)."""
-    angle = 2.0 * np.pi * np.outer(frequencies, np.arange(n_samples))
-    return np.concatenate((np.cos(angle), np.sin(angle)))
+    @cached_property
+    def window(self) -> FloatArray:
+        """Hann's window over each part, (n_samples,)."""
+        found = np.zeros(self.n_samples)
+        for part in self.slices:
+            found[part] = np.hanning(part.stop - part.start)
+        return found
+
+    @cached_property
+    def inside(self) -> NDArray[np.bool_]:
+        """Which samples are in a part, (n_samples,)."""
+        found = np.zeros(self.n_samples, dtype=np.bool_)
+        for part in self.slices:
+            found[part] = True
+        return found
+
+    def of(self, signal: FloatArray) -> list[FloatArray]:
+        """Return the parts of a signal (n_samples,), each as the only channel of its own."""
+        return [signal[None, part] for part in self.slices]
+
+    def component(self, signal: FloatArray, frequency: float) -> complex:
+        """Return what a signal has of a frequency (cycles per sample) in the parts, as a complex amplitude."""
+        turn = np.exp(-2j * np.pi * frequency * np.arange(self.n_samples))
+        return complex(2.0 * np.sum(self.window * signal * turn) / self.window.sum())
+
+    def sharpened(self, signal: FloatArray, frequency: float, within: float | None = None) -> float:
+        """Return the frequency (cycles per sample) that a signal has most of, within what is resolved about one."""
+        from scipy.optimize import minimize_scalar
+
+        within = self.resolved if within is None else within
+        bounds = frequency - within, frequency + within
+        return float(minimize_scalar(lambda own: -abs(self.component(signal, own)), bounds=bounds, method="bounded").x)
+
+    def tones(self, frequencies: Sequence[float]) -> FloatArray:
+        """Return cosine and sine of frequencies (cycles per sample) in the parts, (2 n_frequencies, n_samples)."""
+        angle = 2.0 * np.pi * np.outer(frequencies, np.arange(self.n_samples))
+        return np.asarray(np.concatenate((np.cos(angle), np.sin(angle))) * self.inside)
 
 
 def fitted(signals: FloatArray, basis: FloatArray) -> FloatArray:

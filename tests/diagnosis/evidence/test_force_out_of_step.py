@@ -14,6 +14,7 @@ from fdbench.diagnosis.evidence.force_out_of_step import lines_between_repeats, 
 from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.records.runs import FORCE, RecordedRun, differences
+from fdbench.diagnosis.records.spectral_lines import Parts
 from fdbench.effects import Effect, effects
 from fdbench.plants.feed_drive import RotaryMotor
 from fdbench.record import Record
@@ -104,8 +105,9 @@ def test_a_wave_over_the_way_is_no_line_over_time() -> None:
         for found, force_N in ((runs, cogging), (lines, fan)):
             channels = {"motor_force_N": force_N + noise, "position_m": reference[:, 0]}
             found.append(RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=channels, lap=None))
-    assert lines_of_all(runs) == []
-    (line,) = lines_of_all(lines)
+    whole = [Parts.whole(run.n_samples) for run in runs]
+    assert lines_of_all(runs, whole) == []
+    (line,) = lines_of_all(lines, whole)
     assert line == pytest.approx(20.0, abs=0.05)
 
 
@@ -133,7 +135,8 @@ def test_what_repeats_do_not_differ_by_is_no_line() -> None:
         return dataclasses.replace(still, channels=channels)
 
     def lines(amplitude_N: float, *phases: float) -> list[float]:
-        return lines_between_repeats(differences([run(amplitude_N, phase) for phase in phases], FORCE), PERIOD_S)
+        between = differences([run(amplitude_N, phase) for phase in phases], FORCE)
+        return lines_between_repeats(between, [Parts.whole(len(own)) for own in between], PERIOD_S)
 
     assert lines(5.0, 0.3, 0.3, 0.3) == [], "in step with the command"
     assert lines(0.0, 0.0, 0.0, 0.0) == [], "noise"
