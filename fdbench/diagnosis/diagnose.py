@@ -249,6 +249,7 @@ def _searched(
     findings = Findings(
         search=search,
         as_given=channel_gaps(readings, plain, [given])[0],
+        where_fitted=channel_gaps(readings, plain, [calibrated], held_out=False)[0],
         base=base,
         final=final,
         weighed=weighed,

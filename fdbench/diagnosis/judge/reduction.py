@@ -86,10 +86,13 @@ def explained_fraction(before: float, after: float) -> float | None:
     return 1.0 - (after - 1.0) / (before - 1.0) if before > JUDGE.measurable else None
 
 
-def channel_gaps(readings: Readings, split: Split, hypotheses: Sequence[Hypothesis]) -> FloatArray:
-    """Return the mean squared held-out gap of each channel in units of the floor, (n_hypotheses, n_channels)."""
-    evidence = gather(readings, split, hypotheses[0], hypotheses[1:], split.judged, common=1)
-    out = evidence.held_out
+def channel_gaps(
+    readings: Readings, split: Split, hypotheses: Sequence[Hypothesis], *, held_out: bool = True
+) -> FloatArray:
+    """Return the mean squared gap of each channel in units of the floor, (n_hypotheses, n_channels), of one part."""
+    places = split.judged if held_out else split.fitted
+    evidence = gather(readings, split, hypotheses[0], hypotheses[1:], places, common=1)
+    out = evidence.held_out == held_out
     squares = evidence.squared_gaps()[out]
     inside = evidence.channel[out] == np.arange(len(split.noise_models))[:, None]
     return np.asarray((inside @ squares / np.maximum(inside @ evidence.counts[out], 1.0)[:, None]).T)

@@ -39,6 +39,8 @@ class Findings:
     search : Search
     as_given : (n_channels,) array
         Mean squared held-out gap of the model as given, in units of the floor.
+    where_fitted : (n_channels,) array
+        The same of the re-calibrated model without effects, of what it was fitted to.
     base, final, weighed : Hypothesis
         What the search began with, with effects, and that as hypotheses are compared: nominal parameters that hardly
         matter are where they were.
@@ -53,6 +55,7 @@ class Findings:
 
     search: Search
     as_given: FloatArray
+    where_fitted: FloatArray
     base: Hypothesis
     final: Hypothesis
     weighed: Hypothesis
@@ -149,10 +152,14 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         credible = discount * (1.0 - unknown_probability * small / max(small + share, 1e-12))
         chances = {name: min(credible * p, item.most(parts.is_better_with(index))) for name, p in item.odds.items()}
         causes.append(_named(found, item, chances, parts, index, bounds[index]))
-    # A gap of no more than repeats differ by lacks no cause, however little it looks like noise.
+    # A gap of no more than repeats differ by lacks no cause, however little it looks like noise. Held-out motions need
+    # not come by the place where one is.
     if is_measured:
-        repeats = float(np.mean([plain.runs[place].repeats for place in plain.judged]))
-        too_little = noise_alone(float(recalibrated.max()) / repeats, of=JUDGE.measurable)
+        judged, fitted = (
+            float(gaps.max()) / float(np.mean([plain.runs[place].repeats for place in places]))
+            for gaps, places in ((recalibrated, plain.judged), (found.where_fitted, plain.fitted))
+        )
+        too_little = noise_alone(max(judged, fitted), of=JUDGE.measurable)
         unknown_probability = min(unknown_probability, 1.0 - too_little)
     causes += [dataclasses.replace(value, probability=discount * value.probability) for value in deviating.causes]
     causes += readings
@@ -165,7 +172,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     surest = max((cause.probability for cause in causes), default=0.0)
     effect_features_of = {OR.join((item.effect.name, *item.same)): item.features for item in sound}
     claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": deviating.features}
-    within_noise = noise_alone(float(reductions.mean()[0]))
+    within_noise = noise_alone(max(float(reductions.mean()[0]), float(found.where_fitted.mean())))
     return Verdict(
         causes=tuple(causes),
         suspects=tuple(suspects),
