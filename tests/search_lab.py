@@ -22,11 +22,11 @@ FLOORS = {"motor_force_N": 4.0, "position_m": 5e-7, "motor_minus_table_position_
 NOMINAL = Nominal(plant=drive(), simulation=Simulation(substeps=10))
 
 
-def search(*extra: Effect, speeds_m_per_s: tuple[float, ...] = (0.08,)) -> Search:
+def search(*extra: Effect, speeds_m_per_s: tuple[float, ...] = (0.08,), nominal: Nominal = NOMINAL) -> Search:
     """Return a search in two noisy runs of an axis with effects; the second one is held out."""
-    replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
+    replay = Replay(nominal.drive, nominal.library, nominal.simulation.substeps)
     rng, runs = np.random.default_rng(0), []
-    base = start(NOMINAL)
+    base = start(nominal)
     for item in extra:
         base = base.with_effect(item)
     for stops in ((0.0, 0.06, 0.01), (0.0, 0.05, 0.02)):

@@ -146,7 +146,8 @@ def _speeds(base: Hypothesis, grid: Sequence[float]) -> Sequence[float]:
     """Return a grid of speeds; of an axis far faster or slower than usual, also the same shares of its fastest."""
     nominal = base.nominal
     ratio = nominal.covered.fastest_m_per_s / (MODEL.usual_speed_m_per_s * nominal.scale.of("m/s"))
-    return grid if 1.0 / NEIGHBOUR < ratio < NEIGHBOUR else (*grid, *(value * ratio for value in grid))
+    is_usual = ratio == 0.0 or 1.0 / NEIGHBOUR < ratio < NEIGHBOUR
+    return grid if is_usual else (*grid, *(value * ratio for value in grid))
 
 
 def _of_kind(base: Hypothesis, kind: type[Effect], located: Mapping[str, Sequence[float]] | None) -> list[Candidate]:

@@ -1,5 +1,6 @@
 """Spectral lines: frequencies that stand out of signals over time, and what a signal has of them."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -95,12 +96,19 @@ class Parts:
         return complex(2.0 * np.sum(self.window * signal * turn) / self.window.sum())
 
     def sharpened(self, signal: FloatArray, frequency: float, within: float | None = None) -> float:
-        """Return the frequency (cycles per sample) that a signal has most of, within what is resolved about one."""
+        """Return the frequency (cycles per sample) that a signal has most of, within what is resolved about one.
+
+        Several parts are in phase at several frequencies, of which the best is refined.
+        """
         from scipy.optimize import minimize_scalar
 
+        def missed(own: float) -> float:
+            return -abs(self.component(signal, own))
+
         within = self.resolved if within is None else within
-        bounds = frequency - within, frequency + within
-        return float(minimize_scalar(lambda own: -abs(self.component(signal, own)), bounds=bounds, method="bounded").x)
+        tried = np.linspace(frequency - within, frequency + within, 1 + 2 * math.ceil(2.0 * within * self.n_samples))
+        best, step = min(tried.tolist(), key=missed), float(tried[1] - tried[0])
+        return float(minimize_scalar(missed, bounds=(best - step, best + step), method="bounded").x)
 
     def tones(self, frequencies: Sequence[float]) -> FloatArray:
         """Return cosine and sine of frequencies (cycles per sample) in the parts, (2 n_frequencies, n_samples)."""

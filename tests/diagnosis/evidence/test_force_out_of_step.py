@@ -10,14 +10,20 @@ from axis_lab import PERIOD_S, as_built, drive, protocol, record
 
 from fdbench.diagnosis.answer import READING, Answer
 from fdbench.diagnosis.diagnose import diagnose
-from fdbench.diagnosis.evidence.force_out_of_step import lines_between_repeats, lines_of_all
+from fdbench.diagnosis.evidence.force_out_of_step import (
+    lines_between_repeats,
+    lines_of_all,
+    without_forces_out_of_step,
+)
 from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
-from fdbench.diagnosis.records.runs import FORCE, RecordedRun, differences
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.runs import FORCE, POSITION, RecordedRun, differences
 from fdbench.diagnosis.records.spectral_lines import Parts
 from fdbench.effects import Effect, effects
 from fdbench.plants.feed_drive import RotaryMotor
 from fdbench.record import Record
+from fdbench.statistics import rms
 
 AMPLITUDE_N, FREQUENCY_HZ = 40.0, 27.3
 Made = Callable[[object, float, int], Record]
@@ -109,6 +115,33 @@ def test_a_wave_over_the_way_is_no_line_over_time() -> None:
     assert lines_of_all(runs, whole) == []
     (line,) = lines_of_all(lines, whole)
     assert line == pytest.approx(20.0, abs=0.05)
+
+
+def test_a_force_that_friction_holds_at_rest_is_found_while_the_axis_moves() -> None:
+    rng = np.random.default_rng(3)
+    reference = moves((0.0, 0.08, 0.02, 0.11, 0.0), (0.08,), 4.0, PERIOD_S, dwell_s=0.7)
+    moving, time_s = np.abs(reference[:, 1]) > 0.0, np.arange(len(reference)) * PERIOD_S
+    runs = []
+    for phase in (0.3, 2.0, 4.4):
+        wave = np.sin(2.0 * np.pi * FREQUENCY_HZ * time_s + phase) * moving
+        gap = {
+            FORCE: AMPLITUDE_N * wave + rng.standard_normal(len(wave)),
+            POSITION: 1e-6 * wave + 1e-7 * rng.standard_normal(len(wave)),
+        }
+        channels = {FORCE: gap[FORCE], POSITION: reference[:, 0] + gap[POSITION]}
+        run = RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=channels, lap=None)
+        runs.append(dataclasses.replace(run, left=gap))
+    whole = [Parts.whole(run.n_samples) for run in runs]
+    assert lines_between_repeats(differences(runs, FORCE), whole[1:], PERIOD_S) == [], "not there throughout"
+    nominal = Nominal(plant=drive(), simulation=Simulation(substeps=10))
+    found = without_forces_out_of_step(runs, nominal, Replay(nominal.drive, nominal.library, 10))
+    assert found.artefact is not None
+    assert found.artefact.kind.name == "periodic_force"
+    assert found.artefact.further["frequency_Hz"] == pytest.approx(FREQUENCY_HZ, abs=0.02)
+    assert found.artefact.value == pytest.approx(AMPLITUDE_N / 0.74, rel=0.05), "the loop answers with 74 % of it"
+    for run in found.runs:
+        assert run.left is not None
+        assert rms(run.left[FORCE]) < 0.1 * AMPLITUDE_N
 
 
 def test_pick_up_of_the_measurement_is_no_force() -> None:

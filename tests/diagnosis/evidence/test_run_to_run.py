@@ -79,6 +79,24 @@ def test_without_repeats_friction_alone_is_taken_to_change() -> None:
     assert 1 <= len(change.directions) <= np.count_nonzero(expected)
 
 
+def test_without_repeats_what_friction_changes_is_beside_the_assumed_noise() -> None:
+    """As much as 2 % of the friction does to each channel, and none of it is noise within a run."""
+    alone, _ = steady([1.0])
+    nominal, records = repeats([1.0])
+    ready = aligned(nominal, records, [])
+    (run,), base = ready.runs, start(ready.nominal)
+    names = [item.name for item in nominal_parameters(ready.nominal)]
+    moved = base.moved_in_turn()[names.index("known_coulomb_friction")]
+    simulated = ready.readings.replay.simulate(run, [base.variant, moved.variant])
+    share = EVIDENCE.assumed_change / 0.1
+    for name, floor in alone.noise_models.items():
+        assert not floor.measured
+        change = share * (simulated[name][1] - simulated[name][0])
+        assert floor.from_run_to_run is not None
+        assert float(floor.from_run_to_run.sum()) > 0.9 * float(np.mean(change**2))
+        assert floor.total > floor.rms == pytest.approx(np.sqrt(floor.spectrum.sum()))
+
+
 def test_an_assumed_floor_holds_no_errors_of_nominal_parameters() -> None:
     """A motion that never rests, with a table a tenth heavier: the nominal model leaves of it all the time."""
     motion, duration_s = protocol(1.0)["fast"]

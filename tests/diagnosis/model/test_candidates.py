@@ -8,7 +8,7 @@ from axis_lab import drive
 
 from fdbench.diagnosis.model.candidates import QUARTER_TURN, Candidate, candidates, middle_shapes
 from fdbench.diagnosis.model.hypothesis import start
-from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation
 from fdbench.effects import effects
 
 BASE = start(Nominal(plant=drive(), simulation=Simulation(substeps=10)))
@@ -69,6 +69,20 @@ def test_a_further_order_of_a_known_cogging_is_a_candidate_and_the_known_one_is_
     )
     with_both = base.with_effect(effect)
     assert "cogging" not in {item.name for item in candidates(with_both, {"pitch": [5e-3]})}
+
+
+@pytest.mark.parametrize(("fastest_m_per_s", "expected"), [(0.3, 3), (3.0, 6), (0.03, 6)])
+def test_speeds_of_a_fast_axis_are_also_tried_as_shares_of_its_fastest(fastest_m_per_s: float, expected: int) -> None:
+    base = start(BASE.nominal.beside(Covered(fastest_m_per_s=fastest_m_per_s)))
+    speeds = [
+        dict(zip((own.name for own in item.kind.parameters()), item.members[0].values(), strict=True))[
+            "stribeck_velocity_m_per_s"
+        ]
+        for item in candidates(base)
+        if item.kind.declared is effects.get("stribeck_friction")
+    ]
+    assert len(speeds) == expected
+    assert max(speeds) == pytest.approx(1e-2 * max(1.0, fastest_m_per_s / 0.3))
 
 
 def test_one_shape_of_each_class() -> None:

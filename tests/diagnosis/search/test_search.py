@@ -52,6 +52,30 @@ def test_noise_alone_needs_no_round() -> None:
     assert search().stage(start(NOMINAL)) is None
 
 
+def test_values_that_strain_are_searched_beside_noise_alone() -> None:
+    """Noise alone is left of a friction that is moved far: something else may be there in its place."""
+    friction = effects.get("coulomb_friction").typical(coulomb_force_N=20.0, transition_velocity_m_per_s=2e-3)
+    own = search(friction)
+    base = own.refinement.calibrate(start(NOMINAL))
+    assert base.named_penalty() < base.cost_of_a_cause
+    assert own.stage(base) is None
+    doubted = dataclasses.replace(NOMINAL, uncertainty=Uncertainty(known_effects=0.01, friction_form=1e-3))
+    narrow = search(friction, nominal=doubted)
+    base = narrow.refinement.calibrate(start(doubted))
+    assert base.named_penalty() > base.cost_of_a_cause
+    assert narrow.stage(base) is not None
+
+
+@pytest.mark.parametrize("gap_m", [15e-6, 60e-6])
+def test_backlash_is_found_from_beyond_the_size_that_fits_linearly(gap_m: float) -> None:
+    true = effects.get("backlash").typical(gap_m=gap_m)
+    stage = search(true).stage(start(NOMINAL))
+    assert stage is not None
+    assert stage.rivals[0].kind.declared is type(true)
+    (found,) = stage.rivals[0].effect.values()
+    assert found == pytest.approx(gap_m, rel=0.1)
+
+
 def test_probabilities_of_a_round_by_hand() -> None:
     """Evidence is M to the power of -n/2 for each; that there is none is as likely beforehand as the whole library."""
     base = start(NOMINAL)
