@@ -329,7 +329,9 @@ def _doubts(answer: Answer) -> Iterator[str]:
             yield f"{cause.effect}: {name} lies on the bound of what the library allows."
     yield from unlike(answer)
     if source := answer.probabilities_from:
-        yield f"Probabilities were learned on simulated axes: {re.sub(', nonce [0-9a-f]+', '', source)}."
+        tiers = sorted(set(re.findall(r"\btier ([A-Z])\b", source)))
+        known = f"of tiers {', '.join(tiers)}" if tiers else f"({source})"
+        yield f"Probabilities were learned on simulated axes {known}."
     if answer.false_alarms and any(cause.probability >= LIKELY for cause in answer.causes):
         yield _as_sure(answer.false_alarms)
     if answer.cause_set and answer.chances():
