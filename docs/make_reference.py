@@ -9,6 +9,8 @@ import inspect
 import json
 import math
 import re
+import tempfile
+import tomllib
 import types
 import typing
 from collections.abc import Iterable, Mapping
@@ -17,6 +19,8 @@ from typing import Any
 
 from fdbench.catalogue import scenario_ids
 from fdbench.data_sheet import described, sections
+from fdbench.diagnosis.model.nominal import Nominal, load_nominal
+from fdbench.diagnosis.model.rotary_axis import plant_of_rotary, plant_on_the_arc
 from fdbench.effects import Effect, Port, effects
 from fdbench.envs import environment_ids
 from fdbench.envs.tasks import fitting, tasks
@@ -24,6 +28,8 @@ from fdbench.estimator import estimators
 from fdbench.metrics import metrics
 from fdbench.motions import Motion, motions
 from fdbench.plants import Plant, plants
+from fdbench.plants.feed_drive import FeedDrive
+from fdbench.rotary import PARTS, rotary_name
 from fdbench.scenario import Scenario, load_scenario
 from fdbench.specification import snake_case
 from fdbench.units import unit_of
@@ -274,11 +280,16 @@ def kind_of(hint: Any, titles: Mapping[type, str]) -> str:
     return {float: "number", int: "whole number", str: "text", bool: "true or false"}[hint]
 
 
-def allowed(field: dataclasses.Field[Any]) -> str:
-    """Return the bounds of a key, and what holds where it is left out; nothing for a key without bounds."""
+def bounds_of(field: dataclasses.Field[Any]) -> list[str]:
+    """Return the bounds of a key in words."""
     low, high = field.metadata.get("low", -math.inf), field.metadata.get("high", math.inf)
     said = [] if low == -math.inf else ["above 0" if low == SMALLEST else f"at least {low:g}"]
-    said += [] if high == math.inf else [f"at most {high:g}"]
+    return said if high == math.inf else [*said, f"at most {high:g}"]
+
+
+def allowed(field: dataclasses.Field[Any]) -> str:
+    """Return the bounds of a key, and what holds where it is left out; nothing for a key without bounds."""
+    said = bounds_of(field)
     if field.default in (None, ()) or field.default_factory is not dataclasses.MISSING:
         said += ["optional"]
     elif field.default is not dataclasses.MISSING:
@@ -303,8 +314,8 @@ def scenarios_page() -> str:
     names = scenario_ids()
     introduction = (
         "One file each in `scenarios/`, and nothing else: a scenario is data. Below the scenarios are "
-        "[the keys of their files](#keys), which hold for your own scenarios and, as far as `[plant]` goes, for the "
-        "models that `fdbench diagnose` is given."
+        "[the keys of their files](#keys), which hold for your own scenarios. Models that `fdbench diagnose` is given "
+        "are files of their own: [model files](model.md)."
     )
     said = (
         "The whole file is the table [`scenario`](#scenario). All of it is checked when it is read: unknown and "
@@ -317,6 +328,136 @@ def scenarios_page() -> str:
             tables(registry.get(name), titles)
     parts = [*map(scenario, names), "## Keys", said, *(keys(cls, titles) for cls in titles)]
     return page("Scenarios", introduction, [contents((n, load_scenario(n).title) for n in names), *parts])
+
+
+# ---- model files
+
+PARTS_OF_ROTARY = {linear: rotary for rotary, linear in PARTS.items()}
+SMALLEST_MODEL = """
+[plant]
+kind = "feed_drive"
+travel_m = 1.0
+velocity_limit_m_per_s = 1.0
+motor = { kind = "linear_motor", mass_kg = 1.0, viscous_friction_N_s_per_m = 1.0 }
+[simulation]
+substeps = 1
+"""
+
+
+def tables_of(hint: Any) -> list[Any]:
+    """Return which dataclasses a table of a model may be; of plants only a feed drive is diagnosed."""
+    found = [FeedDrive if item is Plant else item for item in options(hint)]
+    return found if all(map(dataclasses.is_dataclass, found)) else []
+
+
+def filled_in() -> dict[str, str]:
+    """Return the kinds of tables of a plant that a model file may leave out, though a plant has them always."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "smallest.toml"
+        file.write_text(SMALLEST_MODEL, encoding="utf-8")
+        drive = load_nominal(file).drive
+    given = tomllib.loads(SMALLEST_MODEL)["plant"]
+    parts = {name: part for name, part in vars(drive).items() if name not in given and dataclasses.is_dataclass(part)}
+    return {name: snake_case(type(part).__name__) for name, part in parts.items()}
+
+
+def of_rotary(cls: Any, key: str) -> tuple[str, str]:
+    """Return what a table of a model and one of its keys are called on a rotary axis."""
+    kind = snake_case(cls.__name__)
+    if cls in tables_of(typing.get_type_hints(FeedDrive)["motor"]):
+        motor = plant_of_rotary({"motor": {"kind": kind, key: 1.0}})["motor"]
+        return motor.pop("kind"), next(iter(motor))
+    return kind, PARTS_OF_ROTARY.get(key, rotary_name(key))
+
+
+def both(names: Iterable[str]) -> str:
+    """Return one name, or two that differ."""
+    return " or ".join(dict.fromkeys(names))
+
+
+def model_title(path: str) -> str:
+    """Return the title of a table of a model, with its name on a rotary axis."""
+    parent, dot, name = path.rpartition(".")
+    return both((path, f"{parent}{dot}{PARTS_OF_ROTARY.get(name, name)}"))
+
+
+def model_value(path: str, field: dataclasses.Field[Any], hint: Any) -> str:
+    """Return what a key of a model takes: its type and its bounds, or which table it is."""
+    if not tables_of(hint) and Effect not in typing.get_args(hint):
+        return ", ".join([kind_of(hint, {}), *bounds_of(field)])
+    inner = f"{path}.{field.name}".lstrip(".")
+    anchor = re.sub(r"[^\w -]", "", model_title(inner)).replace(" ", "-")
+    return f"[table](#{anchor})" if tables_of(hint) else f"[list of tables](#{anchor})"
+
+
+def model_default(field: dataclasses.Field[Any], left_out: Mapping[str, str]) -> str:
+    """Return what holds where a key is left out."""
+    if isinstance(field.default, str | int | float):
+        return f"`{json.dumps(field.default)}`"
+    if field.name in left_out:
+        return f"kind `{left_out[field.name]}`"
+    missing = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    return "required" if missing else "optional"
+
+
+def model_keys(path: str, cls: Any) -> str:
+    """Return the keys of a table of a model, beside them those of a rotary axis where they have other names."""
+    hints, meaning, left_out = typing.get_type_hints(cls), meanings(cls), filled_in() if cls is FeedDrive else {}
+    rows = [
+        [
+            *(cell for key in (field.name, of_rotary(cls, field.name)[1]) for cell in (f"`{key}`", unit_of(key))),
+            model_default(field, left_out),
+            model_value(path, field, hints[field.name]),
+            meaning.get(field.name, ""),
+        ]
+        for field in dataclasses.fields(cls)
+        if field.init
+    ]
+    if all(row[:2] == row[2:4] for row in rows):
+        return table("key|unit|default|is|meaning", [row[2:] for row in rows])
+    return table("linear axis|unit|rotary axis|unit|default|is|meaning", rows)
+
+
+def model_kind(path: str, cls: Any, several: bool) -> str:
+    """Return one kind of a table of a model."""
+    kind, rotary = snake_case(cls.__name__), of_rotary(cls, dataclasses.fields(cls)[0].name)[0]
+    said = f'`kind = "{kind}"`' + (
+        "." if kind == rotary else f' on a linear axis, `kind = "{rotary}"` on a rotary one.'
+    )
+    text = [f"### {both((kind, rotary))}" if several else "", said if several or cls is FeedDrive else ""]
+    return "\n\n".join(filter(None, [*text, markdown(sections(cls)[""]), model_keys(path, cls)]))
+
+
+def model_tables(path: str, found: list[Any]) -> list[str]:
+    """Return a table of a model, all its kinds, and the tables within it."""
+    parts = [f"## {model_title(path) or 'The whole file'}"]
+    parts += [model_kind(path, cls, len(found) > 1) for cls in found]
+    hints = typing.get_type_hints(found[0])
+    for key in [field.name for field in dataclasses.fields(found[0]) if field.init]:
+        inner = f"{path}.{key}".lstrip(".")
+        if tables_of(hints[key]):
+            parts += model_tables(inner, tables_of(hints[key]))
+        elif Effect in typing.get_args(hints[key]):
+            names = ", ".join(f"[`{name}`](effects.md#{name})" for name in sorted(effects.modules()))
+            said = (
+                f"One table `[[{inner}]]` for each effect that is known, with its parameters and its `kind`: {names}."
+            )
+            parts += [f"## {inner}", said]
+    return parts
+
+
+def model_page() -> str:
+    """Return the page of model files."""
+    introduction = (
+        "What `fdbench diagnose` reads, key by key; [how to write it](../how-to/diagnose.md#3-write-the-model). "
+        "All of it is checked when it is read: unknown and missing keys, types and bounds. `[plant.motor]` names the "
+        "table `motor` in the table `plant`.\n\n"
+        'A linear axis and a rotary one, `axis = "rotary"`, have the same tables with other units: m is rad, N is N m, '
+        "kg is kg m^2. Where a table below has two columns of keys, the first is for a linear axis and the second "
+        "for a rotary one; where it has one, the keys are for both. Parameters of effects change their units alike.\n\n"
+    )
+    rotary = markdown(sections(plant_on_the_arc)[""].split("\n\n")[1])
+    return page("Model file", introduction + rotary, model_tables("", [Nominal]))
 
 
 # ---- what Python code calls
@@ -397,6 +538,7 @@ def pages() -> dict[str, str]:
         "effects.md": effects_page(),
         "estimators.md": estimators_page(),
         "metrics.md": metrics_page(),
+        "model.md": model_page(),
         "tasks.md": tasks_page(),
         "scenarios.md": scenarios_page(),
     }

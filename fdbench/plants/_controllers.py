@@ -23,6 +23,15 @@ class VelocityLoop:
     """Proportional velocity control, F = K (v_reference - v); source: McPherson (2024), eq. (2.1).
 
     The velocity v is that of a tachometer, or the difference of the motor's reading over ``difference_span`` samples.
+
+    Parameters
+    ----------
+    gain_N_s_per_m : float
+        K, force at the table, behind lead or gear, over error of velocity.
+    force_limit_N : float
+        Greatest force that is asked of the motor, as force at the table, behind lead or gear.
+    difference_span : int
+        Samples over which the velocity is differenced; 0: a tachometer.
     """
 
     gain_N_s_per_m: float = positive()
@@ -65,6 +74,33 @@ class Cascade:
     with the sampling time T of the velocity loop, of which the position loop takes ``position_loop_cycles``: between
     them, the velocity that it asks for is held. The integral stops while the force is limited. Source: Altintas,
     Manufacturing Automation (2012), section 5.5.
+
+    Parameters
+    ----------
+    position_gain_per_s : float
+        :math:`K_x`, velocity over error of position; 0: a velocity loop alone.
+    velocity_gain_N_s_per_m : float
+        :math:`K_p`, force at the table, behind lead or gear, over error of velocity.
+    integral_gain_N_per_m : float
+        :math:`K_i`, force over integral of the error of velocity; :math:`K_p / T_n` with the reset time.
+    velocity_feedforward : float
+        :math:`k_v`, share of the commanded velocity that is fed forward; 1: all of it.
+    acceleration_feedforward_kg : float
+        :math:`m_{ff}`, force over commanded acceleration; 0: none is fed forward.
+    force_limit_N : float
+        :math:`F_{max}`, greatest force that is asked of the motor, as force at the table, behind lead or gear.
+    feedback : str
+        Whose position closes the position loop, ``"motor"`` or ``"table"``.
+    difference_span : int
+        Samples over which the velocity is differenced; 0: a tachometer.
+    velocity_reference_delay_s : float
+        :math:`\delta`, by how much the velocity's reference is later than the position's.
+    velocity_feedback : str or None
+        Whose velocity closes the velocity loop, ``"motor"`` or ``"table"``; without it as ``feedback``.
+    velocity_filter_s : float
+        :math:`\tau`, time constant of the filter of the velocity; 0: no filter.
+    position_loop_cycles : int
+        Cycles of the velocity loop in one of the position loop.
     """
 
     position_gain_per_s: float = nonnegative()
@@ -115,7 +151,15 @@ class Cascade:
 @final
 @dataclass(frozen=True, kw_only=True)
 class OpenLoop:
-    """No feedback: the force is the mass times the commanded acceleration, plus the action."""
+    """No feedback: the force is the mass times the commanded acceleration, plus the action.
+
+    Parameters
+    ----------
+    acceleration_feedforward_kg : float
+        Force over commanded acceleration; 0: no force but the action.
+    force_limit_N : float
+        Greatest force that is asked of the motor, as force at the table, behind lead or gear.
+    """
 
     acceleration_feedforward_kg: float = nonnegative()
     force_limit_N: float = positive()
@@ -145,6 +189,19 @@ class Following:
     The velocity v is the difference of two readings. What is not given is found from model and
     records: the mass is the nominal one, the greatest force the measured one. Where the loop would be loud, readings
     are smoothed without phase above ``smoothed_Hz``; where it would ring or still be loud, the bandwidth f is lowered.
+
+    Parameters
+    ----------
+    bandwidth_Hz : float
+        f, the highest that is tried.
+    feedback : str
+        Whose position is followed, ``"motor"`` or ``"table"``; `fdbench diagnose` takes the side that was measured.
+    mass_kg : float or None
+        m; `fdbench diagnose` takes the nominal one.
+    greatest_force_N : float or None
+        Half of what the drive can probably give; `fdbench diagnose` takes the greatest that was measured.
+    smoothed_Hz : float or None
+        Frequency above which readings are smoothed; `fdbench diagnose` finds whether it is needed.
     """
 
     bandwidth_Hz: float = bounded(0.1, 1000.0, default=60.0)

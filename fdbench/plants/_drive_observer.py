@@ -19,8 +19,10 @@ class Sensors:
 
     Parameters
     ----------
-    velocity_noise_m_per_s, position_noise_m : float
-        Of the tachometer and of the motor's encoder.
+    velocity_noise_m_per_s : float
+        Of the tachometer.
+    position_noise_m : float
+        Of the motor's encoder.
     current_noise_A : float
         Of the logged current.
     """

@@ -16,6 +16,15 @@ class LinearMotor:
     """Linear motor: the primary part moves with the table or, on an elastic axis, before it.
 
     With a force constant, :math:`F = k_f i`, the drive logs its current in place of its force.
+
+    Parameters
+    ----------
+    mass_kg : float
+        What moves with the motor, before the screw if there is one; the table's own comes on top.
+    viscous_friction_N_s_per_m : float
+        Friction in proportion to speed on the motor's side.
+    force_constant_N_per_A : float or None
+        Force of one ampere; needed where a current is logged instead of the force.
     """
 
     mass_kg: float = positive()
@@ -48,6 +57,20 @@ class RotaryMotor:
     r"""Rotary motor with ball screw: :math:`m = J (2\pi/l)^2`, :math:`F = T\, 2\pi/l`, :math:`x = \varphi\, l/2\pi`.
 
     With a torque constant, :math:`T = k_t i`, the drive logs its current in place of its torque.
+
+    Parameters
+    ----------
+    inertia_kg_m2 : float
+        What turns with the motor, as the motor sees it: rotor, coupling, gear, screw or pulley.
+    lead_m : float
+        Way of the table in one turn of the motor: the lead of a screw; :math:`2 \pi r / i` for a pinion or pulley of
+        radius r behind a gear, of which i turns of the motor are one turn. A rotary axis has i itself, ``gear_ratio``:
+        turns of the motor for one of the axis.
+    viscous_friction_N_s_per_m : float
+        Friction in proportion to speed on the motor's side, as force over speed of the table; behind a gear as torque
+        over speed of the axis.
+    torque_constant_Nm_per_A : float or None
+        Torque of one ampere at the motor; needed where a current is logged instead of the torque.
     """
 
     inertia_kg_m2: float = positive()
@@ -84,7 +107,15 @@ class RotaryMotor:
 @final
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Table with workpiece."""
+    """Table with workpiece.
+
+    Parameters
+    ----------
+    mass_kg : float
+        What moves behind the screw; on a rigid axis, what comes on top of the motor's.
+    viscous_friction_N_s_per_m : float
+        Friction in proportion to speed at the table.
+    """
 
     mass_kg: float = positive()
     viscous_friction_N_s_per_m: float = nonnegative()
@@ -96,7 +127,15 @@ class Table:
 @final
 @dataclass(frozen=True, kw_only=True)
 class Screw:
-    """Axial spring and damper between motor side and table; an axis without this table is rigid."""
+    """Axial spring and damper between motor side and table; an axis without this table is rigid.
+
+    Parameters
+    ----------
+    stiffness_N_per_m : float
+        Force over stretch, both as seen at the table.
+    damping_N_s_per_m : float
+        Force over rate of the stretch.
+    """
 
     stiffness_N_per_m: float = positive()
     damping_N_s_per_m: float = nonnegative()

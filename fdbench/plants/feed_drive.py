@@ -45,6 +45,28 @@ class FeedDrive(Plant):
     knows. Models for estimators: ``velocity_loop`` (McPherson 2024, eq. (2.6)), ``inverse_dynamics`` and
     ``directional_inverse_dynamics`` (Janot, Gautier, Brunot 2019), and with ``sensors`` ``state_space``, without linear
     parameters: the target is the velocity (Salehi 2013, chapter 4).
+
+    Parameters
+    ----------
+    motor : LinearMotor or RotaryMotor
+        What drives the axis.
+    controller : VelocityLoop, Cascade, OpenLoop or Following
+        What asks the motor for its force.
+    table : Table or None
+        What the motor moves; without it the motor moves itself alone.
+    screw : Screw or None
+        What is elastic between motor and table; without it the axis is rigid. It needs a table.
+    travel_m : float
+        How far the axis may be from its zero, to either side. `fdbench diagnose` refuses commands that span much more,
+        and proposes motions within it.
+    velocity_limit_m_per_s : float
+        Greatest speed. `fdbench diagnose` refuses commands that are much faster, and proposes none that is.
+    effects : tuple of Effect
+        Friction, cogging and so on that the nominal model knows.
+    inverse_dynamics : InverseDynamics or None
+        What the models of inverse dynamics filter; for estimators alone.
+    sensors : Sensors or None
+        Noise of the readings; for observers among the estimators alone.
     """
 
     motor: LinearMotor | RotaryMotor

@@ -19,7 +19,7 @@ from fdbench.metrics import metrics
 from fdbench.units import unit_of
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-FILES = ("api.md", "effects.md", "estimators.md", "metrics.md", "scenarios.md", "tasks.md")
+FILES = ("api.md", "effects.md", "estimators.md", "metrics.md", "model.md", "scenarios.md", "tasks.md")
 MEASURED = ("settings.md",)  # by a benchmark, hours long
 
 
@@ -97,6 +97,14 @@ def test_keys_state_unit_and_bounds(pages: dict[str, str]) -> None:
     section = pages["scenarios.md"].partition("\n### screw\n")[2].partition("\n### ")[0]
     assert "| `stiffness_N_per_m` | N/m | number | above 0 |" in section
     assert "| `damping_N_s_per_m` | N s/m | number | at least 0 |" in section
+
+
+def test_every_key_of_a_model_has_a_meaning(pages: dict[str, str]) -> None:
+    rows = re.findall(r"^\| (`.+) \|$", pages["model.md"], re.M)
+    assert len(rows) > 50
+    assert [row for row in rows if row.rstrip().endswith("|")] == []
+    keys = {key for row in rows for key in re.findall(r"`(\w+)`", row)}
+    assert {"lead_m", "gear_ratio", "force_offset_N", "force_offset_Nm", "load", "shaft", "axis", "exclude"} <= keys
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -17,7 +17,7 @@ from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.damage import stretches
 from fdbench.diagnosis.records.runs import FORCE, POSITION, RecordedRun, differences, repeated
-from fdbench.diagnosis.records.spectral_lines import Parts, fitted, lines_in_time
+from fdbench.diagnosis.records.spectral_lines import Stretches, fitted, lines_in_time
 from fdbench.diagnosis.settings import EVIDENCE, JUDGE, RECORDS
 from fdbench.effects import Effect, Port
 from fdbench.plants.feed_drive import Following
@@ -62,7 +62,7 @@ def without_forces_out_of_step(runs: Sequence[RecordedRun], nominal: Nominal, re
     replay : Replay
         Tells what the position would do if the line were a force.
     """
-    whole = [Parts.whole(run.n_samples) for run in runs]
+    whole = [Stretches.whole(run.n_samples) for run in runs]
     parts, lines = whole, _lines(runs, whole)
     if not lines:
         # Friction at rest may hold what acts, so that nothing of it is read there.
@@ -101,28 +101,28 @@ def without_forces_out_of_step(runs: Sequence[RecordedRun], nominal: Nominal, re
     return OutOfStep(runs=cleaned, artefact=artefact, warnings=tuple(map(_words, found)))
 
 
-def while_moving(run: RecordedRun) -> Parts:
-    """Return the parts of a run in which it moves for long enough to tell a line; all of it without any."""
+def while_moving(run: RecordedRun) -> Stretches:
+    """Return the stretches of a run in which it moves for long enough to tell a line; all of it without any."""
     speed = np.abs(run.reference[:, 1])
     slices = tuple(
         slice(first, last)
         for first, last in stretches(speed > RECORDS.resting * speed.max())
         if last - first >= RECORDS.piece_samples
     )
-    return Parts(n_samples=run.n_samples, slices=slices) if slices else Parts.whole(run.n_samples)
+    return Stretches(n_samples=run.n_samples, slices=slices) if slices else Stretches.whole(run.n_samples)
 
 
-def _lines(runs: Sequence[RecordedRun], parts: Sequence[Parts]) -> list[float]:
+def _lines(runs: Sequence[RecordedRun], parts: Sequence[Stretches]) -> list[float]:
     """Return the lines (Hz) that repeats differ by; where nothing was repeated, that all motions have."""
     between = differences(runs, FORCE)
     if not between:
         return lines_of_all(runs, parts)
     repeats = [part for run, part in zip(runs, parts, strict=True) if any(run is own for own, _ in repeated(runs))]
-    of_laps = [Parts.whole(len(own)) for own in between]
+    of_laps = [Stretches.whole(len(own)) for own in between]
     return lines_between_repeats(between, repeats or of_laps, runs[0].period_s)
 
 
-def lines_between_repeats(between: Sequence[FloatArray], parts: Sequence[Parts], period_s: float) -> list[float]:
+def lines_between_repeats(between: Sequence[FloatArray], parts: Sequence[Stretches], period_s: float) -> list[float]:
     """Return the lines (Hz) that make a good part of what the force of repeats differs by.
 
     A force that is periodic, but not in step with the command, comes at another phase each time.
@@ -131,7 +131,7 @@ def lines_between_repeats(between: Sequence[FloatArray], parts: Sequence[Parts],
     ----------
     between : sequence of (n_samples,) array
         What the force of each repeat differs by from the one before, at least once.
-    parts : sequence of Parts
+    parts : sequence of Stretches
         Of each.
     period_s : float
         Sampling time.
@@ -150,7 +150,7 @@ def lines_between_repeats(between: Sequence[FloatArray], parts: Sequence[Parts],
     return found
 
 
-def lines_of_all(runs: Sequence[RecordedRun], parts: Sequence[Parts]) -> list[float]:
+def lines_of_all(runs: Sequence[RecordedRun], parts: Sequence[Stretches]) -> list[float]:
     """Return the lines (Hz) that all of several motions have, at another phase each, and at any speed.
 
     One that has the same phase in all is in step with them, and an effect may say so. What repeats with the way is a
@@ -172,10 +172,10 @@ def lines_of_all(runs: Sequence[RecordedRun], parts: Sequence[Parts]) -> list[fl
     return found
 
 
-def _in_each(runs: Sequence[RecordedRun], parts: Sequence[Parts], line: float) -> list[float]:
+def _in_each(runs: Sequence[RecordedRun], parts: Sequence[Stretches], line: float) -> list[float]:
     """Return the frequency of a line (Hz) in each run, in cycles per sample.
 
-    Parts with rests between them are in phase at several frequencies; there the run that resolves most decides.
+    Stretches with rests between them are in phase at several frequencies; there the run that resolves most decides.
     """
     every = list(zip(runs, parts, strict=True))
     finest, part = min(every, key=lambda item: item[1].resolved / item[0].period_s)
@@ -186,7 +186,7 @@ def _in_each(runs: Sequence[RecordedRun], parts: Sequence[Parts], line: float) -
     ]
 
 
-def _is_at_any_speed(run: RecordedRun, part: Parts, frequency: float) -> bool:
+def _is_at_any_speed(run: RecordedRun, part: Stretches, frequency: float) -> bool:
     """Return whether a run has a line (cycles per sample) also where it is not at its usual speed."""
     gap, speed = _gap(run, FORCE), np.abs(run.reference[:, 1])
     moving = speed[speed > RECORDS.resting * speed.max()]
@@ -198,7 +198,7 @@ def _is_at_any_speed(run: RecordedRun, part: Parts, frequency: float) -> bool:
 
 def _line(
     runs: Sequence[RecordedRun],
-    parts: Sequence[Parts],
+    parts: Sequence[Stretches],
     frequencies: Sequence[float],
     kind: type[Effect] | None,
     nominal: Nominal,
@@ -227,7 +227,7 @@ def _line(
 
 def _response(
     run: RecordedRun,
-    part: Parts,
+    part: Stretches,
     kind: type[Effect],
     frequency_Hz: float,
     amplitude_N: float,

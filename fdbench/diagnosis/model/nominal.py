@@ -28,9 +28,16 @@ SUBSTEPS = 10  # where a scenario does not say
 class Simulation:
     """How the model is integrated between two samples of a record, and how often its controller acts in that time.
 
-    Without ``loops`` it acts once, or as often as records with a known controller tell. Velocity and acceleration of a
-    command that a log does not hold are its ``command_rates``: "central" differences, or the "backward" ones that many
-    controllers take, which are half a sample and a sample later. Without, records tell which.
+    Parameters
+    ----------
+    substeps : int
+        Substeps of the integration between two samples, at most; fewer are taken where no reading moves by a tenth of
+        its noise.
+    loops : int or None
+        Cycles of the controller between two samples. Without it one, or as many as records tell.
+    command_rates : str or None
+        How velocity and acceleration of a command are differenced that a log does not hold: ``"central"``, or
+        ``"backward"`` as many controllers do, which is half a sample and a sample later. Without it records tell which.
     """
 
     substeps: int = bounded(1, 10000)
@@ -54,18 +61,36 @@ class Simulation:
 class Uncertainty:
     """Standard deviations of the nominal parameters; re-calibration moves within them.
 
-    Masses, viscous frictions, the stiffness of a screw and the effects that the model knows are relative, the force
-    offset is in newtons. The stiffness moves by one and a half of its deviations at most. No
-    data sheet says over which speed friction turns its sign, or over which way it bends: ``transition_velocity`` and
-    ``bristle_stiffness`` are those of their natural logarithms.
-    ``friction_side`` is the part of the known friction that acts on the motor instead of the table, and
-    ``friction_form`` is that of friction at low speeds, relative to the known friction. ``controller_gains`` is that of
-    each gain of a cascade, relative. ``reference_delay`` is that of the velocity's reference in a cascade, in sampling
-    times; unless it is given there is none where that was logged, as a filter of the velocity acts alike, and else half
-    a one: a controller may difference its command either way. ``velocity_filter`` is that of the time
-    constant of such a filter, and ``loop_lag`` that of the time by which the force follows its command, in sampling
-    times both. Without ``force_offset_N`` it is 2 N on an
-    axis of usual forces; see `Nominal.scale`.
+    Parameters
+    ----------
+    mass : float
+        Of masses or moments of inertia, relative.
+    viscous : float
+        Of viscous frictions, relative to what the model has of it.
+    stiffness : float
+        Of the stiffness of a screw or shaft, relative; it moves by one and a half of it at most.
+    known_effects : float
+        Of the size of each effect that the model knows, relative.
+    transition_velocity : float
+        Of the natural logarithm of the speed over which friction turns its sign, which no data sheet says.
+    bristle_stiffness : float
+        Of the natural logarithm of the stiffness with which a known LuGre friction bends before it slides.
+    friction_side : float
+        Of the part of the known friction that acts on the motor instead of the table.
+    friction_form : float
+        Of friction at low speeds, relative to the known friction.
+    controller_gains : float
+        Of each gain of a cascade, relative; 0 where they are known exactly.
+    reference_delay : float or None
+        Of the delay of the velocity's reference in a cascade, in sampling times. Without it 0 where that reference was
+        logged, as a filter of the velocity acts alike, and else a quarter: a controller may difference its command
+        either way.
+    velocity_filter : float
+        Of the time constant of a cascade's filter of the velocity, in sampling times.
+    loop_lag : float
+        Of the time by which the force follows its command, in sampling times; none where the model knows such a lag.
+    force_offset_N : float or None
+        Of a constant force. Without it 2 N on an axis of usual forces, else in proportion to them.
     """
 
     mass: float = positive(default=0.03)
@@ -109,8 +134,21 @@ class Covered:
 class Nominal:
     """A model file: [plant] with its controller, [simulation], and optionally [uncertainty].
 
-    ``exclude`` names effects that this axis cannot have; the diagnosis does not consider them. The plant of a rotary
-    ``axis`` is that of its arc; see `fdbench.rotary`.
+    The plant of a rotary ``axis`` is that of its arc; see `fdbench.rotary`. With ``extends = "healthy"`` above its
+    tables a file has only what differs from ``healthy.toml`` beside it.
+
+    Parameters
+    ----------
+    plant : Plant
+        Nominal machine and its controller.
+    simulation : Simulation
+        How it is integrated.
+    uncertainty : Uncertainty
+        How well its values are known.
+    exclude : tuple of str
+        Names of effects that this axis cannot have; the diagnosis does not consider them.
+    axis : str
+        ``"linear"``, or ``"rotary"``: then all keys, records and answers have the units of a rotary axis.
     """
 
     plant: Plant

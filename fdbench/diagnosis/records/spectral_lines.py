@@ -46,8 +46,8 @@ def at_peak(axis: FloatArray, power: FloatArray, peak: int) -> float:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Parts:
-    """Parts of a record in which a line is looked for: all of it, or several with nothing of the line between them.
+class Stretches:
+    """Where in a record a line is looked for: in all of it, or in stretches with nothing of the line between them.
 
     Attributes
     ----------
@@ -61,44 +61,44 @@ class Parts:
     slices: tuple[slice, ...]
 
     @classmethod
-    def whole(cls, n_samples: int) -> "Parts":
-        """Return all of a record as one part."""
+    def whole(cls, n_samples: int) -> "Stretches":
+        """Return all of a record as one stretch."""
         return cls(n_samples=n_samples, slices=(slice(0, n_samples),))
 
     @property
     def resolved(self) -> float:
-        """What the longest part resolves, in cycles per sample."""
-        return 1.0 / float(max(part.stop - part.start for part in self.slices))
+        """What the longest stretch resolves, in cycles per sample."""
+        return 1.0 / float(max(own.stop - own.start for own in self.slices))
 
     @cached_property
     def window(self) -> FloatArray:
-        """Hann's window over each part, (n_samples,)."""
+        """Hann's window over each stretch, (n_samples,)."""
         found = np.zeros(self.n_samples)
-        for part in self.slices:
-            found[part] = np.hanning(part.stop - part.start)
+        for own in self.slices:
+            found[own] = np.hanning(own.stop - own.start)
         return found
 
     @cached_property
     def inside(self) -> NDArray[np.bool_]:
-        """Which samples are in a part, (n_samples,)."""
+        """Which samples are in a stretch, (n_samples,)."""
         found = np.zeros(self.n_samples, dtype=np.bool_)
-        for part in self.slices:
-            found[part] = True
+        for own in self.slices:
+            found[own] = True
         return found
 
     def of(self, signal: FloatArray) -> list[FloatArray]:
-        """Return the parts of a signal (n_samples,), each as the only channel of its own."""
-        return [signal[None, part] for part in self.slices]
+        """Return the stretches of a signal (n_samples,), each as the only channel of its own."""
+        return [signal[None, own] for own in self.slices]
 
     def component(self, signal: FloatArray, frequency: float) -> complex:
-        """Return what a signal has of a frequency (cycles per sample) in the parts, as a complex amplitude."""
+        """Return what a signal has of a frequency (cycles per sample) in the stretches, as a complex amplitude."""
         turn = np.exp(-2j * np.pi * frequency * np.arange(self.n_samples))
         return complex(2.0 * np.sum(self.window * signal * turn) / self.window.sum())
 
     def sharpened(self, signal: FloatArray, frequency: float, within: float | None = None) -> float:
         """Return the frequency (cycles per sample) that a signal has most of, within what is resolved about one.
 
-        Several parts are in phase at several frequencies, of which the best is refined.
+        Several stretches are in phase at several frequencies, of which the best is refined.
         """
         from scipy.optimize import minimize_scalar
 
@@ -111,7 +111,7 @@ class Parts:
         return float(minimize_scalar(missed, bounds=(best - step, best + step), method="bounded").x)
 
     def tones(self, frequencies: Sequence[float]) -> FloatArray:
-        """Return cosine and sine of frequencies (cycles per sample) in the parts, (2 n_frequencies, n_samples)."""
+        """Return cosine and sine of frequencies (cycles per sample) in the stretches, (2 n_frequencies, n_samples)."""
         angle = 2.0 * np.pi * np.outer(frequencies, np.arange(self.n_samples))
         return np.asarray(np.concatenate((np.cos(angle), np.sin(angle))) * self.inside)
 

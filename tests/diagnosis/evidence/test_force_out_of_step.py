@@ -19,7 +19,7 @@ from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.runs import FORCE, POSITION, RecordedRun, differences
-from fdbench.diagnosis.records.spectral_lines import Parts
+from fdbench.diagnosis.records.spectral_lines import Stretches
 from fdbench.effects import Effect, effects
 from fdbench.plants.feed_drive import RotaryMotor
 from fdbench.record import Record
@@ -111,7 +111,7 @@ def test_a_wave_over_the_way_is_no_line_over_time() -> None:
         for found, force_N in ((runs, cogging), (lines, fan)):
             channels = {"motor_force_N": force_N + noise, "position_m": reference[:, 0]}
             found.append(RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=channels, lap=None))
-    whole = [Parts.whole(run.n_samples) for run in runs]
+    whole = [Stretches.whole(run.n_samples) for run in runs]
     assert lines_of_all(runs, whole) == []
     (line,) = lines_of_all(lines, whole)
     assert line == pytest.approx(20.0, abs=0.05)
@@ -131,7 +131,7 @@ def test_a_force_that_friction_holds_at_rest_is_found_while_the_axis_moves() -> 
         channels = {FORCE: gap[FORCE], POSITION: reference[:, 0] + gap[POSITION]}
         run = RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=channels, lap=None)
         runs.append(dataclasses.replace(run, left=gap))
-    whole = [Parts.whole(run.n_samples) for run in runs]
+    whole = [Stretches.whole(run.n_samples) for run in runs]
     assert lines_between_repeats(differences(runs, FORCE), whole[1:], PERIOD_S) == [], "not there throughout"
     nominal = Nominal(plant=drive(), simulation=Simulation(substeps=10))
     found = without_forces_out_of_step(runs, nominal, Replay(nominal.drive, nominal.library, 10))
@@ -169,7 +169,7 @@ def test_what_repeats_do_not_differ_by_is_no_line() -> None:
 
     def lines(amplitude_N: float, *phases: float) -> list[float]:
         between = differences([run(amplitude_N, phase) for phase in phases], FORCE)
-        return lines_between_repeats(between, [Parts.whole(len(own)) for own in between], PERIOD_S)
+        return lines_between_repeats(between, [Stretches.whole(len(own)) for own in between], PERIOD_S)
 
     assert lines(5.0, 0.3, 0.3, 0.3) == [], "in step with the command"
     assert lines(0.0, 0.0, 0.0, 0.0) == [], "noise"

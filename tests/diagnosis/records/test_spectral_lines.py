@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fdbench.diagnosis.records.spectral_lines import Parts, fitted, lines_in_time
+from fdbench.diagnosis.records.spectral_lines import Stretches, fitted, lines_in_time
 
 PERIOD_S = 1e-3
 
@@ -20,7 +20,7 @@ def test_lines_are_found_and_noise_has_none() -> None:
 def test_a_line_is_told_to_a_part_of_what_is_resolved_and_taken_whole() -> None:
     time_s = np.arange(3000) * PERIOD_S
     signal = 2.0 * np.cos(2.0 * np.pi * 23.117 * time_s + 0.4)
-    whole = Parts.whole(len(signal))
+    whole = Stretches.whole(len(signal))
     frequency = whole.sharpened(signal, 23.3 * PERIOD_S)
     assert frequency / PERIOD_S == pytest.approx(23.117, abs=0.01)
     found = whole.component(signal, frequency)
