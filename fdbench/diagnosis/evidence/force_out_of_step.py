@@ -48,6 +48,58 @@ class _Line:
     is_answered: bool | None
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Looked:
+    """A run, and where in it a line is looked for."""
+
+    run: RecordedRun
+    where: Stretches
+
+    @classmethod
+    def everywhere(cls, run: RecordedRun) -> "Looked":
+        """Look at all of a run."""
+        return cls(run=run, where=Stretches.whole(run.n_samples))
+
+    @classmethod
+    def while_moving(cls, run: RecordedRun) -> "Looked":
+        """Look where a run moves for long enough to tell a line; everywhere, if it does so nowhere."""
+        speed = np.abs(run.reference[:, 1])
+        slices = tuple(
+            slice(first, last)
+            for first, last in stretches(speed > RECORDS.resting * speed.max())
+            if last - first >= RECORDS.piece_samples
+        )
+        where = Stretches(n_samples=run.n_samples, slices=slices)
+        return cls(run=run, where=where) if slices else cls.everywhere(run)
+
+    @property
+    def has_rests(self) -> bool:
+        """Whether the run is looked at in several stretches."""
+        return len(self.where.slices) > 1
+
+    def gap(self, name: str) -> FloatArray:
+        """Return what the nominal model leaves of a channel."""
+        return self.run.channels[name] if self.run.left is None else self.run.left[name]
+
+    def component(self, name: str, frequency: float) -> complex:
+        """Return what the gap of a channel has of a frequency (cycles per sample), as a complex amplitude."""
+        return self.where.component(self.gap(name), frequency)
+
+    def sharpened(self, line: float, within: float | None = None) -> float:
+        """Return the frequency (cycles per sample) about a line (Hz) that the gap of the force has most of."""
+        return self.where.sharpened(self.gap(FORCE), line * self.run.period_s, within)
+
+    def is_at_any_speed(self, line: float) -> bool:
+        """Return whether the force has a line (Hz) also where the run is not at its usual speed."""
+        gap, speed, where = self.gap(FORCE), np.abs(self.run.reference[:, 1]), self.where
+        moving = speed[speed > RECORDS.resting * speed.max()]
+        usual = float(np.median(moving)) if len(moving) else 0.0
+        other = (np.abs(speed - usual) > USUAL * usual) & where.inside
+        tone = fitted((gap * where.inside)[None], where.tones([self.sharpened(line)]))[0]
+        turns = other.sum() * line * self.run.period_s
+        return bool(turns > TURNS and gap[other] @ tone[other] > 0.5 * (tone[other] @ tone[other]))
+
+
 def without_forces_out_of_step(runs: Sequence[RecordedRun], nominal: Nominal, replay: Replay) -> OutOfStep:
     """Return runs of one condition without the lines that repeats differ by.
 
@@ -62,22 +114,23 @@ def without_forces_out_of_step(runs: Sequence[RecordedRun], nominal: Nominal, re
     replay : Replay
         Tells what the position would do if the line were a force.
     """
-    whole = [Stretches.whole(run.n_samples) for run in runs]
-    parts, lines = whole, _lines(runs, whole)
+    looked = [Looked.everywhere(run) for run in runs]
+    lines = _lines(looked)
     if not lines:
         # Friction at rest may hold what acts, so that nothing of it is read there.
-        parts = [while_moving(run) for run in runs]
-        lines = _lines(runs, parts) if any(len(own.slices) > 1 for own in parts) else []
+        looked = [Looked.while_moving(run) for run in runs]
+        lines = _lines(looked) if any(item.has_rests for item in looked) else []
     if not lines:
         return OutOfStep(runs=list(runs))
-    each = [_in_each(runs, parts, line) for line in lines]
+    each = [_in_each(looked, line) for line in lines]
     kind = next((item for item in nominal.library if item.port is Port.TABLE_FORCE and _shape(item)), None)
-    found = [_line(runs, parts, own, kind, nominal, replay) for own in each]
+    found = [_line(looked, own, kind, nominal, replay) for own in each]
     cleaned, removed = [], []
-    for run, part, *frequencies in zip(runs, parts, *each, strict=True):
+    for item, *frequencies in zip(looked, *each, strict=True):
+        run, where = item.run, item.where
         names = list(run.channels)
-        gaps = np.stack([_gap(run, name) for name in names])
-        waves = dict(zip(names, fitted(gaps * part.inside, part.tones(frequencies)), strict=True))
+        gaps = np.stack([item.gap(name) for name in names])
+        waves = dict(zip(names, fitted(gaps * where.inside, where.tones(frequencies)), strict=True))
         removed.append({name: float(np.mean(wave**2)) for name, wave in waves.items()})
         channels = {name: values - waves[name] for name, values in run.channels.items()}
         left = None if run.left is None else {name: values - waves[name] for name, values in run.left.items()}
@@ -101,28 +154,20 @@ def without_forces_out_of_step(runs: Sequence[RecordedRun], nominal: Nominal, re
     return OutOfStep(runs=cleaned, artefact=artefact, warnings=tuple(map(_words, found)))
 
 
-def while_moving(run: RecordedRun) -> Stretches:
-    """Return the stretches of a run in which it moves for long enough to tell a line; all of it without any."""
-    speed = np.abs(run.reference[:, 1])
-    slices = tuple(
-        slice(first, last)
-        for first, last in stretches(speed > RECORDS.resting * speed.max())
-        if last - first >= RECORDS.piece_samples
-    )
-    return Stretches(n_samples=run.n_samples, slices=slices) if slices else Stretches.whole(run.n_samples)
-
-
-def _lines(runs: Sequence[RecordedRun], parts: Sequence[Stretches]) -> list[float]:
+def _lines(looked: Sequence[Looked]) -> list[float]:
     """Return the lines (Hz) that repeats differ by; where nothing was repeated, that all motions have."""
+    runs = [item.run for item in looked]
     between = differences(runs, FORCE)
     if not between:
-        return lines_of_all(runs, parts)
-    repeats = [part for run, part in zip(runs, parts, strict=True) if any(run is own for own, _ in repeated(runs))]
+        return lines_of_all(looked)
+    repeats = [item.where for item in looked if any(item.run is own for own, _ in repeated(runs))]
     of_laps = [Stretches.whole(len(own)) for own in between]
     return lines_between_repeats(between, repeats or of_laps, runs[0].period_s)
 
 
-def lines_between_repeats(between: Sequence[FloatArray], parts: Sequence[Stretches], period_s: float) -> list[float]:
+def lines_between_repeats(
+    between: Sequence[FloatArray], everywhere: Sequence[Stretches], period_s: float
+) -> list[float]:
     """Return the lines (Hz) that make a good part of what the force of repeats differs by.
 
     A force that is periodic, but not in step with the command, comes at another phase each time.
@@ -131,94 +176,76 @@ def lines_between_repeats(between: Sequence[FloatArray], parts: Sequence[Stretch
     ----------
     between : sequence of (n_samples,) array
         What the force of each repeat differs by from the one before, at least once.
-    parts : sequence of Stretches
-        Of each.
+    everywhere : sequence of Stretches
+        Where in each a line is looked for.
     period_s : float
         Sampling time.
     """
+    pairs = list(zip(between, everywhere, strict=True))
     found = []
-    for line in lines_in_time(
-        [one for own, part in zip(between, parts, strict=True) for one in part.of(own)], period_s
-    ):
+    for line in lines_in_time([one for own, where in pairs for one in where.of(own)], period_s):
         taken, every = 0.0, 0.0
-        for own, part in zip(between, parts, strict=True):
-            inside = (own * part.inside)[None]
-            wave = fitted(inside, part.tones([part.sharpened(own, line * period_s)]))
+        for own, where in pairs:
+            inside = (own * where.inside)[None]
+            wave = fitted(inside, where.tones([where.sharpened(own, line * period_s)]))
             taken, every = taken + float(np.sum(wave**2)), every + float(np.sum(inside**2))
         if taken > JUDGE.force_line * every:
             found.append(line)
     return found
 
 
-def lines_of_all(runs: Sequence[RecordedRun], parts: Sequence[Stretches]) -> list[float]:
+def lines_of_all(looked: Sequence[Looked]) -> list[float]:
     """Return the lines (Hz) that all of several motions have, at another phase each, and at any speed.
 
     One that has the same phase in all is in step with them, and an effect may say so. What repeats with the way is a
     line at a steady speed, and none at another.
     """
-    if len(runs) < 2:
+    if len(looked) < 2:
         return []
-    own = [lines_in_time(part.of(_gap(run, FORCE)), run.period_s) for run, part in zip(runs, parts, strict=True)]
+    own = [lines_in_time(item.where.of(item.gap(FORCE)), item.run.period_s) for item in looked]
     found = []
     for line in own[0]:
         nearest = [min(others, key=lambda other: abs(other - line), default=math.inf) for others in own]
-        widths = [part.resolved / run.period_s for run, part in zip(runs, parts, strict=True)]
+        widths = [item.where.resolved / item.run.period_s for item in looked]
         if all(abs(other - line) < width + widths[0] for other, width in zip(nearest, widths, strict=True)):
-            every = list(zip(runs, parts, strict=True))
-            phasors = [part.component(_gap(run, FORCE), line * run.period_s) for run, part in every]
+            phasors = [item.component(FORCE, line * item.run.period_s) for item in looked]
             in_step = abs(np.mean(phasors)) > EVIDENCE.same_phase * np.mean(np.abs(phasors))
-            if not in_step and all(_is_at_any_speed(run, part, line * run.period_s) for run, part in every):
+            if not in_step and all(item.is_at_any_speed(line) for item in looked):
                 found.append(line)
     return found
 
 
-def _in_each(runs: Sequence[RecordedRun], parts: Sequence[Stretches], line: float) -> list[float]:
+def _in_each(looked: Sequence[Looked], line: float) -> list[float]:
     """Return the frequency of a line (Hz) in each run, in cycles per sample.
 
     Stretches with rests between them are in phase at several frequencies; there the run that resolves most decides.
     """
-    every = list(zip(runs, parts, strict=True))
-    finest, part = min(every, key=lambda item: item[1].resolved / item[0].period_s)
-    line = part.sharpened(_gap(finest, FORCE), line * finest.period_s) / finest.period_s
-    return [
-        own.sharpened(_gap(run, FORCE), line * run.period_s, None if len(own.slices) == 1 else 1.0 / run.n_samples)
-        for run, own in every
-    ]
-
-
-def _is_at_any_speed(run: RecordedRun, part: Stretches, frequency: float) -> bool:
-    """Return whether a run has a line (cycles per sample) also where it is not at its usual speed."""
-    gap, speed = _gap(run, FORCE), np.abs(run.reference[:, 1])
-    moving = speed[speed > RECORDS.resting * speed.max()]
-    usual = float(np.median(moving)) if len(moving) else 0.0
-    other = (np.abs(speed - usual) > USUAL * usual) & part.inside
-    tone = fitted((gap * part.inside)[None], part.tones([part.sharpened(gap, frequency)]))[0]
-    return bool(other.sum() * frequency > TURNS and gap[other] @ tone[other] > 0.5 * (tone[other] @ tone[other]))
+    finest = min(looked, key=lambda item: item.where.resolved / item.run.period_s)
+    line = finest.sharpened(line) / finest.run.period_s
+    return [item.sharpened(line, 1.0 / item.run.n_samples if item.has_rests else None) for item in looked]
 
 
 def _line(
-    runs: Sequence[RecordedRun],
-    parts: Sequence[Stretches],
+    looked: Sequence[Looked],
     frequencies: Sequence[float],
     kind: type[Effect] | None,
     nominal: Nominal,
     replay: Replay,
 ) -> _Line:
     """Return a line that each run has at its own frequency (cycles per sample)."""
-    every = list(zip(runs, parts, frequencies, strict=True))
-    force = np.array([abs(part.component(_gap(run, FORCE), own)) for run, part, own in every])
+    every = list(zip(looked, frequencies, strict=True))
+    force = np.array([abs(item.component(FORCE, own)) for item, own in every])
     answers, beside = 0.0, 0.0
-    for run, part, own in every:
-        gap = _gap(run, POSITION)
-        answers += abs(part.component(gap, own)) ** 2
-        aside = [own + number * part.resolved for number in ASIDE]
-        beside += float(np.mean([abs(part.component(gap, other)) ** 2 for other in aside]))
-    frequency_Hz = float(np.mean(frequencies)) / runs[0].period_s
+    for item, own in every:
+        answers += abs(item.component(POSITION, own)) ** 2
+        aside = [own + number * item.where.resolved for number in ASIDE]
+        beside += float(np.mean([abs(item.component(POSITION, other)) ** 2 for other in aside]))
+    frequency_Hz = float(np.mean(frequencies)) / looked[0].run.period_s
     is_answered: bool | None = answers > EVIDENCE.answer * beside
     if kind is None or isinstance(nominal.drive.controller, Following):
         # What a controller that nobody knows makes of a force is not known either.
         return _Line(frequency_Hz=frequency_Hz, amplitudes_N=force, is_answered=is_answered or None)
-    per_N, moved_per_N = _response(runs[0], parts[0], kind, frequency_Hz, float(force.mean()), nominal, replay)
+    per_N, moved_per_N = _response(looked[0], kind, frequency_Hz, float(force.mean()), nominal, replay)
     expected = float(np.sum((force * moved_per_N / per_N) ** 2))
     if not is_answered and expected < EVIDENCE.answer * beside:
         is_answered = None
@@ -226,8 +253,7 @@ def _line(
 
 
 def _response(
-    run: RecordedRun,
-    part: Stretches,
+    looked: Looked,
     kind: type[Effect],
     frequency_Hz: float,
     amplitude_N: float,
@@ -237,9 +263,11 @@ def _response(
     """Return the amplitudes of the force's and of the position's reading for a periodic force on the table of 1 N."""
     force = kind.typical(**{kind.amplitude: amplitude_N, _shape(kind): frequency_Hz})
     without = start(nominal).variant
+    run = looked.run
     own = replay.simulate(run, [without, Variant(plant=without.plant, extra=(force,))])
     change = {name: own[name][1] - own[name][0] for name in (FORCE, POSITION)}
-    found = [abs(part.component(values, frequency_Hz * run.period_s)) / amplitude_N for values in change.values()]
+    frequency = frequency_Hz * run.period_s
+    found = [abs(looked.where.component(values, frequency)) / amplitude_N for values in change.values()]
     return max(found[0], 1e-12), found[1]
 
 
@@ -247,10 +275,6 @@ def _shape(kind: type[Effect]) -> str:
     """Return the parameter of an effect that is a line over time, empty without one and for a form of another."""
     lines = [item.name for item in kind.parameters() if item.locate == "line"]
     return lines[0] if lines and not kind.same_signal_as else ""
-
-
-def _gap(run: RecordedRun, name: str) -> FloatArray:
-    return run.channels[name] if run.left is None else run.left[name]
 
 
 def _words(line: _Line) -> str:

@@ -11,6 +11,7 @@ from axis_lab import PERIOD_S, as_built, drive, protocol, record
 from fdbench.diagnosis.answer import READING, Answer
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.evidence.force_out_of_step import (
+    Looked,
     lines_between_repeats,
     lines_of_all,
     without_forces_out_of_step,
@@ -111,9 +112,8 @@ def test_a_wave_over_the_way_is_no_line_over_time() -> None:
         for found, force_N in ((runs, cogging), (lines, fan)):
             channels = {"motor_force_N": force_N + noise, "position_m": reference[:, 0]}
             found.append(RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=channels, lap=None))
-    whole = [Stretches.whole(run.n_samples) for run in runs]
-    assert lines_of_all(runs, whole) == []
-    (line,) = lines_of_all(lines, whole)
+    assert lines_of_all(list(map(Looked.everywhere, runs))) == []
+    (line,) = lines_of_all(list(map(Looked.everywhere, lines)))
     assert line == pytest.approx(20.0, abs=0.05)
 
 
