@@ -170,7 +170,8 @@ def lines_between_repeats(
 ) -> list[float]:
     """Return the lines (Hz) that make a good part of what the force of repeats differs by.
 
-    A force that is periodic, but not in step with the command, comes at another phase each time.
+    A force that is periodic, but not in step with the command, comes at another phase each time: most differences have
+    a good part of it, too. What a few repeats differ by at some low frequency is friction.
 
     Parameters
     ----------
@@ -184,12 +185,13 @@ def lines_between_repeats(
     pairs = list(zip(between, everywhere, strict=True))
     found = []
     for line in lines_in_time([one for own, where in pairs for one in where.of(own)], period_s):
-        taken, every = 0.0, 0.0
-        for own, where in pairs:
+        taken, every = np.zeros(len(pairs)), np.zeros(len(pairs))
+        for place, (own, where) in enumerate(pairs):
             inside = (own * where.inside)[None]
             wave = fitted(inside, where.tones([where.sharpened(own, line * period_s)]))
-            taken, every = taken + float(np.sum(wave**2)), every + float(np.sum(inside**2))
-        if taken > JUDGE.force_line * every:
+            taken[place], every[place] = np.sum(wave**2), np.sum(inside**2)
+        in_most = float(np.median(taken / np.maximum(every, 1e-300))) > 0.5 * JUDGE.force_line
+        if in_most and taken.sum() > JUDGE.force_line * every.sum():
             found.append(line)
     return found
 

@@ -15,7 +15,10 @@ ComplexArray = NDArray[np.complex128]
 
 
 def lines_in_time(signals: Sequence[FloatArray], period_s: float) -> list[float]:
-    """Return the lines (Hz) that stand out of the spectrum of any signal, (n_channels, n) each, the sharpest first."""
+    """Return the lines (Hz) that stand out of the spectrum of any signal, (n_channels, n) each, the sharpest first.
+
+    None is as slow as what a signal resolves, where it has no surroundings on either side.
+    """
     from scipy.signal import periodogram
 
     found: list[tuple[float, float, float]] = []
@@ -23,7 +26,8 @@ def lines_in_time(signals: Sequence[FloatArray], period_s: float) -> list[float]
     for signal in signals:
         frequency, powers = periodogram(signal, 1.0 / period_s, "hann")
         power = powers.sum(axis=0)
-        power[(frequency < SEARCH.lowest_line_Hz) | (frequency > MODEL.highest_of_nyquist * frequency[-1])] = 0.0
+        lowest = max(SEARCH.lowest_line_Hz, near * float(frequency[1]))
+        power[(frequency < lowest) | (frequency > MODEL.highest_of_nyquist * frequency[-1])] = 0.0
         side = np.lib.stride_tricks.sliding_window_view(np.pad(power, far, mode="edge"), far - near + 1).max(axis=1)
         height = power / np.maximum(np.maximum(side[: len(power)], side[far + near :]), 1e-30)
         for peak in np.flatnonzero(height > SEARCH.stands_out).tolist():

@@ -144,6 +144,20 @@ def test_a_force_that_friction_holds_at_rest_is_found_while_the_axis_moves() -> 
         assert rms(run.left[FORCE]) < 0.1 * AMPLITUDE_N
 
 
+def test_friction_that_differs_between_two_of_many_repeats_is_no_line() -> None:
+    """Slow, and large, but in one of four differences alone; and as slow as the stretches of motion are short."""
+    rng = np.random.default_rng(4)
+    time_s = np.arange(8000) * PERIOD_S
+    whole = [Stretches.whole(8000)] * 4
+    between = [rng.standard_normal(8000) for _ in whole]
+    slow = 30.0 * np.sin(2.0 * np.pi * 2.5 * time_s)
+    assert lines_between_repeats([between[0] + slow, *between[1:]], whole, PERIOD_S) == []
+    (line,) = lines_between_repeats([own + slow for own in between], whole, PERIOD_S)
+    assert line == pytest.approx(2.5, abs=0.05)
+    short = [Stretches(n_samples=8000, slices=(slice(500, 1200), slice(3000, 3700)))] * 4
+    assert lines_between_repeats([own + slow for own in between], short, PERIOD_S) == []
+
+
 def test_pick_up_of_the_measurement_is_no_force() -> None:
     answer = answer_to(records(picked_up, 100))
     assert named(answer) == []
