@@ -73,10 +73,15 @@ class RecordingSetup:
         return np.asarray(4.0 ** (np.round(0.5 * STEPS * np.log2(measured)) / STEPS))
 
     def squares(self, ready: Aligned) -> FloatArray:
-        """Return the mean squares of noise within a run and of changes from run to run, (2, n_channels)."""
+        """Return the mean squares of noise within a run and of changes from run to run, (2, n_channels).
+
+        Changes that are only assumed, as nothing was repeated, are none.
+        """
         noise = Repeatability(ready.readings.replay, start(ready.nominal), ready.runs).noise_models.values()
         within = np.array([floor.rms**2 for floor in noise])
-        return np.stack((within, np.array([floor.total**2 for floor in noise]) - within))
+        return np.stack(
+            (within, np.array([floor.total**2 if floor.measured else floor.rms**2 for floor in noise]) - within)
+        )
 
     @cached_property
     def digest(self) -> str:
