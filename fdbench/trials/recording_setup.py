@@ -79,9 +79,8 @@ class RecordingSetup:
         """
         noise = Repeatability(ready.readings.replay, start(ready.nominal), ready.runs).noise_models.values()
         within = np.array([floor.rms**2 for floor in noise])
-        return np.stack(
-            (within, np.array([floor.total**2 if floor.measured else floor.rms**2 for floor in noise]) - within)
-        )
+        between = np.array([floor.total**2 - floor.rms**2 if floor.measured else 0.0 for floor in noise])
+        return np.stack((within, between))
 
     @cached_property
     def digest(self) -> str:

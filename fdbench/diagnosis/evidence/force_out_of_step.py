@@ -63,11 +63,8 @@ class Looked:
     @classmethod
     def while_moving(cls, run: RecordedRun) -> "Looked":
         """Look where a run moves for long enough to tell a line; everywhere, if it does so nowhere."""
-        speed = np.abs(run.reference[:, 1])
         slices = tuple(
-            slice(first, last)
-            for first, last in stretches(speed > RECORDS.resting * speed.max())
-            if last - first >= RECORDS.piece_samples
+            slice(first, last) for first, last in stretches(run.moves) if last - first >= RECORDS.piece_samples
         )
         where = Stretches(n_samples=run.n_samples, slices=slices)
         return cls(run=run, where=where) if slices else cls.everywhere(run)
@@ -92,7 +89,7 @@ class Looked:
     def is_at_any_speed(self, line: float) -> bool:
         """Return whether the force has a line (Hz) also where the run is not at its usual speed."""
         gap, speed, where = self.gap(FORCE), np.abs(self.run.reference[:, 1]), self.where
-        moving = speed[speed > RECORDS.resting * speed.max()]
+        moving = speed[self.run.moves]
         usual = float(np.median(moving)) if len(moving) else 0.0
         other = (np.abs(speed - usual) > USUAL * usual) & where.inside
         tone = fitted((gap * where.inside)[None], where.tones([self.sharpened(line)]))[0]
@@ -160,7 +157,8 @@ def _lines(looked: Sequence[Looked]) -> list[float]:
     between = differences(runs, FORCE)
     if not between:
         return lines_of_all(looked)
-    repeats = [item.where for item in looked if any(item.run is own for own, _ in repeated(runs))]
+    pairs = repeated(runs)
+    repeats = [item.where for item in looked if any(item.run is own for own, _ in pairs)]
     of_laps = [Stretches.whole(len(own)) for own in between]
     return lines_between_repeats(between, repeats or of_laps, runs[0].period_s)
 

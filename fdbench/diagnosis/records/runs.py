@@ -73,6 +73,12 @@ class RecordedRun:
         slope, offset = np.polyfit(np.arange(len(first)) * self.period_s, first, 1)
         return float(offset), float(slope)
 
+    @property
+    def moves(self) -> NDArray[np.bool_]:
+        """Which samples are commanded to move, (n_samples,)."""
+        speed = np.abs(self.reference[:, 1])
+        return np.asarray(speed > RECORDS.resting * speed.max())
+
     @functools.cached_property
     def held_force_N(self) -> float:
         """Force with which the axis stands before it moves, such as a weight; 0 where it moves or that builds up.
@@ -80,8 +86,7 @@ class RecordedRun:
         A controller that was switched on before the record has it in its integral. It is seen in the force as read:
         less what is left of a baseline, a force that builds up may seem to stand.
         """
-        speed, force = np.abs(self.reference[:, 1]), (self.readings or self.channels)[FORCE]
-        moves = np.flatnonzero(speed > RECORDS.resting * speed.max())
+        force, moves = (self.readings or self.channels)[FORCE], np.flatnonzero(self.moves)
         standing = force[: moves[0] if len(moves) else self.n_samples]
         if len(standing) < 4 * RECORDS.start_samples:
             return 0.0
