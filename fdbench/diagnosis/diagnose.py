@@ -34,6 +34,7 @@ from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
 from fdbench.diagnosis.records.plausibility import clock_warnings
 from fdbench.diagnosis.records.runs import merged
+from fdbench.diagnosis.search.beside_the_known import beside_the_known
 from fdbench.diagnosis.search.calibrated import Calibrated
 from fdbench.diagnosis.search.command_rates import with_likely_rates
 from fdbench.diagnosis.search.in_place_of_a_value import in_place_of_a_value
@@ -256,6 +257,7 @@ def _searched(
         stages=stages,
         contests=contests,
         exchange=exchange,
+        remainder=beside_the_known(Search(last), weighed),
         reductions=reductions_of(readings, plain, calibrated, final),
         artefacts=[
             artefact

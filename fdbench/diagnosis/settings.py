@@ -229,8 +229,10 @@ class SearchSettings:
     back: float = number(
         0.5, "of its deviation, below which a value has come back beside an effect that may be in its place"
     )
+    stays: float = number(0.2, "of a known effect that stays beside one in its place, so that it is not gone")
     noise_alone: float = number(1.05, "misfit below which nothing is left to explain", zero=1.0)
     effective_samples: float = number(60.0, "independent samples that a misfit is worth at most, for probabilities")
+    of_a_stretch: float = number(2.5, "such samples in a stretch of time that is judged on, 0.25 s long")
     paired: float = number(
         0.2,
         "of the standard errors by which look-alikes differ over stretches of time, that count: forms are not exact",
@@ -240,6 +242,7 @@ class SearchSettings:
     kept_promise: float = number(
         0.75, "share of the promised fall that a step must reach for its responses to serve on"
     )
+    formed: float = number(0.5, "deviations by which nuisances must differ, where a form may stand in for an effect")
     near: float = number(
         1.0, "standard deviations of a nominal parameter, over which its response is taken for constant"
     )

@@ -50,7 +50,7 @@ class DeadTime(Effect):
     cause_type = "delay"
     confusable_with = ("current_loop_lag",)
 
-    dead_time_s: float = parameter("t_d", low=0.0, high=2e-3, typical=5e-4)
+    dead_time_s: float = parameter("t_d", low=0.0, high=1e-2, typical=5e-4)
 
     @kernel
     def kernel(t, h, x, v, u, t_d, c_0, c_1, c_2, c_3, c_4, c_5, c_6, s_1, s_2, s_3, s_4, s_5, s_6):

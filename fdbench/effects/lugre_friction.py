@@ -49,7 +49,7 @@ class LugreFriction(Effect):
     bristle_stiffness_N_per_m: float = parameter(
         "sigma_0", low=1e3, high=1e9, typical=2e7, grid=(2e5, 1e6, 5e6, 2e7, 6e7)
     )
-    bristle_damping_N_s_per_m: float = parameter("sigma_1", low=0.0, high=1e6, typical=1e4)
+    bristle_damping_N_s_per_m: float = parameter("sigma_1", low=0.0, high=1e6, typical=1e4, grid=(1e4,))
 
     @classmethod
     def in_place_of(cls, known: Effect, shape: Mapping[str, float] = MappingProxyType({})) -> Self | None:

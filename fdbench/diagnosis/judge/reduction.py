@@ -37,6 +37,8 @@ class Reductions:
     groups : (n_segments,) array of int
     channel : (n_segments,) array of int
         Place of the segment's channel in those of the runs.
+    implausible : list of float
+        What speaks against the nominal parameters of each subset, see `Hypothesis.implausible`.
     """
 
     subsets: list[tuple[int, ...]]
@@ -44,6 +46,7 @@ class Reductions:
     counts: FloatArray
     groups: FloatArray
     channel: NDArray[np.intp]
+    implausible: list[float]
 
     def of_channel(self, place: int) -> FloatArray:
         """Return the mean squared gap of each subset in one channel."""
@@ -116,14 +119,18 @@ def reductions_of(readings: Readings, split: Split, base: Hypothesis, final: Hyp
     responses = np.zeros((m, 1 + n + m))
     responses[:, 1 + n :] = np.eye(m)
     responses[:, n] -= 1.0
-    gaps = []
+    gaps, implausible = [], []
     for place, variant in enumerate(variants):
         residual = np.zeros(1 + n + m)
         residual[0], residual[1 + place] = 1.0, -1.0
         if variant not in (base, final):
             normal = responses @ train @ responses.T + np.eye(m)
             right = responses @ train @ residual - np.asarray(variant.shifts)
-            residual -= np.linalg.solve(normal, right) @ responses
+            change = np.linalg.solve(normal, right)
+            residual -= change @ responses
+            implausible.append(variant.moved(change).implausible)
+        else:
+            implausible.append(variant.implausible)
         gaps.append(np.einsum("i,sij,j->s", residual, judged, residual))
     return Reductions(
         subsets=subsets,
@@ -131,6 +138,7 @@ def reductions_of(readings: Readings, split: Split, base: Hypothesis, final: Hyp
         counts=evidence.counts[outside],
         groups=evidence.group[outside].astype(np.float64),
         channel=evidence.channel[outside],
+        implausible=implausible,
     )
 
 

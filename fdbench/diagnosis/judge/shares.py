@@ -1,8 +1,11 @@
 """Shares of a gap: of what is closed in its channels, and of each effect among several."""
 
+import math
+
 import numpy as np
 
 from fdbench.diagnosis.judge.reduction import Reductions, shapley
+from fdbench.diagnosis.settings import SEARCH
 from fdbench.record import FloatArray
 
 
@@ -46,7 +49,9 @@ class Parts:
         self.everything = reductions.subsets[-1]
         self.closed = [reductions.closed_in_channel(place) for place in range(len(channels))]
         self.parts = [shapley(own, len(self.everything)) for own in self.closed]
-        self.left_by = dict(zip(reductions.subsets, reductions.mean().tolist(), strict=True))
+        left = zip(reductions.mean().tolist(), reductions.implausible, strict=True)
+        equivalent = [gap * math.exp(own / SEARCH.effective_samples) for gap, own in left]
+        self.left_by = dict(zip(reductions.subsets, equivalent, strict=True))
 
     def share(self, index: int) -> float:
         """Return the share of an effect, divided fairly where several explain the same."""
@@ -62,7 +67,10 @@ class Parts:
         return self.shares.of(np.array([values[self.everything] - values[without] for values in self.closed]))
 
     def is_better_with(self, index: int) -> bool:
-        """Whether the written model leaves less with an effect than without it, beside all others."""
+        """Whether the written model leaves less with an effect than without it, beside all others.
+
+        What values that are implausible close does not count, as in `equivalent_misfit`.
+        """
         return bool(self.left_by[self.everything] < self.left_by[self._without(index)])
 
     def _own(self, index: int) -> FloatArray:

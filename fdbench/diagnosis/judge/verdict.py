@@ -19,6 +19,7 @@ from fdbench.diagnosis.judge.probability_models import Beside, Features, Probabi
 from fdbench.diagnosis.judge.reduction import Reductions
 from fdbench.diagnosis.judge.shares import Parts, Shares
 from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound, is_beyond_its_form, is_corner, is_hollow
+from fdbench.diagnosis.search.beside_the_known import Remainder
 from fdbench.diagnosis.search.in_place_of_a_value import Exchange
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Rival, Stage
@@ -48,6 +49,8 @@ class Findings:
         Of the search, and for each final effect the model without it beside its rivals.
     exchange : Exchange or None
         The most probable effect in place of a value; it is in ``final`` where it is more probable than the value.
+    remainder : Remainder or None
+        A known effect that stays beside a final one that is to take its place.
     reductions : Reductions
     artefacts : sequence of Artefact
         Effects that are seen in the readings themselves.
@@ -62,6 +65,7 @@ class Findings:
     stages: Sequence[Stage]
     contests: Sequence[Stage]
     exchange: Exchange | None
+    remainder: Remainder | None
     reductions: Reductions
     artefacts: Sequence[Artefact]
 
@@ -124,7 +128,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     left = gather(search.readings, search.split, found.final, ())
     worst = left.worst()
     contested = _contested(found, worst, exchanged, models)
-    sound = [item for item in contested if not (item.hollow or item.corner)]
+    sound = [item for item in contested if item.in_part <= JUDGE.named and not item.corner]
     is_measured = all(floor.measured for floor in noise_models.values())
     readings = [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
     unknown = confidence.unknown_features(
@@ -140,7 +144,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     )
     # What is left of the gap, a gain that is not as set, and a part of an effect that is none without the rest speak
     # for an unknown cause independently of each other.
-    stand_ins = math.prod(1.0 - item.probability for item in contested if item.hollow)
+    stand_ins = math.prod(1.0 - item.in_part * item.probability for item in contested)
     known = (1.0 - models.unknown.probability(unknown)) * (1.0 - deviating.nameless) * stand_ins
     unknown_probability = max(1.0 - known, 1.0 - discount)
     small = JUDGE.small_share * shares.of(repaired)
@@ -150,6 +154,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         share = parts.share(index)
         # What explains little beside what is left of the gap may be a part of a cause that is not known.
         credible = discount * (1.0 - unknown_probability * small / max(small + share, 1e-12))
+        credible *= 1.0 - item.in_part
         chances = {name: min(credible * p, item.most(parts.is_better_with(index))) for name, p in item.odds.items()}
         causes.append(_named(found, item, chances, parts, index, bounds[index]))
     # A gap of no more than repeats differ by lacks no cause, however little it looks like noise. Held-out motions need
@@ -201,6 +206,9 @@ class _Contested:
         That it is one of them, as though no cause could be unknown.
     odds : mapping of str to float
         How it is divided among the effect, those, and others that may be there instead.
+    in_part : float
+        Probability that it is only a part of what it is called, see `is_hollow` and `Remainder`: then an unknown cause
+        is as probable.
     """
 
     effect: Effect
@@ -210,11 +218,7 @@ class _Contested:
     features: Features
     probability: float
     odds: Mapping[str, float]
-
-    @property
-    def hollow(self) -> bool:
-        """Whether it is only a part of what it is called, see `is_hollow`: then an unknown cause is as probable."""
-        return is_hollow(self.effect)
+    in_part: float
 
     @property
     def corner(self) -> bool:
@@ -226,7 +230,7 @@ class _Contested:
 
         What the written model is no better with, beside all others, is not named, nor what is at a bound of its form.
         """
-        if self.hollow or self.corner:
+        if self.corner:
             return JUDGE.fewest
         return 1.0 if is_better_with and not is_beyond_its_form(self.effect) else JUDGE.named
 
@@ -313,9 +317,16 @@ def _contested(
                 features=features,
                 probability=own,
                 odds=odds,
+                in_part=_in_part(effect, found.remainder),
             )
         )
     return contested
+
+
+def _in_part(effect: Effect, remainder: Remainder | None) -> float:
+    if is_hollow(effect):
+        return 1.0
+    return 0.0 if remainder is None or remainder.kind is not type(effect) else remainder.odds
 
 
 def _closed(as_given: FloatArray, left: FloatArray) -> float:

@@ -14,7 +14,7 @@ from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.nominal_parameter import NominalParameter
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import Variant
-from fdbench.diagnosis.settings import MODEL
+from fdbench.diagnosis.settings import MODEL, SEARCH
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
 
@@ -200,6 +200,16 @@ class Hypothesis:
         """Return the hypothesis with its nominal parameters moved by the first numbers of ``change``, in deviations."""
         shifts = tuple(float(old + new) for old, new in zip(self.shifts, change, strict=False))
         return dataclasses.replace(self, shifts=shifts)
+
+    def with_nuisances_of(self, other: "Hypothesis") -> "Hypothesis":
+        """Return it with the nuisances of another one, such as its form of friction; itself where they are alike."""
+        scale = nominal_parameters(self.nominal)
+        shifts = tuple(
+            theirs if item.nuisance else own
+            for item, own, theirs in zip(scale, self.shifts, other.shifts, strict=True)
+        )
+        apart = max((abs(a - b) for a, b in zip(shifts, self.shifts, strict=True)), default=0.0)
+        return dataclasses.replace(self, shifts=shifts) if apart > SEARCH.formed else self
 
     def moved_in_turn(self) -> "list[Hypothesis]":
         """Return for each nominal parameter the hypothesis with that one moved by a standard deviation."""

@@ -149,22 +149,30 @@ class Search:
         """Judge hypotheses beside a base on the held-out segments, with the weights of the base."""
         rivalling = [hypothesis for _, hypothesis, _ in hypotheses]
         bare = [item.without_effect(kind) if item.has(kind) else item for kind, item, _ in hypotheses]
-        n, about = len(rivalling), [*[base] * len(rivalling), *rivalling]
-        evidence = gather(self.readings, self.split, base, [*rivalling, *bare], keep=rivalling, about=about, common=1)
+        formed = [(item, origin) for item in rivalling if (origin := base.with_nuisances_of(item)) is not base]
+        variants = [*rivalling, *bare, *(item for item, _ in formed)]
+        n, about = len(rivalling), [*[base] * len(rivalling), *rivalling, *(origin for _, origin in formed)]
+        evidence = gather(self.readings, self.split, base, variants, keep=rivalling, about=about, common=1)
         alone, *misfits = evidence.misfits(held_out=True)[: 1 + n].tolist()
         outside = evidence.held_out
-        sizes = evidence.sizes(self.split)[1:].reshape(2, n).T.tolist()
+        sizes, own_sizes, shown = np.split(evidence.sizes(self.split)[1:], [n, 2 * n])
+        beside_form = {id(item): size for (item, _), size in zip(formed, shown.tolist(), strict=True)}
+        stretches = len(np.unique(evidence.group[outside]))
         stage = Stage(
             base=base,
             misfit=alone,
             penalty=base.named_penalty(),
             test_count=float(np.sum(evidence.counts[outside])),
             rivals=(),
-            effective=min(SEARCH.effective_samples, float(len(np.unique(evidence.group[outside])))),
+            effective=min(SEARCH.effective_samples, SEARCH.of_a_stretch * stretches),
         )
         rivals = tuple(
-            stage.rival(kind, hypothesis, misfit, refined=refined, size=size, own_size=own_size)
-            for (kind, hypothesis, refined), misfit, (size, own_size) in zip(hypotheses, misfits, sizes, strict=True)
+            stage.rival(
+                kind, item, misfit, refined=refined, size=beside_form.get(id(item), size), own_size=own_size
+            )
+            for (kind, item, refined), misfit, size, own_size in zip(
+                hypotheses, misfits, sizes.tolist(), own_sizes.tolist(), strict=True
+            )
         )
         stage = dataclasses.replace(stage, rivals=rivals)
         every = np.concatenate([evidence.by_group(held_out=outside) for outside in (True, False)])
