@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fdbench.diagnosis.model.friction_parameters import FrictionForm
 from fdbench.diagnosis.model.known_effects import WIDTH, sliding_as_known, without
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.nominal_parameter import NominalParameter
@@ -201,11 +202,11 @@ class Hypothesis:
         shifts = tuple(float(old + new) for old, new in zip(self.shifts, change, strict=False))
         return dataclasses.replace(self, shifts=shifts)
 
-    def with_nuisances_of(self, other: "Hypothesis") -> "Hypothesis":
-        """Return it with the nuisances of another one, such as its form of friction; itself where they are alike."""
+    def with_form_of(self, other: "Hypothesis") -> "Hypothesis":
+        """Return it with the form of friction of another one, itself where the two are alike."""
         scale = nominal_parameters(self.nominal)
         shifts = tuple(
-            theirs if item.nuisance else own
+            theirs if isinstance(item, FrictionForm) else own
             for item, own, theirs in zip(scale, self.shifts, other.shifts, strict=True)
         )
         apart = max((abs(a - b) for a, b in zip(shifts, self.shifts, strict=True)), default=0.0)

@@ -149,7 +149,7 @@ class Search:
         """Judge hypotheses beside a base on the held-out segments, with the weights of the base."""
         rivalling = [hypothesis for _, hypothesis, _ in hypotheses]
         bare = [item.without_effect(kind) if item.has(kind) else item for kind, item, _ in hypotheses]
-        formed = [(item, origin) for item in rivalling if (origin := base.with_nuisances_of(item)) is not base]
+        formed = [(item, origin) for item in rivalling if (origin := base.with_form_of(item)) is not base]
         variants = [*rivalling, *bare, *(item for item, _ in formed)]
         n, about = len(rivalling), [*[base] * len(rivalling), *rivalling, *(origin for _, origin in formed)]
         evidence = gather(self.readings, self.split, base, variants, keep=rivalling, about=about, common=1)

@@ -28,7 +28,7 @@ class Rival:
         Whether it was fitted in closed loop, and not only linearly.
     size : float
         Mean square of what it changes in the base, in the run where that is most, in units of what repeats differ by.
-        A form of friction that stands in for it there does not count: the base has the nuisances of the hypothesis.
+        A form of friction that stands in for it there does not count: the base has that of the hypothesis.
     own_size : float
         The same of what it changes in its own hypothesis, where nothing is fitted again without it. It is larger where
         nominal parameters of the base stand in for the effect.
