@@ -61,6 +61,7 @@ def test_reductions_draw_as_before(n: int) -> None:
         counts=np.full(n, 5.0),
         groups=groups,
         channel=np.zeros(n, dtype=np.intp),
+        implausible=[0.0, 0.0],
     )
     names, place = np.unique(groups, return_inverse=True)
     picked = np.random.default_rng(0).multinomial(len(names), np.full(len(names), 1.0 / len(names)), size=1000)

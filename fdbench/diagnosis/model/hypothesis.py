@@ -210,7 +210,7 @@ class Hypothesis:
             for item, own, theirs in zip(scale, self.shifts, other.shifts, strict=True)
         )
         apart = max((abs(a - b) for a, b in zip(shifts, self.shifts, strict=True)), default=0.0)
-        return dataclasses.replace(self, shifts=shifts) if apart > SEARCH.formed else self
+        return dataclasses.replace(self, shifts=shifts) if apart > SEARCH.other_form else self
 
     def moved_in_turn(self) -> "list[Hypothesis]":
         """Return for each nominal parameter the hypothesis with that one moved by a standard deviation."""

@@ -167,9 +167,7 @@ class Search:
             effective=min(SEARCH.effective_samples, SEARCH.of_a_stretch * stretches),
         )
         rivals = tuple(
-            stage.rival(
-                kind, item, misfit, refined=refined, size=beside_form.get(id(item), size), own_size=own_size
-            )
+            stage.rival(kind, item, misfit, refined=refined, size=beside_form.get(id(item), size), own_size=own_size)
             for (kind, item, refined), misfit, size, own_size in zip(
                 hypotheses, misfits, sizes.tolist(), own_sizes.tolist(), strict=True
             )

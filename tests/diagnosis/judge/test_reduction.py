@@ -10,6 +10,7 @@ from axis_lab import case
 
 from fdbench.diagnosis import diagnose as diagnosis
 from fdbench.diagnosis.judge.reduction import Reductions, reductions_of, shapley
+from fdbench.diagnosis.judge.shares import Parts, Shares
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import effects
 
@@ -22,6 +23,7 @@ def reductions() -> Reductions:
         counts=np.array([10.0, 4.0, 10.0, 4.0]),
         groups=np.array([0.0, 0.0, 1.0, 1.0]),
         channel=np.array([0, 1, 0, 1]),
+        implausible=[0.0, 0.0],
     )
 
 
@@ -66,6 +68,7 @@ def test_what_is_worse_alone_still_has_its_share() -> None:
         counts=np.array([10.0]),
         groups=np.array([0.0]),
         channel=np.array([0]),
+        implausible=[0.0] * 4,
     )
     closed = found.closed_in_channel(0)
     assert closed == pytest.approx({(): 0.0, (0,): 9.0, (1,): 0.0, (0, 1): 9.6})
@@ -80,9 +83,24 @@ def test_no_subset_is_credited_with_more_than_all() -> None:
         counts=np.array([1.0]),
         groups=np.array([0.0]),
         channel=np.array([0]),
+        implausible=[0.0] * 4,
     )
     closed = found.closed_in_channel(0)
     assert closed == {(): 0.0, (0,): 7.0, (1,): 0.0, (0, 1): 7.0}
+
+
+@pytest.mark.parametrize(("implausible", "is_better"), [(0.0, False), (30.0, True)])
+def test_what_implausible_values_close_does_not_count(implausible: float, is_better: bool) -> None:
+    found = Reductions(
+        subsets=[(), (0,)],
+        by_segment=np.array([[10.0, 11.0]]),
+        counts=np.array([10.0]),
+        groups=np.array([0.0]),
+        channel=np.array([0]),
+        implausible=[implausible, 0.0],
+    )
+    parts = Parts(found, Shares(found.of_channel(0)[:1], np.zeros(1)), ["position_m"])
+    assert parts.is_better_with(0) is is_better
 
 
 def test_what_the_written_model_is_no_better_with_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
