@@ -153,7 +153,7 @@ def value_features(distance: float, closed: float, misfit: float) -> dict[str, f
 
 
 def unknown_features(
-    *, misfit: float, worst: float, strain: float, closed: float, measured: bool, surest: float
+    *, misfit: float, worst: float, strain: float, at_limits: int, closed: float, measured: bool, surest: float
 ) -> dict[str, float]:
     """Return the features of an unknown cause.
 
@@ -165,6 +165,8 @@ def unknown_features(
         See `Beside`.
     strain : float
         Of nominal parameters beside them, see `Hypothesis.strain`: they may stand in for what nothing else can.
+    at_limits : int
+        How many of them are at a limit, see `Hypothesis.at_limits`.
     closed : float
         Share of the gap of the nominal model beyond the noise that is closed by everything.
     measured : bool
@@ -176,6 +178,7 @@ def unknown_features(
         "misfit": math.log(max(misfit, JUDGE.smallest_misfit)),
         "worst": math.log(max(worst, JUDGE.smallest_misfit)),
         "strain": math.log1p(strain),
+        "at_limits": float(at_limits),
         "closed": closed,
         "measured": float(measured),
         "surest": surest,

@@ -135,6 +135,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         misfit=before.rivals[0].misfit,
         worst=worst,
         strain=found.final.strain,
+        at_limits=found.final.at_limits,
         closed=_closed(found.as_given, repaired),
         measured=is_measured,
         surest=max(

@@ -177,6 +177,12 @@ class Hypothesis:
         )
         return sum(map(penalty, own))
 
+    @property
+    def at_limits(self) -> int:
+        """How many values of the loop are at the limit of what drives are off by, beyond which is a cause."""
+        scale = zip(nominal_parameters(self.nominal), self.shifts, strict=True)
+        return sum(item.limited and abs(shift) >= (1.0 - MODEL.at_bound) * item.room[1] for item, shift in scale)
+
     def on_one_side(self) -> "list[Hypothesis]":
         """Return it with a far-fetched change on both sides of a screw put on either side alone, if there is one.
 

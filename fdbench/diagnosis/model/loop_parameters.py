@@ -49,6 +49,7 @@ class ReferenceDelay(_OfACascade):
     unit = "s"
     stated = False
     nuisance = True
+    limited = True
     field = "velocity_reference_delay_s"
 
     @classmethod
@@ -80,6 +81,7 @@ class VelocityFilter(_OfACascade):
     unit = "s"
     stated = False
     nuisance = True
+    limited = True
     field = "velocity_filter_s"
     given_s: float
 
@@ -111,6 +113,7 @@ class LoopLag(NominalParameter):
     unit = "s"
     stated = False
     nuisance = True
+    limited = True
     changes_from_run_to_run = False
     effect: Effect
 

@@ -31,6 +31,8 @@ class NominalParameter(ABC):
         Whether a data sheet has it, so that a large change is far-fetched.
     nuisance : bool
         Whether a large change says nothing of the machine.
+    limited : bool
+        Whether no drive is off by more than it may move, so that at its limit it stands in for what has no name.
     changes_from_run_to_run : bool
         Whether it may differ between repeats, as friction and offsets do.
     """
@@ -41,6 +43,7 @@ class NominalParameter(ABC):
     unit: ClassVar[str] = "N"
     stated: ClassVar[bool] = True
     nuisance: ClassVar[bool] = False
+    limited: ClassVar[bool] = False
     changes_from_run_to_run: ClassVar[bool] = True
 
     @classmethod

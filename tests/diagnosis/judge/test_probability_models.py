@@ -131,8 +131,8 @@ def test_a_model_is_never_surer_than_its_claims() -> None:
 
 
 def unknown_features(**changes: float) -> dict[str, float]:
-    usual = {"misfit": 2.0, "worst": 9.0, "strain": 5.0, "closed": 0.9, "measured": True, "surest": 0.3}
-    return confidence.unknown_features(**{**usual, **changes})
+    usual = {"misfit": 2.0, "worst": 9.0, "strain": 5.0, "closed": 0.9, "surest": 0.3}
+    return confidence.unknown_features(**{**usual, "measured": True, "at_limits": 0, **changes})
 
 
 def test_the_shipped_models_read_the_features_that_are_given() -> None:
@@ -150,6 +150,7 @@ def test_the_shipped_models_read_the_features_that_are_given() -> None:
     usual = models.unknown.probability(unknown_features())
     assert models.unknown.probability(unknown_features(misfit=8.0, worst=60.0)) > usual
     assert models.unknown.probability(unknown_features(strain=40.0)) > usual
+    assert models.unknown.probability(unknown_features(at_limits=1)) > usual
     assert models.unknown.probability(unknown_features(closed=0.5)) > usual
     assert models.unknown.probability(unknown_features(surest=0.99)) < usual
     assert models.none.probability(given["none"]) > models.none.probability(confidence.no_gap_features(8.0, 5.0, 10.0))

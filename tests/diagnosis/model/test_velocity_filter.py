@@ -44,12 +44,15 @@ def found_s(hypothesis: Hypothesis) -> float:
 def test_a_filter_of_a_part_of_a_sampling_time_is_found_and_no_cause() -> None:
     found = diagnosed(0.15e-3)
     assert found_s(found.final) == pytest.approx(0.15e-3, rel=0.15)
+    assert found.final.at_limits == 0
     assert [cause.effect for cause in found.answer.causes if cause.probability > 0.5] == []
     assert found.answer.no_gap_probability > 0.5 > found.answer.unknown_probability
 
 
 def test_a_filter_of_more_than_a_sampling_time_is_a_gap() -> None:
-    answer = diagnosed(2e-3).answer
+    found = diagnosed(2e-3)
+    answer = found.answer
+    assert found.final.at_limits >= 1
     assert answer.no_gap_probability < 0.05
     assert answer.unknown_probability > 0.5
 
