@@ -327,7 +327,7 @@ def _contested(
 def _in_part(effect: Effect, remainder: Remainder | None) -> float:
     if is_hollow(effect):
         return 1.0
-    return 0.0 if remainder is None or remainder.kind is not type(effect) else remainder.odds
+    return 0.0 if remainder is None or type(effect) not in remainder.kinds else remainder.odds
 
 
 def _closed(as_given: FloatArray, left: FloatArray) -> float:

@@ -10,6 +10,7 @@ from fdbench.diagnosis.model.friction_parameters import KnownAmplitude
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.known_effects import amplitude_of
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
+from fdbench.diagnosis.search.in_place_of_a_value import family
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.settings import SEARCH
 from fdbench.effects import Effect
@@ -21,13 +22,13 @@ class Remainder:
 
     Attributes
     ----------
-    kind : Effect class
-        That is to take its place.
+    kinds : tuple of Effect class
+        That is to take its place, and those that were there for what is missing without the known one.
     log_odds : float
         That the known one stays against that it is gone.
     """
 
-    kind: type[Effect]
+    kinds: tuple[type[Effect], ...]
     log_odds: float
 
     @property
@@ -60,7 +61,7 @@ def beside_the_known(search: Search, base: Hypothesis) -> Remainder | None:
         return None
     effect, index = found
     others = tuple(item for item in base.effects if item is not effect)
-    apart = tuple(item for item in others if item.type_of().partition("_")[0] != effect.type_of().partition("_")[0])
+    apart = tuple(item for item in others if family(type(item)) != family(type(effect)))
     tried = [_beside(base, effect, index, kept) for kept in dict.fromkeys((others, apart))]
     refined = [search.refinement.refine(item) for item in tried]
     stays = [item for item in refined if _left(item, index) > SEARCH.stays]
@@ -73,8 +74,10 @@ def beside_the_known(search: Search, base: Hypothesis) -> Remainder | None:
         - 0.5 * base.cost_of_a_cause * len(rival.hypothesis.effects)
         for rival in compared.rivals
     }
-    most = max(evidence[id(item)] for item in stays)
-    return Remainder(kind=kind, log_odds=most - evidence[id(base)] - 0.5 * base.cost_of_a_cause)
+    best = max(stays, key=lambda item: evidence[id(item)])
+    superfluous = tuple(type(item) for item in others if not best.has(type(item)))
+    log_odds = evidence[id(best)] - evidence[id(base)] - 0.5 * base.cost_of_a_cause
+    return Remainder(kinds=(kind, *superfluous), log_odds=log_odds)
 
 
 def _replacements(base: Hypothesis) -> Iterator[tuple[Effect, int]]:

@@ -61,8 +61,8 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
     """
     moved = _distances(base)
     wrong = {name: size for name, size in moved.items() if size > JUDGE.beyond_doubt and not _named(base, name)}
-    families = {_family(effects.get(name)) for name in wrong}
-    tried = [rival for rival in stage.rivals if _is_tried(rival, base) and _family(rival.kind) in families]
+    families = {family(effects.get(name)) for name in wrong}
+    tried = [rival for rival in stage.rivals if _is_tried(rival, base) and family(rival.kind) in families]
     if not tried:
         return None
     hypotheses = [(rival.kind, search.refinement.refine(rival.added_to(base, stage.base)), True) for rival in tried]
@@ -78,7 +78,7 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
         )
         for rival in compared.rivals
         for name, size in wrong.items()
-        if _family(effects.get(name)) == _family(rival.kind) and _distances(rival.hypothesis)[name] < SEARCH.back * size
+        if family(effects.get(name)) == family(rival.kind) and _distances(rival.hypothesis)[name] < SEARCH.back * size
     ]
     return max(found, key=lambda item: item.log_odds, default=None)
 
@@ -97,7 +97,7 @@ def _distances(hypothesis: Hypothesis) -> dict[str, float]:
     return found
 
 
-def _family(kind: type[Effect]) -> str:
+def family(kind: type[Effect]) -> str:
     """Return what a type of cause is, whatever it depends on: friction over velocity and over time are friction."""
     return kind.type_of().partition("_over_")[0]
 

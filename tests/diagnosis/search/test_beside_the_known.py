@@ -42,7 +42,7 @@ def test_bristles_in_place_of_a_friction_leave_none_of_it() -> None:
 def test_a_hysteresis_beside_a_friction_leaves_it() -> None:
     remainder = found(1.0, HALF)
     assert remainder is not None
-    assert remainder.kind is type(BRISTLES)
+    assert remainder.kinds == (type(BRISTLES),)
     assert remainder.odds > 0.95
 
 
