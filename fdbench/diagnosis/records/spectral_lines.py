@@ -17,7 +17,8 @@ ComplexArray = NDArray[np.complex128]
 def lines_in_time(signals: Sequence[FloatArray], period_s: float) -> list[float]:
     """Return the lines (Hz) that stand out of the spectrum of any signal, (n_channels, n) each, the sharpest first.
 
-    None is as slow as what a signal resolves, where it has no surroundings on either side.
+    None is as slow as what a signal resolves, where it has no surroundings on either side. Where each of them is, all
+    signals say together: one that comes and goes with the motion is off by a good part of what one signal resolves.
     """
     from scipy.signal import periodogram
 
@@ -36,7 +37,24 @@ def lines_in_time(signals: Sequence[FloatArray], period_s: float) -> list[float]
     for _, line, width in sorted(found, reverse=True):
         if all(abs(line - other) > width for other in lines):
             lines.append(line)
-    return lines[: SEARCH.lines]
+    return [_by_all(signals, line, period_s) for line in lines[: SEARCH.lines]]
+
+
+def _by_all(signals: Sequence[FloatArray], line: float, period_s: float) -> float:
+    """Return the frequency (Hz) that all signals together have most of, within what the longest resolves about one."""
+    from scipy.optimize import minimize_scalar
+
+    windowed = [np.hanning(signal.shape[1]) * signal for signal in signals]
+    turns = -2j * np.pi * period_s * np.arange(max(own.shape[1] for own in windowed))
+    within = 1.0 / (period_s * len(turns))
+
+    def missed(frequency: float) -> float:
+        wave = np.exp(frequency * turns)
+        return -sum(float(np.sum(np.abs(own @ wave[: own.shape[1]]) ** 2)) for own in windowed)
+
+    tried = np.linspace(line - within, line + within, 9)
+    best, step = min(tried.tolist(), key=missed), float(tried[1] - tried[0])
+    return float(minimize_scalar(missed, bounds=(best - step, best + step), method="bounded").x)
 
 
 def at_peak(axis: FloatArray, power: FloatArray, peak: int) -> float:
