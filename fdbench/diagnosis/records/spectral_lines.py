@@ -37,16 +37,17 @@ def lines_in_time(signals: Sequence[FloatArray], period_s: float) -> list[float]
     for _, line, width in sorted(found, reverse=True):
         if all(abs(line - other) > width for other in lines):
             lines.append(line)
-    return [_by_all(signals, line, period_s) for line in lines[: SEARCH.lines]]
+    finest = 1.0 / (period_s * max(signal.shape[1] for signal in signals)) if lines else 0.0
+    slowest = max(SEARCH.lowest_line_Hz, near * finest)
+    return [max(_by_all(signals, line, finest, period_s), slowest) for line in lines[: SEARCH.lines]]
 
 
-def _by_all(signals: Sequence[FloatArray], line: float, period_s: float) -> float:
-    """Return the frequency (Hz) that all signals together have most of, within what the longest resolves about one."""
+def _by_all(signals: Sequence[FloatArray], line: float, within: float, period_s: float) -> float:
+    """Return the frequency (Hz) that all signals together have most of, within so much about a line."""
     from scipy.optimize import minimize_scalar
 
     windowed = [np.hanning(signal.shape[1]) * signal for signal in signals]
     turns = -2j * np.pi * period_s * np.arange(max(own.shape[1] for own in windowed))
-    within = 1.0 / (period_s * len(turns))
 
     def missed(frequency: float) -> float:
         wave = np.exp(frequency * turns)
