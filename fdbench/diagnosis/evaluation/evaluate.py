@@ -100,7 +100,10 @@ def _evaluated(models: Mapping[str, Nominal], records: Sequence[Record]) -> Eval
             said += [*check_alignment(run, own.predicted), *clock_warnings(run, own.predicted)]
         warnings += [line if len(models) == 1 else f"{name}: {line}" for line in said]
         found["closed_loop", name] = closed
-        found["inverse_dynamics", name] = [predictions.inverse_dynamics(drive, run, band_Hz) for run in bench.runs]
+        loops = bench.nominal.simulation.cycles
+        found["inverse_dynamics", name] = [
+            predictions.inverse_dynamics(drive, run, band_Hz, loops) for run in bench.runs
+        ]
         found["one_step_ahead", name] = [predictions.one_step_ahead(drive, run) for run in bench.runs]
     runs = next(iter(benches.values())).runs
     evaluation = Evaluation(

@@ -70,14 +70,15 @@ def useful_band_Hz(drive: FeedDrive, run: RecordedRun) -> float:
     return min(widest, (loud_N / per_band) ** 0.4) if per_band > 0.0 and loud_N > 0.0 else widest
 
 
-def inverse_dynamics(drive: FeedDrive, run: RecordedRun, band_Hz: float) -> Prediction:
+def inverse_dynamics(drive: FeedDrive, run: RecordedRun, band_Hz: float, loops: int = 1) -> Prediction:
     r"""Return the motor force that the model needs for the measured motion.
 
     .. math:: F = m_m \ddot x_m + B_m \dot x_m + f_m + m_t \ddot x_t + B_t \dot x_t + f_t
 
     The positions are low-passed without delay up to twice the band, and their derivatives taken in the middle between
     samples, where a force that is held acts on average; then both forces are low-passed alike up to the band. f_m, f_t:
-    the effects that the model knows.
+    the effects that the model knows. Of a controller that acts ``loops`` times between two samples a logged force holds
+    for a part of that time; in the middle it is between that and the next.
 
     Raises
     ------
@@ -93,7 +94,8 @@ def inverse_dynamics(drive: FeedDrive, run: RecordedRun, band_Hz: float) -> Pred
         )
     wide_Hz = min(WIDER * band_Hz, WIDEST_OF_NYQUIST * 0.5 / h)
     motion = [_middle(low_passed(position, wide_Hz, h), h) for position in sides(drive, run)]
-    command, commanded = run.channels["motor_force_N"][1:-2], run.reference[1:-2, 1]
+    force, later = run.channels["motor_force_N"], 0.5 * (1.0 - 1.0 / loops)
+    command, commanded = (1.0 - later) * force[1:-2] + later * force[2:-1], run.reference[1:-2, 1]
     table = drive.table
     motor_kg, motor_drag = drive.motor.mass_kg, drive.motor.viscous_friction_N_s_per_m
     table_kg, table_drag = (table.mass_kg, table.viscous_friction_N_s_per_m) if table is not None else (0.0, 0.0)

@@ -109,7 +109,8 @@ def aligned(
     drive = nominal.drive
     replay, given = _replay(nominal), start(nominal)
     as_read = [run.as_read() for run in runs]
-    warnings = [*copies, *said, *limits_of_forces(as_read, drive), *scale_warnings(as_read, drive)]
+    scales = scale_warnings(as_read, drive, nominal.simulation.cycles)
+    warnings = [*copies, *said, *limits_of_forces(as_read, drive), *scales]
     simulated = replay.on_each(runs, given.variant)
     runs, said = with_common_zeros(runs, simulated)
     every = [_beside_model(run, own, baseline) for run, own in zip(runs, simulated, strict=True)]

@@ -236,7 +236,7 @@ def parametric(raw: float, reductions: Reductions, calibrated: Hypothesis, final
         moved_in_standard_deviations=dict(zip(names, calibrated.shifts, strict=True)),
         moved_beside_effects=dict(zip(names, final.shifts, strict=True)),
         changes={
-            item.name: Quantity(value=shift * item.size(drive), ci95=None, unit=spoken_unit(item.unit))
+            item.name: Quantity(value=shift * item.size(drive), ci95=None, unit=spoken_unit(item.unit_on(drive)))
             for item, shift in zip(items, calibrated.shifts, strict=True)
         },
     )

@@ -88,8 +88,52 @@ class KnownAmplitude(_OfAKnownEffect):
     def size(self, drive: FeedDrive) -> float:
         return abs(amplitude_of(self.known(drive))) * self.deviation
 
+    def unit_on(self, drive: FeedDrive) -> str:
+        return unit_of(type(self.known(drive)).amplitude)
+
     def cause(self, nominal: Nominal) -> str:
         return self.known(nominal.drive).name
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class KnownFurtherAmplitude(_OfAKnownEffect):
+    """Another size of a known effect, in another unit than its own, such as the friction in a cable chain's spring.
+
+    Its deviation is relative. What is in one unit is of one size together, such as the forces of a friction.
+    """
+
+    kind = "known_further_amplitude"
+    nuisance = True
+    changes_from_run_to_run = False
+    amplitude: str
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        deviation = nominal.uncertainty.known_effects
+        return [
+            cls(name=f"known_{item.name}_{name}", index=index, deviation=deviation, amplitude=name)
+            for index, item in enumerate(nominal.drive.effects)
+            for name in type(item).further_amplitudes
+            if deviation > 0.0 and getattr(item, name) != 0.0 and unit_of(name) != unit_of(type(item).amplitude)
+        ]
+
+    def value(self, drive: FeedDrive, shift: float) -> float:
+        """Return the size, which never turns its sign."""
+        return float(getattr(self.known(drive), self.amplitude)) * max(1.0 + shift * self.deviation, 0.0)
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        moved = self.known(drive).within(**{self.amplitude: self.value(drive, shift)})
+        return with_known(drive, self.index, moved), ()
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        return si_text(self.value(drive, shift), unit_of(self.amplitude))
+
+    def size(self, drive: FeedDrive) -> float:
+        return abs(float(getattr(self.known(drive), self.amplitude))) * self.deviation
+
+    def unit_on(self, drive: FeedDrive) -> str:
+        return unit_of(self.amplitude)
 
 
 @dataclass(frozen=True, kw_only=True)

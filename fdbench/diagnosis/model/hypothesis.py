@@ -140,11 +140,29 @@ class Hypothesis:
         """What nominal parameters beyond ``MODEL.far_fetched`` deviations add to the prior penalty.
 
         Only of those that a data sheet has: over which speed friction turns its sign, and where it acts, is in none.
+        And what those add that are moved against one of these, see `contradiction`.
         """
         stated = (
             shift for item, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True) if item.stated
         )
-        return sum(max(0.0, penalty(shift) - penalty(MODEL.far_fetched)) for shift in stated)
+        return self.contradiction + sum(max(0.0, penalty(shift) - penalty(MODEL.far_fetched)) for shift in stated)
+
+    @functools.cached_property
+    def contradiction(self) -> float:
+        """What values beyond ``MODEL.changed`` deviations add that no cause moves against a far-fetched one.
+
+        A payload is no reason why the motor should be lighter; both together are what a softer screw looks like.
+        """
+        groups = dict[str, list[float]]()
+        for item, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True):
+            if item.cause(self.nominal):
+                groups.setdefault(item.group, []).append(shift)
+        found = 0.0
+        for own in groups.values():
+            most = max(own, key=abs)
+            against = (shift for shift in own if shift * most < 0.0 and abs(most) > MODEL.far_fetched)
+            found += sum(max(0.0, penalty(shift) - penalty(MODEL.changed)) for shift in against)
+        return found
 
     @functools.cached_property
     def implausible(self) -> float:

@@ -75,6 +75,10 @@ class NominalParameter(ABC):
         """Return one standard deviation in ``unit``."""
         return self.deviation
 
+    def unit_on(self, drive: FeedDrive) -> str:
+        """Return the unit of `size`, which of a known effect is that of its amplitude."""
+        return self.unit
+
     @property
     def relative_deviation(self) -> float | None:
         """Standard deviation relative to the friction that it changes; None where it changes none."""

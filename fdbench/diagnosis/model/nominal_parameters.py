@@ -9,6 +9,7 @@ from fdbench.diagnosis.model.friction_parameters import (
     FrictionForm,
     FrictionSide,
     KnownAmplitude,
+    KnownFurtherAmplitude,
     TransitionVelocity,
 )
 from fdbench.diagnosis.model.loop_parameters import ControllerGain, LoopLag, ReferenceDelay, VelocityFilter
@@ -20,6 +21,7 @@ KINDS: Sequence[type[NominalParameter]] = (
     Viscous,
     Stiffness,
     KnownAmplitude,
+    KnownFurtherAmplitude,
     TransitionVelocity,
     BristleStiffness,
     ForceOffset,

@@ -12,7 +12,7 @@ from fdbench.plants.feed_drive import Cascade, FeedDrive
 from fdbench.record import FloatArray
 
 
-def scale_warnings(runs: Sequence[RecordedRun], drive: FeedDrive) -> list[str]:
+def scale_warnings(runs: Sequence[RecordedRun], drive: FeedDrive, loops: int = 1) -> list[str]:
     """Return a warning where the logged force is by one factor what the controller asks for on the logged readings.
 
     No model of the machine is needed for that, so that neither friction nor mass stands in for a wrong unit.
@@ -23,10 +23,12 @@ def scale_warnings(runs: Sequence[RecordedRun], drive: FeedDrive) -> list[str]:
         As read.
     drive : FeedDrive
         The nominal model, whose controller is told.
+    loops : int
+        How often that acts between two samples.
     """
     if not isinstance(drive.controller, Cascade):
         return []
-    found = [scale for run in runs if (scale := force_scale(run, drive.controller)) is not None]
+    found = [scale for run in runs if (scale := force_scale(run, drive.controller, loops)) is not None]
     if not found or (1.0 / PLAUSIBLE.other_scale < max(found) and min(found) < PLAUSIBLE.other_scale):
         return []
     scale = math.sqrt(min(found) * max(found))
@@ -37,7 +39,7 @@ def scale_warnings(runs: Sequence[RecordedRun], drive: FeedDrive) -> list[str]:
     ]
 
 
-def force_scale(run: RecordedRun, controller: Cascade) -> float | None:
+def force_scale(run: RecordedRun, controller: Cascade, loops: int = 1) -> float | None:
     r"""Return how many times what its controller asks for the force of a run is; None where that is not the same shape.
 
     .. math:: F = k F_a + c_0 + c_1 t + c_2 x + c_3 v
@@ -45,7 +47,7 @@ def force_scale(run: RecordedRun, controller: Cascade) -> float | None:
     is fitted below ``PLAUSIBLE.asked_Hz``, with the force F_a of `asked_force`; a clock or a zero that is a little off
     is in the other terms.
     """
-    force, asked = run.channels[FORCE], asked_force(run, controller)
+    force, asked = run.channels[FORCE], asked_force(run, controller, loops)
     limited = np.abs(force).max() > PLAUSIBLE.greatest_force * controller.force_limit_N
     if asked is None or limited or PLAUSIBLE.asked_Hz * run.period_s > 0.4:
         return None
@@ -64,17 +66,18 @@ def force_scale(run: RecordedRun, controller: Cascade) -> float | None:
     return float(own @ rest) / float(own @ own)
 
 
-def asked_force(run: RecordedRun, controller: Cascade) -> FloatArray | None:
+def asked_force(run: RecordedRun, controller: Cascade, loops: int = 1) -> FloatArray | None:
     """Return the force (n,) that a controller asks for on the readings of a run, in N.
 
     None where it reads what is not there. The integral of the law of `fdbench.plants.feed_drive.Cascade` begins at 0.
+    A controller that acts several times between two samples takes its speed over a part of that time.
     """
     position = run.channels[POSITION]
     own_side = controller.velocity_feedback in (None, controller.feedback)
     if not own_side and DEFLECTION not in run.channels:
         return None
     further = 0.0 if own_side else run.channels[DEFLECTION] * (1.0 if controller.uses_table else -1.0)
-    speed = np.diff(position + further, prepend=(position + further)[:1]) / run.period_s
+    speed = _differenced(position + further, controller.difference_span / loops) / run.period_s
     command, rate, acceleration = run.reference.T
     wanted = controller.velocity_feedforward * (rate - controller.velocity_reference_delay_s * acceleration)
     error = wanted + controller.position_gain_per_s * (command - position) - speed
@@ -84,3 +87,10 @@ def asked_force(run: RecordedRun, controller: Cascade) -> FloatArray | None:
         + controller.integral_gain_N_per_m * integral
         + controller.acceleration_feedforward_kg * acceleration
     )
+
+
+def _differenced(position: FloatArray, span: float) -> FloatArray:
+    """Return by how much a position moves in a sample, as its mean over the last ``span`` samples has it."""
+    central = np.gradient(position)
+    backward = np.diff(position, prepend=position[:1])
+    return np.asarray(central + span * (backward - central))

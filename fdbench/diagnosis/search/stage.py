@@ -96,10 +96,11 @@ class Stage:
 
         A mode far above the band of the motion is a mass that rides along, and a mass that is wrong on paper is named
         as such. That a value is back where paper has it speaks for an effect only where that explains a good part of
-        the misfit besides.
+        the misfit besides, or where the values of the base say nothing that has a name.
         """
         named, cheaper = hypothesis.named_penalty(), self.base.cause_penalty() - hypothesis.cause_penalty()
-        paraphrase = cheaper > 0.0 and self.misfit - misfit < SEARCH.besides * self._excess(self.misfit)
+        has_a_name = cheaper > 0.0 and self.base.contradiction == 0.0
+        paraphrase = has_a_name and self.misfit - misfit < SEARCH.besides * self._excess(self.misfit)
         return Rival(
             kind=kind,
             hypothesis=hypothesis,
