@@ -9,12 +9,13 @@ import pytest
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.axis_parameters import Viscous
-from fdbench.diagnosis.model.friction_parameters import BristleStiffness
-from fdbench.diagnosis.model.hypothesis import is_corner, is_hollow, penalty, start
+from fdbench.diagnosis.model.friction_parameters import BristleStiffness, KnownAmplitude, KnownFurtherAmplitude
+from fdbench.diagnosis.model.hypothesis import Hypothesis, is_corner, is_hollow, penalty, start
 from fdbench.diagnosis.model.known_effects import WIDTH, resized
 from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_vector, with_parameters
+from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import effects
 from fdbench.plants.feed_drive import RotaryMotor
 
@@ -31,6 +32,39 @@ def nominal(**uncertainty: float) -> Nominal:
 def test_all_amplitudes_of_a_known_effect_have_one_size() -> None:
     known: Any = resized(nominal().drive, 0, 1.5).effects[0]
     assert (known.coulomb_force_N, known.static_force_N) == (150.0, 195.0)
+
+
+def test_what_a_known_effect_has_in_another_unit_is_in_doubt_apart() -> None:
+    cable = effects.get("cable_stiffness").typical()
+    model = Nominal(
+        plant=dataclasses.replace(axis_lab.drive(), effects=(cable,)),
+        simulation=Simulation(substeps=10),
+        uncertainty=Uncertainty(known_effects=0.2),
+    )
+    scale = nominal_parameters(model)
+    (spring,) = [item for item in scale if isinstance(item, KnownAmplitude)]
+    (rub,) = [item for item in scale if isinstance(item, KnownFurtherAmplitude)]
+    assert (spring.unit_on(model.drive), rub.unit_on(model.drive)) == ("N/m", "N")
+    (moved,) = rub.apply(model.drive, 1.0)[0].effects
+    assert moved == cable.changed(dahl_force_N=1.2 * cable.dahl_force_N)
+    (least,) = rub.apply(model.drive, -9.0)[0].effects
+    assert least.dahl_force_N == 0.0
+    assert rub.cause(model) == ""
+    assert not any(isinstance(item, KnownFurtherAmplitude) for item in nominal_parameters(nominal())), "both in newtons"
+
+
+def test_masses_that_move_against_one_another_have_no_name() -> None:
+    model = nominal()
+    names = [item.name for item in nominal_parameters(model)]
+
+    def moved(motor: float, table: float) -> Hypothesis:
+        return start(model).moved([{"motor_mass": motor, "table_mass": table}.get(name, 0.0) for name in names])
+
+    assert moved(-4.0, 8.0).contradiction == pytest.approx(penalty(4.0) - penalty(MODEL.changed))
+    assert moved(-4.0, 8.0).far_fetched == pytest.approx(
+        penalty(8.0) - penalty(MODEL.far_fetched) + penalty(4.0) - penalty(MODEL.changed)
+    )
+    assert moved(4.0, 8.0).contradiction == moved(-1.5, 8.0).contradiction == moved(-4.0, 4.0).contradiction == 0.0
 
 
 def test_the_stiffness_of_bristles_is_in_doubt_by_its_logarithm() -> None:

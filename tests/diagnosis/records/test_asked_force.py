@@ -3,11 +3,12 @@
 import dataclasses
 
 import axis_lab
+import numpy as np
 import pytest
 
-from fdbench.diagnosis.records.asked_force import force_scale, scale_warnings
+from fdbench.diagnosis.records.asked_force import asked_force, force_scale, scale_warnings
 from fdbench.diagnosis.records.runs import RecordedRun, prepare
-from fdbench.plants.feed_drive import FeedDrive, Following
+from fdbench.plants.feed_drive import Cascade, FeedDrive, Following
 
 
 def runs(drive: FeedDrive, scale: float = 1.0) -> list[RecordedRun]:
@@ -44,3 +45,21 @@ def test_one_record_of_another_scale_is_no_unit_and_without_a_controller_nothing
     (fast, _), (_, slow) = runs(drive, 1.2), runs(drive)
     assert scale_warnings([fast, slow], drive) == []
     assert scale_warnings(runs(drive, 1.2), dataclasses.replace(drive, controller=Following())) == []
+
+
+def test_a_fast_loop_in_a_slow_log_asks_by_the_speed_of_its_own_cycle() -> None:
+    drive = axis_lab.drive()
+    (run, _) = runs(drive)
+    assert isinstance(drive.controller, Cascade)
+    stiff = dataclasses.replace(drive.controller, velocity_gain_N_s_per_m=1e5)
+    time_s = np.arange(4000) * run.period_s
+    for loops in (1, 4):
+        # What moves smoothly has, a part of a sample before, the speed of then.
+        earlier_s = time_s - 0.5 * run.period_s / loops
+        channels = {"position_m": np.sin(time_s), "motor_force_N": -1e5 * np.cos(earlier_s)}
+        reference = np.zeros((len(time_s), 3))
+        smooth = dataclasses.replace(run, channels=channels, reference=reference)
+        only = dataclasses.replace(stiff, position_gain_per_s=0.0, integral_gain_N_per_m=0.0)
+        asked = asked_force(smooth, only, loops)
+        assert asked is not None
+        assert asked[1:-1] == pytest.approx(channels["motor_force_N"][1:-1], abs=1.0)
