@@ -13,7 +13,7 @@ from fdbench.compilation import kept
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import DEFLECTION, FORCE, RecordedRun
-from fdbench.diagnosis.settings import EVIDENCE
+from fdbench.diagnosis.settings import EVIDENCE, MODEL
 from fdbench.effects import Effect, Port, effects
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
@@ -45,6 +45,16 @@ class Artefact:
     energy: Mapping[str, float]
     interpolated: bool = False
     further: Mapping[str, float] = field(default_factory=dict)
+
+    def tells_of(self, effect: Effect) -> bool:
+        """Whether an effect is what is left of it: of its class, and nearly of its period or frequency."""
+        return (
+            type(effect) is self.kind
+            and bool(self.further)
+            and all(
+                abs(getattr(effect, name) / value - 1.0) <= MODEL.another_period for name, value in self.further.items()
+            )
+        )
 
 
 # ---- repeated samples ----

@@ -152,6 +152,8 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     parts, bounds = Parts(reductions, shares, list(noise_models)), intervals(search, found.final)
     causes: list[Cause] = []
     for index, item in enumerate(contested):
+        if any(artefact.tells_of(item.effect) for artefact in found.artefacts):
+            continue
         share = parts.share(index)
         # What explains little beside what is left of the gap may be a part of a cause that is not known.
         credible = discount * (1.0 - unknown_probability * small / max(small + share, 1e-12))

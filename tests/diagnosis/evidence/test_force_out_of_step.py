@@ -16,6 +16,7 @@ from fdbench.diagnosis.evidence.force_out_of_step import (
     lines_of_all,
     without_forces_out_of_step,
 )
+from fdbench.diagnosis.evidence.sensor_artefacts import Artefact
 from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.model.replay import Replay
@@ -189,3 +190,14 @@ def test_what_repeats_do_not_differ_by_is_no_line() -> None:
     assert lines(0.0, 0.0, 0.0, 0.0) == [], "noise"
     (line,) = lines(5.0, 0.0, 2.0, 4.0)
     assert line == pytest.approx(FREQUENCY_HZ, abs=0.05)
+
+
+def test_what_is_left_of_a_force_that_was_taken_out_is_no_second_cause() -> None:
+    kind = effects.get("periodic_force")
+    taken = Artefact(
+        kind=kind, probability=0.99, value=20.0, low=19.0, high=21.0, energy={}, further={"frequency_Hz": 9.3}
+    )
+    assert taken.tells_of(kind.typical(frequency_Hz=9.29))
+    assert not taken.tells_of(kind.typical(frequency_Hz=18.6))
+    assert not taken.tells_of(effects.get("runout_force").typical())
+    assert not dataclasses.replace(taken, further={}).tells_of(kind.typical(frequency_Hz=9.3))
