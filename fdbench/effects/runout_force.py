@@ -40,6 +40,7 @@ class RunoutForce(Effect):
 
     port = Port.TABLE_FORCE
     amplitude = "radial_runout_m"
+    starts = (2.0, 4.0)  # beyond the feed a tooth cuts nothing, and a fit from below stops short
     confusable_with = ("tooth_passing_force",)
     disturbance = True
     of_any_axis = True

@@ -101,6 +101,10 @@ def _beside(base: Hypothesis, effect: Effect, index: int, others: tuple[Effect, 
 
 
 def _left(hypothesis: Hypothesis, index: int) -> float:
-    """Return the share of a known effect that is left."""
-    known = hypothesis.nominal.drive.effects[index]
-    return amplitude_of(hypothesis.variant.plant.effects[index]) / amplitude_of(known)
+    """Return the share of a known effect that is left, on whichever side it acts."""
+    scale = zip(nominal_parameters(hypothesis.nominal), hypothesis.shifts, strict=True)
+    return sum(
+        max(1.0 + shift * item.deviation, 0.0)
+        for item, shift in scale
+        if isinstance(item, KnownAmplitude) and item.index == index
+    )

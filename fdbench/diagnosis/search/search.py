@@ -10,7 +10,7 @@ import numpy as np
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.split import Split
-from fdbench.diagnosis.model.candidates import Candidate, candidates
+from fdbench.diagnosis.model.candidates import Candidate, candidates, phase_of
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.periods import located
@@ -256,11 +256,23 @@ class Search:
     def _starts(self, base: Hypothesis, hypothesis: Hypothesis, candidate: Candidate) -> list[Hypothesis]:
         """Return where a refinement begins: also at a smaller size, where the fitted one is worse than no effect.
 
-        And at sizes beyond, where a fit from below stops short.
+        And at sizes beyond, where a fit from below stops short, of a wave at the best of eight phases there: what is
+        not proportional to its size does not add up over them either.
         """
-        effect, amplitude = candidate.members[0], candidate.kind.amplitude
-        beyond = [{amplitude: size * getattr(effect, amplitude)} for size in candidate.kind.starts]
-        found = [hypothesis, *(base.with_effect(effect.within(**own), candidate.replaces) for own in beyond)]
+        effect, amplitude, phase = candidate.members[0], candidate.kind.amplitude, phase_of(candidate.kind)
+        found = [hypothesis]
+        for size in candidate.kind.starts:
+            larger = effect.within(**{amplitude: size * getattr(effect, amplitude)})
+            phases = (
+                [{}]
+                if phase is None
+                else [
+                    {phase: math.remainder(getattr(effect, phase) + turn * math.pi / 4.0, 2.0 * math.pi)}
+                    for turn in range(8)
+                ]
+            )
+            tried = [base.with_effect(larger.changed(**own), candidate.replaces) for own in phases]
+            found.append(self.refinement.better(base, tried))
         if self.refinement.better(base, [base, hypothesis]) is hypothesis:
             return found
         smaller = [one for item in candidate.sizes(SEARCH.starts) for one in item.hypotheses(base)]

@@ -11,7 +11,7 @@ from search_lab import NOMINAL, PERIOD_S, search
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.run_to_run import Change
-from fdbench.diagnosis.model.candidates import candidates
+from fdbench.diagnosis.model.candidates import Candidate, candidates
 from fdbench.diagnosis.model.hypothesis import penalty, start
 from fdbench.diagnosis.model.nominal import Covered, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
@@ -74,6 +74,16 @@ def test_backlash_is_found_from_beyond_the_size_that_fits_linearly(gap_m: float)
     assert stage.rivals[0].kind.declared is type(true)
     (found,) = stage.rivals[0].effect.values()
     assert found == pytest.approx(gap_m, rel=0.1)
+
+
+def test_runout_beyond_its_linear_size_is_begun_with_at_its_phase() -> None:
+    true = effects.get("runout_force").typical(radial_runout_m=2e-5, spindle_frequency_Hz=52.0, angle_rad=-1.6)
+    own, base = search(true, speeds_m_per_s=(0.02,)), start(NOMINAL)
+    linear = Candidate(members=(true.changed(radial_runout_m=5e-6, angle_rad=-0.8),))
+    first, *beyond = own._starts(base, base.with_effect(linear.members[0]), linear)
+    assert first.effects == linear.members
+    assert [vars(item.effects[-1])["radial_runout_m"] for item in beyond] == pytest.approx([1e-5, 2e-5])
+    assert [vars(item.effects[-1])["angle_rad"] for item in beyond] == pytest.approx([-1.6, -1.6], abs=math.pi / 8.0)
 
 
 def test_probabilities_of_a_round_by_hand() -> None:
