@@ -91,6 +91,15 @@ def phase_of(kind: type[Effect]) -> str | None:
     return next((item.name for item in kind.parameters() if item.phase), None)
 
 
+def turned(effect: Effect) -> list[Effect]:
+    """Return an effect at eight phases, or as it is where it has none."""
+    phase = phase_of(type(effect))
+    if phase is None:
+        return [effect]
+    angles = (getattr(effect, phase) + turn * 0.5 * QUARTER_TURN for turn in range(8))
+    return [effect.changed(**{phase: math.remainder(angle, 2.0 * math.pi)}) for angle in angles]
+
+
 def candidates(
     base: Hypothesis, located: Mapping[str, Sequence[float]] | None = None, period_s: float | None = None
 ) -> list[Candidate]:

@@ -94,7 +94,7 @@ class Refinement:
         if narrow:
             far = self.refine(given, fixed=form, tempered=False)
             others += [self.refine(item) for item in (far, *far.on_one_side())]
-        return self.better(found, [found, *others]) if others else found
+        return self.better(found, [found, *others])
 
     def refine(self, given: Hypothesis, fixed: Collection[str] = (), *, tempered: bool = True) -> Hypothesis:
         """Fit all numbers of a hypothesis but fixed ones on the training segments in closed loop.
@@ -189,7 +189,9 @@ class Refinement:
         return self._gather(base, every, keep, places, common, neighbours or 1)
 
     def better(self, base: Hypothesis, rivals: Sequence[Hypothesis]) -> Hypothesis:
-        """Return which of several has the lowest objective, with the weights of a base."""
+        """Return which of several has the lowest objective, with the weights of a base; one alone is not simulated."""
+        if len(rivals) == 1:
+            return rivals[0]
         alone, *squares = self._squares(base, rivals)
         return rivals[int(np.argmin(_objectives(squares, rivals, prior_weight(alone))))]
 

@@ -10,7 +10,7 @@ import numpy as np
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.split import Split
-from fdbench.diagnosis.model.candidates import Candidate, candidates, phase_of
+from fdbench.diagnosis.model.candidates import Candidate, candidates, turned
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.periods import located
@@ -100,7 +100,7 @@ class Search:
                 self.progress(f"refining {kind.name}")
                 begun += [self.refined_anew(start, base) for start in self._starts(base, hypothesis, candidate)]
             if begun:
-                hypothesis = self.refinement.better(base, begun) if len(begun) > 1 else begun[0]
+                hypothesis = self.refinement.better(base, begun)
             if kind in unhidden and (not begun or self.refinement.is_closer(base, unhidden[kind], hypothesis)):
                 hypothesis = unhidden[kind]
             hypotheses.append((kind, hypothesis, bool(begun) or kind in unhidden))
@@ -259,19 +259,11 @@ class Search:
         And at sizes beyond, where a fit from below stops short, of a wave at the best of eight phases there: what is
         not proportional to its size does not add up over them either.
         """
-        effect, amplitude, phase = candidate.members[0], candidate.kind.amplitude, phase_of(candidate.kind)
+        effect, amplitude = candidate.members[0], candidate.kind.amplitude
         found = [hypothesis]
         for size in candidate.kind.starts:
             larger = effect.within(**{amplitude: size * getattr(effect, amplitude)})
-            phases = (
-                [{}]
-                if phase is None
-                else [
-                    {phase: math.remainder(getattr(effect, phase) + turn * math.pi / 4.0, 2.0 * math.pi)}
-                    for turn in range(8)
-                ]
-            )
-            tried = [base.with_effect(larger.changed(**own), candidate.replaces) for own in phases]
+            tried = [base.with_effect(item, candidate.replaces) for item in turned(larger)]
             found.append(self.refinement.better(base, tried))
         if self.refinement.better(base, [base, hypothesis]) is hypothesis:
             return found
