@@ -134,7 +134,7 @@ class ModelSettings:
     changed: float = number(
         2.0, "the same of a value that no cause changes, on a machine that was calibrated on its own baseline"
     )
-    line_step: float = number(3e-4, "relative step of a period in a fit", "a record holds hundreds of periods")
+    line_step: float = number(1e-4, "relative step of a period in a fit", "a record holds hundreds of periods")
     step: float = number(0.1, "relative step of any other number of an effect in a fit")
     phase_step_rad: float = number(0.3, "step of a phase in a fit")
     another_period: float = number(
@@ -231,6 +231,7 @@ class SearchSettings:
     )
     stays: float = number(0.2, "of a known effect that stays beside one in its place, so that it is not gone")
     noise_alone: float = number(1.05, "misfit below which nothing is left to explain", zero=1.0)
+    unexplained: float = number(2.0, "misfit from which on no class is passed over before its cause is called unknown")
     effective_samples: float = number(60.0, "independent samples that a misfit is worth at most, for probabilities")
     of_a_stretch: float = number(2.5, "such samples in a stretch of time that is judged on, 0.25 s long")
     paired: float = number(
@@ -239,6 +240,8 @@ class SearchSettings:
         "likeliest for 122 pairs of look-alikes in opened trials A, B, D, F and G",
     )
     steps: int = number(12, "Gauss-Newton steps of a refinement at most")
+    fine: float = number(0.1, "of the steps of numbers, with which a fit goes on where whole ones tell no slope")
+    fine_above: float = number(1.1, "misfit from which on a fit that whole steps better no more goes on so", zero=1.0)
     kept_promise: float = number(
         0.75, "share of the promised fall that a step must reach for its responses to serve on"
     )

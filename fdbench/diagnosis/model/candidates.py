@@ -179,6 +179,9 @@ def _of_kind(base: Hypothesis, kind: type[Effect], located: Mapping[str, Sequenc
             found += replacements
             continue
         effect = kind.typical(**shape, **dict.fromkeys(further, 0.0))
+        if kind.starts:  # what is not proportional to its size does not add up over phases either
+            found += [Candidate(members=(item,)) for item in turned(effect)]
+            continue
         members = [effect]
         if phase is not None and phase not in shape:
             members = [effect.changed(**{phase: angle}) for angle in (0.0, QUARTER_TURN)]

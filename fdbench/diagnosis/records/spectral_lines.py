@@ -17,6 +17,7 @@ ComplexArray = NDArray[np.complex128]
 def lines_in_time(signals: Sequence[FloatArray], period_s: float) -> list[float]:
     """Return the lines (Hz) that stand out of the spectrum of any signal, (n_channels, n) each, the sharpest first.
 
+    Of a force that is no sine each counts with its harmonics: these may be sharper than what they are harmonics of.
     None is as slow as what a signal resolves, where it has no surroundings on either side. Where each of them is, all
     signals say together: one that comes and goes with the motion is off by a good part of what one signal resolves.
     """
@@ -33,13 +34,18 @@ def lines_in_time(signals: Sequence[FloatArray], period_s: float) -> list[float]
         height = power / np.maximum(np.maximum(side[: len(power)], side[far + near :]), 1e-30)
         for peak in np.flatnonzero(height > SEARCH.stands_out).tolist():
             found.append((float(height[peak]), at_peak(frequency, power, peak), near * float(frequency[1])))
-    lines: list[float] = []
-    for _, line, width in sorted(found, reverse=True):
-        if all(abs(line - other) > width for other in lines):
-            lines.append(line)
-    finest = 1.0 / (period_s * max(signal.shape[1] for signal in signals)) if lines else 0.0
+    heights: dict[float, float] = {}
+    for height, line, width in sorted(found, reverse=True):
+        if all(abs(line - other) > width for other in heights):
+            heights[line] = height
+    finest = 1.0 / (period_s * max(signal.shape[1] for signal in signals)) if heights else 0.0
     slowest = max(SEARCH.lowest_line_Hz, near * finest)
-    return [max(_by_all(signals, line, finest, period_s), slowest) for line in lines[: SEARCH.lines]]
+
+    def with_harmonics(line: float) -> float:
+        return sum(own for other, own in heights.items() if abs(other - round(other / line) * line) < finest)
+
+    lines = sorted(heights, key=with_harmonics, reverse=True)[: SEARCH.lines]
+    return [max(_by_all(signals, line, finest, period_s), slowest) for line in lines]
 
 
 def _by_all(signals: Sequence[FloatArray], line: float, within: float, period_s: float) -> float:

@@ -26,26 +26,30 @@ class Tangent:
     ----------
     about, moved : list of Hypothesis
         One for each nominal parameter, in their order, and for each number of an effect.
+    scale : float
+        Of the steps.
     """
 
     about: list[Hypothesis]
     moved: list[Hypothesis]
+    scale: float = 1.0
 
     @classmethod
-    def at(cls, hypothesis: Hypothesis) -> "Tangent":
+    def at(cls, hypothesis: Hypothesis, scale: float = 1.0) -> "Tangent":
         """Return the tangent about one hypothesis."""
         values = parameter_vector(hypothesis)
-        steps = np.diag([item.step for item in adjustables_of(hypothesis)])
+        steps = scale * np.diag([item.step for item in adjustables_of(hypothesis)])
         moved = [with_parameters(hypothesis, values + row) for row in steps]
-        return cls(about=[hypothesis] * len(moved), moved=moved)
+        return cls(about=[hypothesis] * len(moved), moved=moved, scale=scale)
 
     def of(self, places: Sequence[int]) -> "Tangent":
         """Return that of some of the numbers."""
-        return Tangent(about=[self.about[place] for place in places], moved=[self.moved[place] for place in places])
+        about, moved = ([items[place] for place in places] for items in (self.about, self.moved))
+        return Tangent(about=about, moved=moved, scale=self.scale)
 
     def followed_by(self, other: "Tangent") -> "Tangent":
         """Return that of these numbers and then of others."""
-        return Tangent(about=[*self.about, *other.about], moved=[*self.moved, *other.moved])
+        return Tangent(about=[*self.about, *other.about], moved=[*self.moved, *other.moved], scale=self.scale)
 
     def is_about(self, hypothesis: Hypothesis) -> bool:
         """Whether all numbers are moved about this very hypothesis."""
@@ -103,8 +107,8 @@ class Refinement:
         Where one does not keep what it promises, steps of which the normal matrix has its diagonal raised by several
         factors (Levenberg 1944, Marquardt 1963) are simulated together, and the best is taken. The responses to the
         numbers serve for further steps as long as steps keep what they promise (chords: Shamanskii 1967), and are
-        simulated anew otherwise. What is to predict best, and is compared with nothing, is fitted by all samples as
-        they are, not ``tempered``.
+        simulated anew otherwise: to numbers moved by less where a gap is left that those tell no slope of. What is to
+        predict best, and is compared with nothing, is fitted by all samples as they are, not ``tempered``.
         """
         hypothesis, tangent = given, self.tangent(given)
         moving = [place for place, item in enumerate(adjustables_of(given)) if item.name not in fixed]
@@ -114,32 +118,59 @@ class Refinement:
             alone = float(probed.squares(held_out=False)[0])
             weight = prior_weight(alone) if tempered else 1.0
             before = alone + weight * hypothesis.prior_penalty()
-            excess = alone - float((probed.weights * probed.counts)[inside].sum())
-            enough = max(SEARCH.converged * excess, SEARCH.smallest_fall)
-            steps = _Steps(hypothesis, probed, moving, weight)
+            noise = float((probed.weights * probed.counts)[inside].sum())
+            enough = max(SEARCH.converged * (alone - noise), SEARCH.smallest_fall)
+            steps = _Steps(hypothesis, probed, moving, weight, tangent.scale)
             promise = before - steps.promised
-            if promise < enough:
-                break
             start, fell, fresh = hypothesis, 0.0, tangent.is_about(hypothesis)
-            tried = [start]
-            for dampings in ((), SEARCH.dampings, SEARCH.further_dampings):
-                trials = steps.damped(dampings) if dampings else [steps.undamped]
-                after = _objectives(self._squares(start, trials)[1:], trials, weight)
-                best = int(np.argmin(after))
-                if before - after[best] > fell:
-                    hypothesis, fell = trials[best], before - after[best]
-                tried += trials
-                if fell >= SEARCH.kept_promise * promise or (dampings and (fell > 0.0 or not fresh)):
-                    break
-            self._fitted_readings.forget([item for item in tried if item not in (given, hypothesis)])
-            if fresh and fell < enough:
+            if promise >= enough:
+                hypothesis, fell = self._stepped(hypothesis, steps, before, promise, weight, fresh, given)
+            is_there = promise < enough or (fresh and fell < enough)
+            has_a_slope = tangent.scale < 1.0 or alone < SEARCH.fine_above * noise
+            if is_there and has_a_slope:
                 break
-            if fell < SEARCH.kept_promise * promise:
-                own = tangent.of(range(len(given.shifts), len(tangent.moved)))
+            kept = SEARCH.kept_promise * promise <= fell <= promise / SEARCH.kept_promise
+            if is_there or not kept:
+                finer = tangent.scale < 1.0 or is_there or (fresh and fell > promise)
+                own = self._own(tangent)
                 self._forget(own, given, hypothesis)
-                tangent = self.tangent(hypothesis, anew=own.is_about(start))
-        self._forget(tangent.of(range(len(given.shifts), len(tangent.moved))), given, hypothesis)
+                if finer:
+                    tangent = Tangent.at(hypothesis, SEARCH.fine)
+                else:
+                    tangent = self.tangent(hypothesis, anew=own.is_about(start))
+        self._forget(self._own(tangent), given, hypothesis)
         return hypothesis
+
+    def _stepped(
+        self,
+        start: Hypothesis,
+        steps: "_Steps",
+        before: float,
+        promise: float,
+        weight: float,
+        fresh: bool,
+        given: Hypothesis,
+    ) -> tuple[Hypothesis, float]:
+        """Return where the best of a step and of damped ones ends, and how far the objective falls to there."""
+        hypothesis, fell = start, 0.0
+        tried = [start]
+        for dampings in ((), SEARCH.dampings, SEARCH.further_dampings):
+            trials = steps.damped(dampings) if dampings else [steps.undamped]
+            after = _objectives(self._squares(start, trials)[1:], trials, weight)
+            best = int(np.argmin(after))
+            if before - after[best] > fell:
+                hypothesis, fell = trials[best], before - after[best]
+            tried += trials
+            if fell >= SEARCH.kept_promise * promise or (dampings and (fell > 0.0 or not fresh)):
+                break
+        self._fitted_readings.forget([item for item in tried if item not in (given, hypothesis)])
+        return hypothesis, fell
+
+    def _own(self, tangent: Tangent) -> Tangent:
+        """Return the part of a tangent that serves no other fit."""
+        if tangent.scale < 1.0:
+            return tangent
+        return tangent.of(range(len(self.nominal.moved), len(tangent.moved)))
 
     def promise(self, hypothesis: Hypothesis) -> tuple[Evidence, float, Hypothesis]:
         """Return the evidence about a hypothesis, the weighted squares that one step promises, and where that ends."""
@@ -253,11 +284,15 @@ class _Steps:
         Of the prior penalty.
     """
 
-    def __init__(self, hypothesis: Hypothesis, probed: Evidence, moving: Sequence[int], weight: float) -> None:
+    def __init__(
+        self, hypothesis: Hypothesis, probed: Evidence, moving: Sequence[int], weight: float, scale: float = 1.0
+    ) -> None:
         self.hypothesis, self.moving = hypothesis, list(moving)
         self.numbers, self.values = adjustables_of(hypothesis), parameter_vector(hypothesis)
+        self.sizes = scale * np.array([item.step for item in self.numbers])
         known = [(column, place) for column, place in enumerate(moving, 1) if self.numbers[place].prior]
-        priors, room = hypothesis.priors(weight), hypothesis.room()
+        priors = [(stand / scale, own * scale**2) for stand, own in hypothesis.priors(weight)]
+        room = [(low / scale, high / scale) for low, high in hypothesis.room()]
         self.scores = Scores(
             probed, {column: priors[place] for column, place in known}, {column: room[place] for column, place in known}
         )
@@ -276,7 +311,7 @@ class _Steps:
     def _to(self, coefficients: FloatArray) -> Hypothesis:
         step = np.zeros(len(self.numbers))
         step[self.moving] = coefficients
-        return with_parameters(self.hypothesis, self.values + step * [item.step for item in self.numbers])
+        return with_parameters(self.hypothesis, self.values + step * self.sizes)
 
 
 def _objectives(squares: Sequence[float], trials: Sequence[Hypothesis], weight: float) -> list[float]:

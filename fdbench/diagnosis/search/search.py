@@ -10,7 +10,7 @@ import numpy as np
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.split import Split
-from fdbench.diagnosis.model.candidates import Candidate, candidates, turned
+from fdbench.diagnosis.model.candidates import Candidate, candidates
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.periods import located
@@ -104,7 +104,28 @@ class Search:
             if kind in unhidden and (not begun or self.refinement.is_closer(base, unhidden[kind], hypothesis)):
                 hypothesis = unhidden[kind]
             hypotheses.append((kind, hypothesis, bool(begun) or kind in unhidden))
-        return self.contested(base, hypotheses)
+        stage = self.contested(base, hypotheses)
+        if not stage.is_last() or before.alone.train < SEARCH.unexplained:
+            return stage
+        # What is far from proportional to its size, such as a resonance that moves, shows nothing in a linear fit.
+        passed = [
+            place
+            for place, (_, item, refined) in enumerate(hypotheses)
+            if not refined and item.replaced == base.replaced
+        ]
+        for place in passed:
+            kind, hypothesis, _ = hypotheses[place]
+            self.progress(f"refining {kind.name}")
+            hypotheses[place] = kind, self._from_usual_size(base, hypothesis), True
+        return self.contested(base, hypotheses) if passed else stage
+
+    def _from_usual_size(self, base: Hypothesis, linear: Hypothesis) -> Hypothesis:
+        """Return the best of a linear fit of an effect and refinements from its usual size, of either sign."""
+        effect = linear.effects[-1]
+        amplitude = next(item for item in type(effect).parameters() if item.name == effect.amplitude)
+        sizes = (amplitude.typical, -amplitude.typical) if amplitude.low < 0.0 else (amplitude.typical,)
+        starts = [base.with_effect(effect.within(**{amplitude.name: size})) for size in sizes]
+        return self.refinement.better(base, [linear, *map(self.refinement.refine, starts)])
 
     def _unhidden(self, base: Hypothesis, every: Sequence[Candidate]) -> dict[type[Effect], Hypothesis]:
         """Return the classes that fit best beside nominal parameters as given, refined, where those of the base strain.
@@ -256,15 +277,12 @@ class Search:
     def _starts(self, base: Hypothesis, hypothesis: Hypothesis, candidate: Candidate) -> list[Hypothesis]:
         """Return where a refinement begins: also at a smaller size, where the fitted one is worse than no effect.
 
-        And at sizes beyond, where a fit from below stops short, of a wave at the best of eight phases there: what is
-        not proportional to its size does not add up over them either.
+        And at sizes beyond, where a fit from below stops short.
         """
         effect, amplitude = candidate.members[0], candidate.kind.amplitude
-        found = [hypothesis]
-        for size in candidate.kind.starts:
-            larger = effect.within(**{amplitude: size * getattr(effect, amplitude)})
-            tried = [base.with_effect(item, candidate.replaces) for item in turned(larger)]
-            found.append(self.refinement.better(base, tried))
+        sizes = [size * getattr(effect, amplitude) for size in candidate.kind.starts]
+        larger = [base.with_effect(effect.within(**{amplitude: size}), candidate.replaces) for size in sizes]
+        found = [hypothesis, *larger]
         if self.refinement.better(base, [base, hypothesis]) is hypothesis:
             return found
         smaller = [one for item in candidate.sizes(SEARCH.starts) for one in item.hypotheses(base)]

@@ -89,3 +89,10 @@ def test_one_shape_of_each_class() -> None:
     every = candidates(BASE)
     middle = middle_shapes(every)
     assert [item.kind for item in middle] == list(dict.fromkeys(item.kind for item in every))
+
+
+def test_phases_of_what_is_not_proportional_to_its_size_are_candidates_of_their_own() -> None:
+    located = {"line_of_motion": [47.0]}
+    own = [item for item in candidates(BASE, located) if item.name == "runout_force"]
+    assert [len(item.members) for item in own] == [1] * 8
+    assert len({getattr(item.members[0], "angle_rad") for item in own}) == 8

@@ -17,6 +17,16 @@ def test_lines_are_found_and_noise_has_none() -> None:
     assert sorted(found) == pytest.approx([17.3, 90.1], abs=0.03)
 
 
+def test_of_a_force_that_is_no_sine_the_line_that_others_are_harmonics_of_comes_first() -> None:
+    """Its harmonics are sharper than it is, and more of them than are tried."""
+    rng = np.random.default_rng(1)
+    time_s = np.arange(8000) * PERIOD_S
+    sizes = {1: 0.5, 4: 1.0, 5: 1.0, 6: 1.0, 7: 1.0}
+    comb = sum(size * np.sin(2.0 * np.pi * order * 30.3 * time_s) for order, size in sizes.items())
+    found = lines_in_time([(rng.standard_normal(8000) + comb)[None]], PERIOD_S)
+    assert found[0] == pytest.approx(30.3, abs=0.03)
+
+
 def test_a_line_is_told_to_a_part_of_what_is_resolved_and_taken_whole() -> None:
     time_s = np.arange(3000) * PERIOD_S
     signal = 2.0 * np.cos(2.0 * np.pi * 23.117 * time_s + 0.4)

@@ -76,14 +76,24 @@ def test_backlash_is_found_from_beyond_the_size_that_fits_linearly(gap_m: float)
     assert found == pytest.approx(gap_m, rel=0.1)
 
 
-def test_runout_beyond_its_linear_size_is_begun_with_at_its_phase() -> None:
+def test_runout_beyond_its_linear_size_is_begun_with_as_it_is_turned() -> None:
     true = effects.get("runout_force").typical(radial_runout_m=2e-5, spindle_frequency_Hz=52.0, angle_rad=-1.6)
     own, base = search(true, speeds_m_per_s=(0.02,)), start(NOMINAL)
-    linear = Candidate(members=(true.changed(radial_runout_m=5e-6, angle_rad=-0.8),))
+    linear = Candidate(members=(true.changed(radial_runout_m=5e-6),))
     first, *beyond = own._starts(base, base.with_effect(linear.members[0]), linear)
     assert first.effects == linear.members
     assert [vars(item.effects[-1])["radial_runout_m"] for item in beyond] == pytest.approx([1e-5, 2e-5])
-    assert [vars(item.effects[-1])["angle_rad"] for item in beyond] == pytest.approx([-1.6, -1.6], abs=math.pi / 8.0)
+    assert {vars(item.effects[-1])["angle_rad"] for item in beyond} == {-1.6}
+
+
+def test_a_class_that_shows_nothing_in_a_linear_fit_is_refined_from_its_usual_size() -> None:
+    """A gap that is left is not called unknown before."""
+    true = effects.get("axial_compliance").typical(stiffness_loss_percent=40.0)
+    own, base = search(true), start(NOMINAL)
+    linear = base.with_effect(type(true).typical(stiffness_loss_percent=-0.1))
+    found = own._from_usual_size(base, linear)
+    (value,) = found.effects[-1].values()
+    assert value == pytest.approx(40.0, rel=0.15)
 
 
 def test_probabilities_of_a_round_by_hand() -> None:
