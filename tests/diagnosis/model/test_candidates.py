@@ -95,4 +95,4 @@ def test_phases_of_what_is_not_proportional_to_its_size_are_candidates_of_their_
     located = {"line_of_motion": [47.0]}
     own = [item for item in candidates(BASE, located) if item.name == "runout_force"]
     assert [len(item.members) for item in own] == [1] * 8
-    assert len({getattr(item.members[0], "angle_rad") for item in own}) == 8
+    assert len({vars(item.members[0])["angle_rad"] for item in own}) == 8
