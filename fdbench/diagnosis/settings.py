@@ -241,7 +241,6 @@ class SearchSettings:
     )
     steps: int = number(12, "Gauss-Newton steps of a refinement at most")
     fine: float = number(0.1, "of the steps of numbers, with which a fit goes on where whole ones tell no slope")
-    fine_above: float = number(1.1, "misfit from which on a fit that whole steps better no more goes on so", zero=1.0)
     kept_promise: float = number(
         0.75, "share of the promised fall that a step must reach for its responses to serve on"
     )

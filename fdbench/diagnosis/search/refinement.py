@@ -107,7 +107,7 @@ class Refinement:
         Where one does not keep what it promises, steps of which the normal matrix has its diagonal raised by several
         factors (Levenberg 1944, Marquardt 1963) are simulated together, and the best is taken. The responses to the
         numbers serve for further steps as long as steps keep what they promise (chords: Shamanskii 1967), and are
-        simulated anew otherwise: to numbers moved by less where a gap is left that those tell no slope of. What is to
+        simulated anew otherwise: to numbers moved by less where those had told too small a slope. What is to
         predict best, and is compared with nothing, is fitted by all samples as they are, not ``tempered``.
         """
         hypothesis, tangent = given, self.tangent(given)
@@ -118,20 +118,18 @@ class Refinement:
             alone = float(probed.squares(held_out=False)[0])
             weight = prior_weight(alone) if tempered else 1.0
             before = alone + weight * hypothesis.prior_penalty()
-            noise = float((probed.weights * probed.counts)[inside].sum())
-            enough = max(SEARCH.converged * (alone - noise), SEARCH.smallest_fall)
+            excess = alone - float((probed.weights * probed.counts)[inside].sum())
+            enough = max(SEARCH.converged * excess, SEARCH.smallest_fall)
             steps = _Steps(hypothesis, probed, moving, weight, tangent.scale)
             promise = before - steps.promised
             start, fell, fresh = hypothesis, 0.0, tangent.is_about(hypothesis)
             if promise >= enough:
                 hypothesis, fell = self._stepped(hypothesis, steps, before, promise, weight, fresh, given)
-            is_there = promise < enough or (fresh and fell < enough)
-            has_a_slope = tangent.scale < 1.0 or alone < SEARCH.fine_above * noise
-            if is_there and has_a_slope:
+            if promise < enough or (fresh and fell < enough):
                 break
             kept = SEARCH.kept_promise * promise <= fell <= promise / SEARCH.kept_promise
-            if is_there or not kept:
-                finer = tangent.scale < 1.0 or is_there or (fresh and fell > promise)
+            if not kept:
+                finer = tangent.scale < 1.0 or (fresh and fell > promise)
                 own = self._own(tangent)
                 self._forget(own, given, hypothesis)
                 if finer:
