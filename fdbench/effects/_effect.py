@@ -193,7 +193,8 @@ class Effect(ABC):
         Names of the parameters that scale further parts; there is no effect where all amplitudes are zero.
     starts : tuple of float
         Sizes at which a fit also begins, in units of the one that fits linearly: of what passes nothing on up to its
-        size, a fit from below stops there.
+        size, a fit from below stops there. An effect that has any is not proportional to its size, and its phase is
+        tried at eight angles in place of two that add up.
     needs_amplitude : bool
         Whether there is no such effect where its amplitude is next to nothing beside further ones.
     random : bool

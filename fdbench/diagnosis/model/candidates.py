@@ -91,11 +91,8 @@ def phase_of(kind: type[Effect]) -> str | None:
     return next((item.name for item in kind.parameters() if item.phase), None)
 
 
-def turned(effect: Effect) -> list[Effect]:
-    """Return an effect at eight phases, or as it is where it has none."""
-    phase = phase_of(type(effect))
-    if phase is None:
-        return [effect]
+def turned(effect: Effect, phase: str) -> list[Effect]:
+    """Return an effect at eight values of a phase."""
     angles = (getattr(effect, phase) + turn * 0.5 * QUARTER_TURN for turn in range(8))
     return [effect.changed(**{phase: math.remainder(angle, 2.0 * math.pi)}) for angle in angles]
 
@@ -179,14 +176,13 @@ def _of_kind(base: Hypothesis, kind: type[Effect], located: Mapping[str, Sequenc
             found += replacements
             continue
         effect = kind.typical(**shape, **dict.fromkeys(further, 0.0))
-        if kind.starts:  # what is not proportional to its size does not add up over phases either
-            found += [Candidate(members=(item,)) for item in turned(effect)]
-            continue
-        members = [effect]
+        sets = [[effect]]
         if phase is not None and phase not in shape:
-            members = [effect.changed(**{phase: angle}) for angle in (0.0, QUARTER_TURN)]
+            sets = [[effect.changed(**{phase: angle}) for angle in (0.0, QUARTER_TURN)]]
+            if kind.starts:  # what is not proportional to its size does not add up over phases either
+                sets = [[item] for item in turned(effect, phase)]
         silent = effect.changed(**{kind.amplitude: 0.0})
         typical = kind.typical(**shape)
-        members += [silent.changed(**{name: getattr(typical, name)}) for name in further]
-        found.append(Candidate(members=tuple(members)))
+        parts = [silent.changed(**{name: getattr(typical, name)}) for name in further]
+        found += [Candidate(members=(*members, *parts)) for members in sets]
     return found

@@ -117,49 +117,40 @@ class Refinement:
             inside = ~probed.held_out
             alone = float(probed.squares(held_out=False)[0])
             weight = prior_weight(alone) if tempered else 1.0
-            before = alone + weight * hypothesis.prior_penalty()
             excess = alone - float((probed.weights * probed.counts)[inside].sum())
             enough = max(SEARCH.converged * excess, SEARCH.smallest_fall)
-            steps = _Steps(hypothesis, probed, moving, weight, tangent.scale)
-            promise = before - steps.promised
-            start, fell, fresh = hypothesis, 0.0, tangent.is_about(hypothesis)
-            if promise >= enough:
-                hypothesis, fell = self._stepped(hypothesis, steps, before, promise, weight, fresh, given)
-            if promise < enough or (fresh and fell < enough):
+            steps, fresh = _Steps(hypothesis, probed, moving, weight, tangent.scale), tangent.is_about(hypothesis)
+            if steps.promise < enough:
                 break
-            kept = SEARCH.kept_promise * promise <= fell <= promise / SEARCH.kept_promise
-            if not kept:
-                finer = tangent.scale < 1.0 or (fresh and fell > promise)
+            hypothesis, fell = self._stepped(steps, given, fresh=fresh)
+            if fresh and fell < enough:
+                break
+            if not SEARCH.kept_promise * steps.promise <= fell <= steps.promise / SEARCH.kept_promise:
                 own = self._own(tangent)
                 self._forget(own, given, hypothesis)
-                if finer:
+                if tangent.scale < 1.0 or (fresh and fell > steps.promise):
                     tangent = Tangent.at(hypothesis, SEARCH.fine)
                 else:
-                    tangent = self.tangent(hypothesis, anew=own.is_about(start))
+                    tangent = self.tangent(hypothesis, anew=own.is_about(steps.hypothesis))
         self._forget(self._own(tangent), given, hypothesis)
         return hypothesis
 
-    def _stepped(
-        self,
-        start: Hypothesis,
-        steps: "_Steps",
-        before: float,
-        promise: float,
-        weight: float,
-        fresh: bool,
-        given: Hypothesis,
-    ) -> tuple[Hypothesis, float]:
-        """Return where the best of a step and of damped ones ends, and how far the objective falls to there."""
-        hypothesis, fell = start, 0.0
-        tried = [start]
+    def _stepped(self, steps: "_Steps", given: Hypothesis, *, fresh: bool) -> tuple[Hypothesis, float]:
+        """Return where the best of a step and of damped ones ends, and how far the objective falls to there.
+
+        Readings of the others are forgotten, but those of what a fit was ``given``. Steps are damped no further than
+        to any fall where their responses are not ``fresh``, and better ones can be simulated.
+        """
+        hypothesis, fell = steps.hypothesis, 0.0
+        tried = [steps.hypothesis]
         for dampings in ((), SEARCH.dampings, SEARCH.further_dampings):
             trials = steps.damped(dampings) if dampings else [steps.undamped]
-            after = _objectives(self._squares(start, trials)[1:], trials, weight)
+            after = _objectives(self._squares(steps.hypothesis, trials)[1:], trials, steps.weight)
             best = int(np.argmin(after))
-            if before - after[best] > fell:
-                hypothesis, fell = trials[best], before - after[best]
+            if steps.before - after[best] > fell:
+                hypothesis, fell = trials[best], steps.before - after[best]
             tried += trials
-            if fell >= SEARCH.kept_promise * promise or (dampings and (fell > 0.0 or not fresh)):
+            if fell >= SEARCH.kept_promise * steps.promise or (dampings and (fell > 0.0 or not fresh)):
                 break
         self._fitted_readings.forget([item for item in tried if item not in (given, hypothesis)])
         return hypothesis, fell
@@ -285,7 +276,7 @@ class _Steps:
     def __init__(
         self, hypothesis: Hypothesis, probed: Evidence, moving: Sequence[int], weight: float, scale: float = 1.0
     ) -> None:
-        self.hypothesis, self.moving = hypothesis, list(moving)
+        self.hypothesis, self.moving, self.weight = hypothesis, list(moving), weight
         self.numbers, self.values = adjustables_of(hypothesis), parameter_vector(hypothesis)
         self.sizes = scale * np.array([item.step for item in self.numbers])
         known = [(column, place) for column, place in enumerate(moving, 1) if self.numbers[place].prior]
@@ -296,7 +287,8 @@ class _Steps:
         )
         fit = self.scores.fit(self._columns)
         self.undamped, self.squares = self._to(fit.coefficients), fit.squares
-        self.promised = self.squares + weight * self.undamped.prior_penalty()
+        self.before = float(probed.squares(held_out=False)[0]) + weight * hypothesis.prior_penalty()
+        self.promise = self.before - self.squares - weight * self.undamped.prior_penalty()
 
     def damped(self, dampings: Sequence[float]) -> list[Hypothesis]:
         """Return the hypothesis after the step of each damping."""

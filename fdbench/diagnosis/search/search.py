@@ -107,25 +107,26 @@ class Search:
         stage = self.contested(base, hypotheses)
         if not stage.is_last() or before.alone.train < SEARCH.unexplained:
             return stage
-        # What is far from proportional to its size, such as a resonance that moves, shows nothing in a linear fit.
-        passed = [
-            place
-            for place, (_, item, refined) in enumerate(hypotheses)
-            if not refined and item.replaced == base.replaced
-        ]
-        for place in passed:
-            kind, hypothesis, _ = hypotheses[place]
-            self.progress(f"refining {kind.name}")
-            hypotheses[place] = kind, self._from_usual_size(base, hypothesis), True
-        return self.contested(base, hypotheses) if passed else stage
+        return self.contested(
+            base, [item if item[-1] else self._looked_at_again(base, *item[:2]) for item in hypotheses]
+        )
 
-    def _from_usual_size(self, base: Hypothesis, linear: Hypothesis) -> Hypothesis:
-        """Return the best of a linear fit of an effect and refinements from its usual size, of either sign."""
+    def _looked_at_again(
+        self, base: Hypothesis, kind: type[Effect], linear: Hypothesis
+    ) -> tuple[type[Effect], Hypothesis, bool]:
+        """Return a class that was only fitted linearly, refined from its usual size, if that is better.
+
+        What is far from proportional to its size, such as a resonance that moves, shows nothing in a linear fit. What
+        stands in place of a known effect has no other size.
+        """
+        if linear.replaced != base.replaced:
+            return kind, linear, False
+        self.progress(f"refining {kind.name}")
         effect = linear.effects[-1]
-        amplitude = next(item for item in type(effect).parameters() if item.name == effect.amplitude)
+        amplitude = next(item for item in kind.parameters() if item.name == kind.amplitude)
         sizes = (amplitude.typical, -amplitude.typical) if amplitude.low < 0.0 else (amplitude.typical,)
         starts = [base.with_effect(effect.within(**{amplitude.name: size})) for size in sizes]
-        return self.refinement.better(base, [linear, *map(self.refinement.refine, starts)])
+        return kind, self.refinement.better(base, [linear, *map(self.refinement.refine, starts)]), True
 
     def _unhidden(self, base: Hypothesis, every: Sequence[Candidate]) -> dict[type[Effect], Hypothesis]:
         """Return the classes that fit best beside nominal parameters as given, refined, where those of the base strain.

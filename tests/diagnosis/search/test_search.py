@@ -16,7 +16,7 @@ from fdbench.diagnosis.model.hypothesis import penalty, start
 from fdbench.diagnosis.model.nominal import Covered, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import Replay, Replayed
-from fdbench.diagnosis.search.refinement import Tangent
+from fdbench.diagnosis.search.refinement import Tangent, _Steps
 from fdbench.diagnosis.search.search import foremost
 from fdbench.diagnosis.search.stage import Rival, Stage, ranked
 from fdbench.diagnosis.settings import MODEL, SEARCH, changed
@@ -91,8 +91,10 @@ def test_a_class_that_shows_nothing_in_a_linear_fit_is_refined_from_its_usual_si
     true = effects.get("axial_compliance").typical(stiffness_loss_percent=40.0)
     own, base = search(true), start(NOMINAL)
     linear = base.with_effect(type(true).typical(stiffness_loss_percent=-0.1))
-    found = own._from_usual_size(base, linear)
+    kind, found, refined = own._looked_at_again(base, type(true), linear)
     (value,) = found.effects[-1].values()
+    assert kind is type(true)
+    assert refined
     assert value == pytest.approx(40.0, rel=0.15)
 
 
@@ -407,6 +409,21 @@ def test_responses_that_serve_on_lead_to_the_same_minimum(monkeypatch: pytest.Mo
     before, *after = evidence.squares(held_out=False).tolist()
     assert abs(after[0] - after[1]) < 1e-3 * (before - min(after))
     assert found[0].effects[0].values() == pytest.approx(found[1].effects[0].values(), rel=0.02, abs=0.01)
+
+
+def test_a_step_by_smaller_steps_of_the_numbers_ends_where_that_by_whole_ones_does() -> None:
+    """Where the responses are proportional to the numbers, priors and bounds in their units included."""
+    own = search()
+    n = len(nominal_parameters(NOMINAL))
+    here = start(NOMINAL).moved(0.5 * np.eye(n)[0] - 0.3 * np.eye(n)[1])
+    ends = []
+    for scale in (1.0, SEARCH.fine):
+        probed = gather(own.readings, own.split, here, Tangent.at(here, scale).moved, own.split.fitted)
+        steps = _Steps(here, probed, range(n), 10.0, scale)
+        assert steps.promise > 0.0
+        ends.append(steps.undamped.shifts)
+    assert ends[1] == pytest.approx(ends[0], abs=0.05)
+    assert max(map(abs, np.subtract(ends[0], here.shifts))) > 0.2
 
 
 def test_a_tangent_serves_hypotheses_near_it_alone() -> None:
