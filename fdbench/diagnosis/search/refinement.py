@@ -51,6 +51,11 @@ class Tangent:
         """Return that of these numbers and then of others."""
         return Tangent(about=[*self.about, *other.about], moved=[*self.moved, *other.moved], scale=self.scale)
 
+    @property
+    def is_fine(self) -> bool:
+        """Whether the numbers are moved by less than their steps."""
+        return self.scale < 1.0
+
     def is_about(self, hypothesis: Hypothesis) -> bool:
         """Whether all numbers are moved about this very hypothesis."""
         return all(item is hypothesis for item in self.about)
@@ -128,7 +133,7 @@ class Refinement:
             if not SEARCH.kept_promise * steps.promise <= fell <= steps.promise / SEARCH.kept_promise:
                 own = self._own(tangent)
                 self._forget(own, given, hypothesis)
-                if tangent.scale < 1.0 or (fresh and fell > steps.promise):
+                if tangent.is_fine or (fresh and fell > steps.promise):
                     tangent = Tangent.at(hypothesis, SEARCH.fine)
                 else:
                     tangent = self.tangent(hypothesis, anew=own.is_about(steps.hypothesis))
@@ -157,7 +162,7 @@ class Refinement:
 
     def _own(self, tangent: Tangent) -> Tangent:
         """Return the part of a tangent that serves no other fit."""
-        if tangent.scale < 1.0:
+        if tangent.is_fine:
             return tangent
         return tangent.of(range(len(self.nominal.moved), len(tangent.moved)))
 

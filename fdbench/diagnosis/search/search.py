@@ -60,56 +60,64 @@ class Search:
 
     def stage(self, base: Hypothesis) -> Stage | None:
         """Rank all classes of effects as the next one; None where the base leaves noise alone, and does not strain."""
-        fitted = self.split.fitted
-        before = self._screen(base, (), fitted)
+        before = self._screen(base, (), self.split.fitted)
         # Values that strain may hide an effect where noise alone is left, too.
         strains = base.named_penalty() > base.cost_of_a_cause
         if before.alone.train < SEARCH.noise_alone and not strains:
             return None
-        every = candidates(base, located(self.readings, self.split, base), self.split.runs[0].period_s)
-        if len(fitted) > 1:  # most that is too large is seen to be so on a part of the records
-            shortest = min(fitted, key=lambda place: self.split.runs[place].n_samples)
-            every = _not_oversized(every, self._screen(base, every, [shortest]).sizes, before.gap)
-        screened = self._screen(base, every, fitted)
-        fits = screened.fits
-        smaller = _not_oversized(every, screened.sizes, before.gap)
-        large = [place for place, (item, given) in enumerate(zip(smaller, every, strict=True)) if item is not given]
-        if large:
-            again = self._screen(base, [smaller[place] for place in large], fitted).fits
-            for place, fit in zip(large, again, strict=True):
-                every[place], fits[place] = smaller[place], fit
-        best = self._best_of_class(base, every, fits)
-        order = sorted(best, key=lambda kind: _cost(base, best[kind][1].train, best[kind][1]))[: SEARCH.rescaled]
-        rescaled = [size for kind in order for size in best[kind][0].sizes(SEARCH.sizes)]
-        screened = self._screen(base, rescaled)
-        sized = self._best_of_class(base, rescaled, screened.fits)
-        order = sorted(sized, key=lambda kind: _cost(base, sized[kind][1].misfit, sized[kind][1]))
-        # A shape that is not fitted yet can be right on what is fitted, and wrong on what is held out.
-        fitted_cost = _cost(base, screened.alone.train, screened.alone)
-        falls = {kind: fitted_cost - _cost(base, fit.train, fit) for kind, (_, fit) in sized.items()}
-        without = _equivalent(base, screened.alone)
-        gains = {kind: without - _equivalent(base, fit) for kind, (_, fit) in sized.items()}
-        worthwhile, unhidden = foremost(gains) | foremost(falls), self._unhidden(base, every)
+        every, fits = self._fitted_linearly(base, before.gap)
+        sized, alone = self._sized(base, every, fits)
+        worthwhile, unhidden = _worthwhile(base, sized, alone), self._unhidden(base, every)
         hypotheses = []
-        for kind in dict.fromkeys((*order, *unhidden)):
-            begun: list[Hypothesis] = []
-            if kind in sized:
-                candidate, fit = sized[kind]
-                hypothesis = base.with_effect(candidate.members[0], candidate.replaces).moved(fit.coefficients)
-            if kind in worthwhile:
-                self.progress(f"refining {kind.name}")
-                begun += [self.refined_anew(start, base) for start in self._starts(base, hypothesis, candidate)]
-            if begun:
-                hypothesis = self.refinement.better(base, begun)
-            if kind in unhidden and (not begun or self.refinement.is_closer(base, unhidden[kind], hypothesis)):
-                hypothesis = unhidden[kind]
-            hypotheses.append((kind, hypothesis, bool(begun) or kind in unhidden))
+        for kind in dict.fromkeys((*sized, *unhidden)):
+            found = self._refined(base, *sized[kind]) if kind in worthwhile else None
+            if kind in unhidden and (found is None or self.refinement.is_closer(base, unhidden[kind], found)):
+                found = unhidden[kind]
+            hypotheses.append((kind, _linear(base, *sized[kind]) if found is None else found, found is not None))
         stage = self.contested(base, hypotheses)
         if not stage.is_last() or before.alone.train < SEARCH.unexplained:
             return stage
         return self.contested(
             base, [item if item[-1] else self._looked_at_again(base, *item[:2]) for item in hypotheses]
         )
+
+    def _fitted_linearly(self, base: Hypothesis, gap: float) -> tuple[list[Candidate], list[Fit]]:
+        """Return all candidates, none by far larger than the gap, and the linear fits of what is fitted with them."""
+        fitted = self.split.fitted
+        every = candidates(base, located(self.readings, self.split, base), self.split.runs[0].period_s)
+        if len(fitted) > 1:  # most that is too large is seen to be so on a part of the records
+            shortest = min(fitted, key=lambda place: self.split.runs[place].n_samples)
+            every = _not_oversized(every, self._screen(base, every, [shortest]).sizes, gap)
+        screened = self._screen(base, every, fitted)
+        fits = screened.fits
+        smaller = _not_oversized(every, screened.sizes, gap)
+        large = [place for place, (item, given) in enumerate(zip(smaller, every, strict=True)) if item is not given]
+        if large:
+            again = self._screen(base, [smaller[place] for place in large], fitted).fits
+            for place, fit in zip(large, again, strict=True):
+                every[place], fits[place] = smaller[place], fit
+        return every, fits
+
+    def _sized(
+        self, base: Hypothesis, every: Sequence[Candidate], fits: Sequence[Fit]
+    ) -> tuple[dict[type[Effect], tuple[Candidate, Fit]], Fit]:
+        """Return the best candidate of the best classes at the best of several sizes, and the fit of the base alone.
+
+        They are fitted linearly and judged on all samples; the best class comes first.
+        """
+        best = self._best_of_class(base, every, fits)
+        order = sorted(best, key=lambda kind: _cost(base, best[kind][1].train, best[kind][1]))[: SEARCH.rescaled]
+        rescaled = [size for kind in order for size in best[kind][0].sizes(SEARCH.sizes)]
+        screened = self._screen(base, rescaled)
+        sized = self._best_of_class(base, rescaled, screened.fits)
+        order = sorted(sized, key=lambda kind: _cost(base, sized[kind][1].misfit, sized[kind][1]))
+        return {kind: sized[kind] for kind in order}, screened.alone
+
+    def _refined(self, base: Hypothesis, candidate: Candidate, fit: Fit) -> Hypothesis:
+        """Return the best refinement of a candidate from where it may begin."""
+        self.progress(f"refining {candidate.kind.name}")
+        starts = self._starts(base, _linear(base, candidate, fit), candidate)
+        return self.refinement.better(base, [self.refined_anew(start, base) for start in starts])
 
     def _looked_at_again(
         self, base: Hypothesis, kind: type[Effect], linear: Hypothesis
@@ -310,6 +318,22 @@ class _Screened:
     fits: list[Fit]
     gap: float
     sizes: list[float]
+
+
+def _linear(base: Hypothesis, candidate: Candidate, fit: Fit) -> Hypothesis:
+    """Return a base with a candidate of one member as it is fitted linearly."""
+    return base.with_effect(candidate.members[0], candidate.replaces).moved(fit.coefficients)
+
+
+def _worthwhile(base: Hypothesis, sized: Mapping[type[Effect], tuple[Candidate, Fit]], alone: Fit) -> set[type[Effect]]:
+    """Return the classes that gain most beside a fit of the base alone, on what is held out or on what is fitted.
+
+    A shape that is not fitted yet can be right on what is fitted, and wrong on what is held out.
+    """
+    cost, misfit = _cost(base, alone.train, alone), _equivalent(base, alone)
+    falls = {kind: cost - _cost(base, fit.train, fit) for kind, (_, fit) in sized.items()}
+    gains = {kind: misfit - _equivalent(base, fit) for kind, (_, fit) in sized.items()}
+    return foremost(gains) | foremost(falls)
 
 
 def foremost(gains: Mapping[type[Effect], float]) -> set[type[Effect]]:
