@@ -14,11 +14,11 @@ TURN = 2.0 * math.pi
 @final
 @dataclass(frozen=True, kw_only=True)
 class EncoderInterpolationError(Effect):
-    r"""Error of the reading that repeats with the signal period (sub-divisional error).
+    r"""Error of the motor encoder's reading that repeats with the signal period (sub-divisional error).
 
     .. math:: y = x + A \sin(2 \pi x / p + \varphi)
 
-    x: true position; y: reading.
+    x: true position on the motor side; y: reading. For that of the table see `scale_interpolation_error`.
 
     Source: Heydemann (1981), Applied Optics 20(19), 3382-3384, on errors of sine and cosine signals.
 

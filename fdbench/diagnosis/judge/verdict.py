@@ -160,9 +160,9 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         credible *= 1.0 - item.in_part
         chances = {name: min(credible * p, item.most(parts.is_better_with(index))) for name, p in item.odds.items()}
         causes.append(_named(found, item, chances, parts, index, bounds[index]))
-    # A gap of no more than repeats differ by lacks no cause, however little it looks like noise. Held-out motions need
-    # not come by the place where one is.
-    if is_measured:
+    # A gap of no more than repeats differ by lacks no cause, however little it looks like noise, unless values of the
+    # loop went to their limits for it. Held-out motions need not come by the place where one is.
+    if is_measured and found.weighed.at_limits == 0:
         judged, fitted = (
             float(gaps.max()) / float(np.mean([plain.runs[place].repeats for place in places]))
             for gaps, places in ((recalibrated, plain.judged), (found.where_fitted, plain.fitted))

@@ -185,9 +185,9 @@ class Nominal:
 
     @property
     def force_offset_N(self) -> float:
-        """Standard deviation of the force offset, N."""
-        given = self.uncertainty.force_offset_N
-        return MODEL.usual_force_offset_N * self.scale.force if given is None else given
+        """Standard deviation of the force offset, N; where none is given, in proportion to the forces of the axis."""
+        given, forces = self.uncertainty.force_offset_N, self.covered.force_N / MODEL.usual_force_N
+        return MODEL.usual_force_offset_N * (forces or 1.0) if given is None else given
 
     @cached_property
     def library(self) -> tuple[type[Effect], ...]:

@@ -9,6 +9,7 @@ import numpy as np
 from fdbench.diagnosis.evidence.evidence import Evidence, gather
 from fdbench.diagnosis.evidence.prepare import Aligned
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
+from fdbench.diagnosis.model.loop_parameters import LoopLag
 from fdbench.diagnosis.search.refinement import Refinement
 from fdbench.diagnosis.settings import SEARCH
 
@@ -39,8 +40,7 @@ class Calibrated:
         """Re-calibrate the nominal parameters of a model; ``narrow`` says that they are known to a few per cent."""
         refinement, given = _refinement(ready)
         found = refinement.calibrate(given, narrow=narrow)
-        evidence = gather(refinement.readings, ready.split, found, ())
-        misfit, cost = _judged(evidence, float(evidence.squares(held_out=False)[0]), found)
+        misfit, cost = _judged(*_alone(refinement, found), found)
         return cls(ready=ready, refinement=refinement, hypothesis=found, misfit=misfit, cost=cost)
 
     def surpassed_by(self, ready: Aligned) -> "Calibrated | None":
@@ -54,6 +54,12 @@ class Calibrated:
         tried = Calibrated.of(ready)
         return None if tried.cost > enough else tried
 
+    def cost_if_late(self) -> float:
+        """Return the least cost: as it is, or of a loop that is late by more than the trace that each one is."""
+        kinds = [kind for kind in self.ready.nominal.library if kind.trace_of == LoopLag.kind]
+        late = [self.refinement.refine(self.hypothesis.with_effect(kind.typical())) for kind in kinds]
+        return min([self.cost, *(_judged(*_alone(self.refinement, item), item)[1] for item in late)])
+
 
 def _promised_cost(ready: Aligned, near: Hypothesis) -> float:
     """Return the cost of a model that a linear fit about the nominal parameters of another one promises."""
@@ -64,6 +70,12 @@ def _promised_cost(ready: Aligned, near: Hypothesis) -> float:
 def _refinement(ready: Aligned) -> tuple[Refinement, Hypothesis]:
     given = start(ready.nominal)
     return Refinement(ready.readings.coarsened(given, ready.split.noise_models), ready.split), given
+
+
+def _alone(refinement: Refinement, hypothesis: Hypothesis) -> tuple[Evidence, float]:
+    """Return the evidence about a hypothesis, and its weighted squares on the training segments."""
+    evidence = gather(refinement.readings, refinement.split, hypothesis, ())
+    return evidence, float(evidence.squares(held_out=False)[0])
 
 
 def _judged(evidence: Evidence, squares: float, hypothesis: Hypothesis) -> tuple[float, float]:

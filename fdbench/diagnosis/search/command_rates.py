@@ -16,7 +16,8 @@ def with_likely_rates(best: Calibrated, anew: Callable[[Simulation], Aligned]) -
     """Return the re-calibrated model with the rates of its command that are told, or else with the likelier ones.
 
     A controller that differences its position command has a velocity that is half a sample late and an acceleration
-    that is a sample late. They are taken where they bring more than naming a cause costs.
+    that is a sample late. They are taken where they bring more than naming a cause costs, and still do beside a loop
+    that answers late, which looks much like them.
 
     Parameters
     ----------
@@ -32,7 +33,7 @@ def with_likely_rates(best: Calibrated, anew: Callable[[Simulation], Aligned]) -
     if controller.velocity_feedforward == 0.0 and controller.acceleration_feedforward_kg == 0.0:
         return best
     tried = best.surpassed_by(anew(dataclasses.replace(nominal.simulation, command_rates=BACKWARD)))
-    if tried is None:
+    if tried is None or tried.cost_if_late() > best.cost_if_late() - best.hypothesis.cost_of_a_cause:
         return best
     said = (
         "The controller seems to difference its command backwards, each sample from the one before: with rates at the "
