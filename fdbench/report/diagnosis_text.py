@@ -40,6 +40,7 @@ LIKELY = 0.5
 WORTH_SAYING = 0.1  # probability of a cause that is worth a sentence
 UNEXPLAINED = 0.2  # share of the gap that is worth a sentence
 DISSENT = 0.1  # by which the force balances must prefer another effect
+UNSEEN = 0.005  # share of the gap that rounds to none
 NOISE_ALONE = 1.1  # mean squared gap in units of the floor that passes for noise
 MOVED = 3.0  # standard deviations by which a nominal parameter may move without a remark
 COUNTED = 20.0  # standard deviations beyond which those that a baseline leaves say nothing
@@ -154,6 +155,10 @@ def _wrong(cause: Cause, likely: bool) -> str:
 
 def _unknown(answer: Answer) -> Iterator[str]:
     """Yield what is said where no cause is probable enough to be told."""
+    if answer.unknown_probability < LIKELY:
+        none, unknown = map(probability_text, (answer.no_gap_probability, answer.unknown_probability))
+        yield f"Undecided: no effect is missing (probability {none}), or one that is not known (probability {unknown})."
+        return
     text = f"None of the known effects explains the gap (probability {probability_text(answer.unknown_probability)})."
     if answer.causes:
         yield f"{text} Fitted, but improbable: {_names(answer.causes)}."
@@ -168,7 +173,12 @@ def _left(answer: Answer) -> Iterator[str]:
     if answer.left() > size:
         more = percent(answer.left() / size - 1.0)
         rest = f"the effects make the {AFTER} {more} larger in all on {answer.shrinkage.judged_on_words}"
-    if unknown >= LIKELY:
+    if unknown >= LIKELY and answer.left() <= size and left < UNSEEN:
+        yield (
+            f"Something else may be missing, too (probability {probability_text(unknown)}), though no more than noise "
+            f"is left on {answer.shrinkage.judged_on_words}."
+        )
+    elif unknown >= LIKELY:
         yield (
             f"Something else is missing too, with probability {probability_text(unknown)}: {rest}, and none of the "
             "known effects explains more."

@@ -98,6 +98,19 @@ def test_too_is_said_beside_what_was_named_alone() -> None:
     assert "Something else is missing too" in named
 
 
+def test_what_is_in_doubt_is_said_as_such() -> None:
+    undecided = told(answer([], unknown_probability=0.2, no_gap_probability=0.37))
+    assert (
+        "Undecided: no effect is missing (probability 0.37), or one that is not known (probability 0.20)." in undecided
+    )
+    assert "None of the known effects" not in undecided
+    noise_is_left = replace(answer([CAUSE]).shrinkage.steps[-1], after=0.9)
+    alone = answer([CAUSE], unknown_probability=0.75)
+    text = told(replace(alone, shrinkage=replace(alone.shrinkage, steps=(noise_is_left,))))
+    assert "Something else may be missing, too (probability 0.75), though no more than noise is left" in text
+    assert "neither explained nor noise" not in text
+
+
 def test_what_was_fitted_to_noise_is_not_called_little() -> None:
     text = said(answer([replace(FRICTION, probability=0.05)], no_gap_probability=0.9))
     assert "No cause is named: what was fitted, coulomb_friction, is less probable than that." in text
