@@ -43,28 +43,34 @@ class Calibrated:
         misfit, cost = _judged(*_alone(refinement, found), found)
         return cls(ready=ready, refinement=refinement, hypothesis=found, misfit=misfit, cost=cost)
 
-    def surpassed_by(self, ready: Aligned) -> "Calibrated | None":
+    def surpassed_by(self, ready: Aligned, *, late: bool = False) -> "Calibrated | None":
         """Return another model re-calibrated, where it brings more than naming a cause costs; else None.
 
-        It is not fitted where a linear fit about the nominal parameters found here does not promise that.
+        It is not fitted where noise alone is left, or where a linear fit about what was found here does not promise
+        that. Both may be ``late``, by more than the trace that each loop is, where that could be taken for the other.
         """
-        enough = self.cost - self.hypothesis.cost_of_a_cause
-        if _promised_cost(ready, self.hypothesis) > enough:
+        own = self._if_late() if late else self
+        enough = own.cost - own.hypothesis.cost_of_a_cause
+        if own.misfit < SEARCH.noise_alone or _promised_cost(ready, own.hypothesis) > enough:
             return None
         tried = Calibrated.of(ready)
-        return None if tried.cost > enough else tried
+        return None if (tried._if_late() if late else tried).cost > enough else tried
 
-    def cost_if_late(self) -> float:
-        """Return the least cost: as it is, or of a loop that is late by more than the trace that each one is."""
-        kinds = [kind for kind in self.ready.nominal.library if kind.trace_of == LoopLag.kind]
-        late = [self.refinement.refine(self.hypothesis.with_effect(kind.typical())) for kind in kinds]
-        return min([self.cost, *(_judged(*_alone(self.refinement, item), item)[1] for item in late)])
+    def _if_late(self) -> "Calibrated":
+        """Return it with a loop that is late, where that costs less."""
+        found = [self]
+        for kind in self.ready.nominal.library:
+            if kind.trace_of == LoopLag.kind:
+                hypothesis = self.refinement.refine(self.hypothesis.with_effect(kind.typical()))
+                misfit, cost = _judged(*_alone(self.refinement, hypothesis), hypothesis)
+                found.append(dataclasses.replace(self, hypothesis=hypothesis, misfit=misfit, cost=cost))
+        return min(found, key=lambda item: item.cost)
 
 
 def _promised_cost(ready: Aligned, near: Hypothesis) -> float:
-    """Return the cost of a model that a linear fit about the nominal parameters of another one promises."""
+    """Return the cost of a model that a linear fit about what was found of another one promises."""
     refinement, given = _refinement(ready)
-    return _judged(*refinement.promise(dataclasses.replace(given, shifts=near.shifts)))[1]
+    return _judged(*refinement.promise(dataclasses.replace(given, shifts=near.shifts, effects=near.effects)))[1]
 
 
 def _refinement(ready: Aligned) -> tuple[Refinement, Hypothesis]:

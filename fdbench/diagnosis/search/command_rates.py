@@ -32,8 +32,9 @@ def with_likely_rates(best: Calibrated, anew: Callable[[Simulation], Aligned]) -
         return best
     if controller.velocity_feedforward == 0.0 and controller.acceleration_feedforward_kg == 0.0:
         return best
-    tried = best.surpassed_by(anew(dataclasses.replace(nominal.simulation, command_rates=BACKWARD)))
-    if tried is None or tried.cost_if_late() > best.cost_if_late() - best.hypothesis.cost_of_a_cause:
+    backward = dataclasses.replace(nominal.simulation, command_rates=BACKWARD)
+    tried = best.surpassed_by(anew(backward), late=True)
+    if tried is None:
         return best
     said = (
         "The controller seems to difference its command backwards, each sample from the one before: with rates at the "

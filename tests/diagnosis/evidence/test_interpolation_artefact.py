@@ -39,6 +39,15 @@ def test_a_wave_is_found_with_its_size_and_period(error_m: float) -> None:
     assert found.effect.values()[1] == pytest.approx(WAVE_M, rel=1e-4)
 
 
+def test_a_wave_of_the_scale_that_the_loop_is_closed_over_is_one_of_the_scale() -> None:
+    axis = drive()
+    over_scale = replace(axis, controller=replace(axis.controller, feedback="table"))
+    found = interpolation_error([run_of(1e-7, seed=seed) for seed in range(3)], replace(NOMINAL, plant=over_scale))
+    assert found is not None
+    assert found.effect.name == "scale_interpolation_error"
+    assert found.size_m == pytest.approx(1e-7, rel=0.05)
+
+
 def test_noise_is_no_wave() -> None:
     assert interpolation_error([run_of(0.0, seed=seed) for seed in range(3)], NOMINAL) is None
 

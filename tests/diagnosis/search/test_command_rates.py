@@ -13,6 +13,7 @@ from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.records.runs import COMMAND_RATES
 from fdbench.diagnosis.search.calibrated import Calibrated
 from fdbench.diagnosis.search.command_rates import with_likely_rates
+from fdbench.effects.dead_time import DeadTime
 from fdbench.errors import SpecError
 from fdbench.plants.feed_drive import Cascade, FeedDrive
 from fdbench.record import Record
@@ -29,8 +30,9 @@ def fed_forward() -> FeedDrive:
     return dataclasses.replace(axis, controller=controller)
 
 
-def logged(rates: str, seed: int) -> Record:
+def logged(rates: str, seed: int, dead_time_s: float = 0.0) -> Record:
     """Return what is logged of a controller that takes the rates of its command so; they are not."""
+    late = (DeadTime(dead_time_s=dead_time_s),) if dead_time_s else ()
     position = moves((0.0, 0.06, 0.01, 0.05), (0.08, 0.2), 5.0, PERIOD_S)[:, 0]
     velocity = COMMAND_RATES[rates](position, PERIOD_S)
     values = np.column_stack((position, velocity, COMMAND_RATES[rates](velocity, PERIOD_S)))
@@ -39,7 +41,7 @@ def logged(rates: str, seed: int) -> Record:
         motion=Tabulated(values=values),
         noise=Noise(motor_position_m=2e-7, table_position_m=2e-7),
     )
-    system = fed_forward().system(setup)
+    system = dataclasses.replace(fed_forward(), effects=(*fed_forward().effects, *late)).system(setup)
     system.start([seed])
     rows = system.advance(len(values))[:, :, 0]
     columns = {name: rows[:, index] for index, name in enumerate(system.columns)}
@@ -64,6 +66,12 @@ def test_backward_differences_of_a_command_are_found_where_nothing_is_told(rates
     said = [line for line in found.ready.warnings if "command_rates" in line]
     assert len(said) == is_found
     assert (found.misfit < 1.3) == (rates == "central" or is_found)
+
+
+@pytest.mark.parametrize("rates", ["central", "backward"])
+def test_a_loop_that_answers_late_does_not_decide_how_its_command_is_differenced(rates: str) -> None:
+    found = found_in([logged(rates, seed, dead_time_s=8e-4) for seed in range(2)])
+    assert found.ready.nominal.simulation.command_rates == ("backward" if rates == "backward" else None)
 
 
 def test_rates_are_central_or_backward() -> None:
