@@ -90,7 +90,7 @@ class Uncertainty:
     loop_lag : float
         Of the time by which the force follows its command, in sampling times; none where the model knows such a lag.
     force_offset_N : float or None
-        Of a constant force. Without it 2 N on an axis of usual forces, else in proportion to them.
+        Of a constant force. Without it in proportion to the forces of the axis: 2 N at 150 N root mean square.
     """
 
     mass: float = positive(default=0.03)

@@ -21,6 +21,10 @@ def smoothed(axis: FeedDrive, filter_s: float) -> FeedDrive:
     return dataclasses.replace(axis, controller=dataclasses.replace(axis.controller, velocity_filter_s=filter_s))
 
 
+def other_friction(axis: FeedDrive, factor: float) -> FeedDrive:
+    return dataclasses.replace(axis, effects=tuple(item.scaled(factor) for item in axis.effects))
+
+
 def nominal(filter_s: float = 0.0, **uncertainty: float) -> Nominal:
     plant = smoothed(axis_lab.drive(), filter_s)
     return Nominal(plant=plant, simulation=Simulation(substeps=10), uncertainty=Uncertainty(**uncertainty))
@@ -55,6 +59,22 @@ def test_a_filter_of_more_than_a_sampling_time_is_a_gap() -> None:
     assert found.final.at_limits >= 1
     assert answer.no_gap_probability < 0.05
     assert answer.unknown_probability > 0.5
+
+
+def test_a_filter_of_more_than_a_sampling_time_is_no_noise_where_friction_changes() -> None:
+    """What it leaves is less than repeats differ by, and its time constant is at the limit all the same."""
+    axis = smoothed(axis_lab.as_built(2), 1e-3)
+    groups = [
+        [
+            axis_lab.record(other_friction(axis, change), (), *motion, seed=10 * place + repeat)
+            for motion in axis_lab.protocol(factor).values()
+            for repeat, change in enumerate((0.92, 1.08))
+        ]
+        for place, factor in enumerate((1.0, 1.3))
+    ]
+    found = diagnose(nominal(), *groups)
+    assert all(own.recalibrated < 1.2 * own.noise_floor for own in found.answer.gap.channels.values())
+    assert found.answer.unknown_probability > 0.5
 
 
 def test_a_filter_is_bounded_and_never_negative() -> None:
