@@ -98,8 +98,11 @@ def words_of_rotary(text: str) -> str:
 
     >>> words_of_rotary("position_m jumps by 0.3 m; plant.table.mass_kg: missing")
     'position_rad jumps by 0.3 rad; plant.load.inertia_kg_m2: missing'
+    >>> words_of_rotary("Did you mean coulomb_force_N [N]?")
+    'Did you mean coulomb_force_Nm [N m]?'
     """
     for rotary, linear in PARTS.items():
         text = text.replace(f".{linear}", f".{rotary}")
     text = re.sub(r"(?<=\d) (m/s\^2|m/s|m|N(?! m)|kg(?! m))\b", lambda found: f" {_UNIT_OF_ROTARY[found[1]]}", text)
+    text = re.sub(r"(?<=\[)[^\[\]]+(?=\])", lambda found: _UNIT_OF_ROTARY.get(found[0], found[0]), text)
     return re.sub(r"\b[a-z][a-z0-9_]*_[A-Za-z0-9_]+\b", lambda found: rotary_name(found[0]), text)

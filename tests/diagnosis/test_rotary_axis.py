@@ -150,7 +150,7 @@ def test_degrees_and_turns_are_converted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("inertia_kg_m2 = 0.02\n", "", r"plant\.motor\.inertia_kg_m2: missing key"),
+        ("inertia_kg_m2 = 0.02\n", "", r"plant\.motor\.inertia_kg_m2: missing key \[kg m\^2\]"),
         ('"torque_motor"', '"linear_motor"', r"'linear_motor'; a rotary axis has one of torque_motor, geared_motor"),
         ('axis = "rotary"', 'axis = "round"', r"axis: 'round'; allowed: linear, rotary"),
         ('"torque_motor"', '"geared_motor"\ngear_ratio = 0.0', r"gear_ratio: 0\.0; turns of the motor"),
