@@ -130,7 +130,11 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     contested = _contested(found, worst, exchanged, models)
     sound = [item for item in contested if item.in_part <= JUDGE.named and not item.corner]
     is_measured = all(floor.measured for floor in noise_models.values())
-    readings = [artefact_cause(artefact, shares.of(energies(artefact, noise_models))) for artefact in found.artefacts]
+    readings = [
+        artefact_cause(artefact, shares.of(energies(artefact, noise_models)))
+        for artefact in found.artefacts
+        if artefact.probability >= JUDGE.fewest
+    ]
     unknown = confidence.unknown_features(
         misfit=before.rivals[0].misfit,
         worst=worst,
