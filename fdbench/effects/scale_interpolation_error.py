@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from fdbench.effects._effect import Effect, Port, kernel, parameter
-from fdbench.effects._functions import sin
+from fdbench.effects._effect import Effect, Port, parameter
 from fdbench.effects.encoder_interpolation_error import TURN, EncoderInterpolationError
 
 
@@ -37,6 +36,4 @@ class ScaleInterpolationError(Effect):
     signal_period_m: float = parameter("p", low=1e-6, high=0.01, typical=2e-5)
     phase_rad: float = parameter("phi", low=-TURN, high=TURN, typical=0.0, phase=True)
 
-    @kernel
-    def kernel(t, h, x, v, u, A, p, phi):
-        return (u + A * sin(TURN * (u / p) + phi),)
+    kernel = EncoderInterpolationError.kernel

@@ -1,11 +1,11 @@
 """Scale quantisation: the position of the table is read in whole steps."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from fdbench.effects._effect import Effect, Port, kernel, parameter
+from fdbench.effects._effect import Effect, Port, parameter
+from fdbench.effects.encoder_quantisation import EncoderQuantisation
 
 
 @final
@@ -36,6 +36,4 @@ class ScaleQuantisation(Effect):
 
     resolution_m: float = parameter("q", low=0.0, high=1e-3, typical=1e-6)
 
-    @kernel
-    def kernel(t, h, x, v, u, q):
-        return ((q * math.floor(u / q + 0.5)) if q > 0.0 else u,)
+    kernel = EncoderQuantisation.kernel

@@ -77,8 +77,8 @@ def _ports(slots: Sequence[Slot], translator: Translator) -> str:
 def _call(slot: Slot, translator: Translator) -> list[str]:
     """Return the lines that call the kernel of one effect and take in what it returns."""
     effect, port = slot.effect, slot.effect.port
-    name = f"kernel_{effect.declared.name}"
-    width = translator.add(effect.kernel, name)
+    translator.add(effect.kernel, f"kernel_{effect.declared.name}")
+    name, width = translator.known(effect.kernel)  # effects may share a kernel
     parameters, states = len(effect.parameters()), len(effect.states)
     rows = [f"w[{slot.parameter(place)}]" for place in range(parameters)]
     kept = [f"w[{slot.first_state + place}]" for place in range(states)]

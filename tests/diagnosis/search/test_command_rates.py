@@ -32,7 +32,6 @@ def fed_forward() -> FeedDrive:
 
 def logged(rates: str, seed: int, dead_time_s: float = 0.0) -> Record:
     """Return what is logged of a controller that takes the rates of its command so; they are not."""
-    late = (DeadTime(dead_time_s=dead_time_s),) if dead_time_s else ()
     position = moves((0.0, 0.06, 0.01, 0.05), (0.08, 0.2), 5.0, PERIOD_S)[:, 0]
     velocity = COMMAND_RATES[rates](position, PERIOD_S)
     values = np.column_stack((position, velocity, COMMAND_RATES[rates](velocity, PERIOD_S)))
@@ -40,8 +39,9 @@ def logged(rates: str, seed: int, dead_time_s: float = 0.0) -> Record:
         timing=Timing(sampling_time_s=PERIOD_S, duration_s=len(values) * PERIOD_S, substeps=10),
         motion=Tabulated(values=values),
         noise=Noise(motor_position_m=2e-7, table_position_m=2e-7),
+        unmodelled=(DeadTime(dead_time_s=dead_time_s),) if dead_time_s else (),
     )
-    system = dataclasses.replace(fed_forward(), effects=(*fed_forward().effects, *late)).system(setup)
+    system = fed_forward().system(setup)
     system.start([seed])
     rows = system.advance(len(values))[:, :, 0]
     columns = {name: rows[:, index] for index, name in enumerate(system.columns)}
