@@ -179,8 +179,11 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     beside = Beside(largest=max((item.own_size for item in contested), default=0.0), worst=worst)
     said = {name for cause in causes for name in (cause.effect, *cause.alternatives)}
     suspects, suspect_features_of = suspected(found, models, beside, discount, said)
-    rivals = [rival.size for stage in (*found.contests, *found.stages[-1:]) for rival in stage.rivals[:1]]
-    none = confidence.no_gap_features(before.misfit, deviating.furthest, max(rivals, default=0.0))
+    of_causes = [item.contest for item in contested if not item.corner]
+    rivals = [rival.size for stage in (*of_causes, *found.stages[-1:]) for rival in stage.rivals[:1]]
+    # How a known friction turns its sign is no gap.
+    misfit = before.misfit if of_causes or not contested else before.rivals[0].misfit
+    none = confidence.no_gap_features(misfit, deviating.furthest, max(rivals, default=0.0))
     surest = max((cause.probability for cause in causes), default=0.0)
     effect_features_of = {OR.join((item.effect.name, *item.same)): item.features for item in sound}
     claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": deviating.features}
@@ -207,7 +210,7 @@ class _Contested:
     same : list of str
         Names of the rivals that are indistinguishable from it.
     own_size : float
-        See `fdbench.diagnosis.search.stage.Rival`.
+        See `fdbench.diagnosis.search.stage.Rival`; 0 of a corner.
     features : mapping of str to float
     probability : float
         That it is one of them, as though no cause could be unknown.
@@ -303,9 +306,7 @@ def _contested(
 ) -> list[_Contested]:
     """Return each effect of the final hypothesis beside its rivals."""
     pairs = list(zip(found.final.effects, found.contests, strict=True))
-    sizes = [
-        next(rival.own_size for rival in contest.rivals if rival.kind is type(effect)) for effect, contest in pairs
-    ]
+    sizes = [_own_size(effect, contest) for effect, contest in pairs]
     contested = []
     for index, ((effect, contest), own_size) in enumerate(zip(pairs, sizes, strict=True)):
         same = indistinguishable(contest, type(effect))
@@ -328,6 +329,12 @@ def _contested(
             )
         )
     return contested
+
+
+def _own_size(effect: Effect, contest: Stage) -> float:
+    """Return the size of an effect; what is no cause is no large one that others could be the rest of."""
+    own = next(rival for rival in contest.rivals if rival.kind is type(effect))
+    return 0.0 if is_corner(effect) else own.own_size
 
 
 def _in_part(effect: Effect, remainder: Remainder | None) -> float:

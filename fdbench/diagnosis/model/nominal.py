@@ -37,7 +37,7 @@ class Simulation:
         Cycles of the controller between two samples. Without it one, or as many as records tell.
     command_rates : str or None
         How velocity and acceleration of a command are differenced that a log does not hold: ``"central"``, or
-        ``"backward"`` as many controllers do, which is half a sample and a sample later. Without it records tell which.
+        ``"backward"`` as many controllers do, which is half a cycle and a cycle later. Without it records tell which.
     """
 
     substeps: int = bounded(1, 10000)

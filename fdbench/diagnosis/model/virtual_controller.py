@@ -63,7 +63,7 @@ def prepared(
         if on_paper:
             drive.check_loop(records[0].sampling_time_s)
         rates = nominal.simulation.command_rates or "central"
-        runs = [prepare(item, drive, rates) for item in records]
+        runs = [prepare(item, drive, rates, nominal.simulation.cycles) for item in records]
         check_content(runs)
         return nominal, runs, []
     controller = virtual_controller(drive, records)

@@ -223,9 +223,9 @@ def clock_warnings(run: RecordedRun, simulated: Mapping[str, FloatArray]) -> lis
     of_the_loop = " or a wrong gain of the controller" if run.motion is None else ""
     return [
         f"{run.name}: {name}: {abs(delay):.1f} samples ({time_text(abs(delay) * run.period_s)}) "
-        f"{'after' if delay > 0.0 else 'before'} the simulation throughout. Probably logged on another clock than the "
-        f"{'command' if run.motion is None else 'position'}: shift the columns against each other. If the clocks are "
-        f"one, it is a dead time{of_the_loop}, and may be named as a cause."
+        f"{'after' if delay > 0.0 else 'before'} the simulation throughout. If it was logged on another clock than the "
+        f"{'command' if run.motion is None else 'position'}, shift the columns against each other. If the clocks are "
+        f"one, leave them: it is a dead time{of_the_loop}, and may be named as a cause."
         for name, delay in late.items()
     ]
 

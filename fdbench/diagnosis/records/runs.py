@@ -130,7 +130,7 @@ def _squares_about_rise(force: FloatArray) -> float:
     return float(force @ force - np.max((force @ rise) ** 2 / np.sum(rise**2, axis=0)))
 
 
-def prepare(record: Record, drive: FeedDrive, rates: str = "central") -> RecordedRun:
+def prepare(record: Record, drive: FeedDrive, rates: str = "central", cycles: int = 1) -> RecordedRun:
     """Return the run of a record with its command, to be simulated with the nominal controller.
 
     Parameters
@@ -139,6 +139,8 @@ def prepare(record: Record, drive: FeedDrive, rates: str = "central") -> Recorde
     drive : FeedDrive
     rates : str
         Of ``COMMAND_RATES``: how those are taken that the record lacks.
+    cycles : int
+        Of the controller between two samples.
 
     Raises
     ------
@@ -154,9 +156,9 @@ def prepare(record: Record, drive: FeedDrive, rates: str = "central") -> Recorde
     position = record[COMMAND]
     velocity = record.get("reference_velocity_m_per_s")
     rate_of = COMMAND_RATES[rates]
-    velocity = rate_of(position, period) if velocity is None else velocity
+    velocity = rate_of(position, period, cycles) if velocity is None else velocity
     acceleration = record.get("reference_acceleration_m_per_s2")
-    acceleration = rate_of(velocity, period) if acceleration is None else acceleration
+    acceleration = rate_of(velocity, period, cycles) if acceleration is None else acceleration
     return RecordedRun(
         name=record.source,
         period_s=period,
@@ -168,10 +170,11 @@ def prepare(record: Record, drive: FeedDrive, rates: str = "central") -> Recorde
     )
 
 
-def rate(values: FloatArray, period_s: float) -> FloatArray:
+def rate(values: FloatArray, period_s: float, cycles: int = 1) -> FloatArray:
     """Return the rate of change of a command, to second order and sharp where it changes suddenly.
 
-    Central differences, but where the command bends at a sample it is the rate from that sample on.
+    Central differences, but where the command bends at a sample it is the rate from that sample on; at any number of
+    cycles of the controller between two samples.
 
     >>> rate(np.array([0.0, 0.0, 0.0, 1.0, 2.0, 3.0]), 1.0).tolist()
     [0.0, 0.0, 1.0, 1.0, 1.0, 1.0]
@@ -184,16 +187,24 @@ def rate(values: FloatArray, period_s: float) -> FloatArray:
     return found
 
 
-def backward_rate(values: FloatArray, period_s: float) -> FloatArray:
-    """Return the change of a command since the sample before, as controllers take it.
+def backward_rate(values: FloatArray, period_s: float, cycles: int = 1) -> FloatArray:
+    """Return the change of a command since the controller's cycle before, as controllers take it.
+
+    It is late by half a cycle, of which there are several between two samples of a log that is slower.
 
     >>> backward_rate(np.array([0.0, 0.0, 1.0, 2.0]), 0.5).tolist()
     [0.0, 0.0, 2.0, 2.0]
+    >>> backward_rate(np.array([0.0, 1.0, 4.0, 9.0]), 1.0, cycles=4).tolist()
+    [0.75, 1.75, 3.75, 5.0]
     """
-    return np.asarray(np.diff(values, prepend=values[:1]) / period_s)
+    found = np.diff(values, prepend=values[:1]) / period_s
+    return found if cycles == 1 else (found + (cycles - 1) * rate(values, period_s)) / cycles
 
 
-COMMAND_RATES: Mapping[str, Callable[[FloatArray, float], FloatArray]] = {"central": rate, "backward": backward_rate}
+COMMAND_RATES: Mapping[str, Callable[[FloatArray, float, int], FloatArray]] = {
+    "central": rate,
+    "backward": backward_rate,
+}
 
 
 def channels_of(record: Record, drive: FeedDrive, position: str) -> dict[str, FloatArray]:

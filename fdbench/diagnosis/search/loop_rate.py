@@ -7,6 +7,7 @@ from fdbench.diagnosis.evidence.prepare import Aligned
 from fdbench.diagnosis.model.nominal import Simulation
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.calibrated import Calibrated
+from fdbench.diagnosis.search.command_rates import BACKWARD
 from fdbench.diagnosis.settings import SEARCH
 from fdbench.plants._controllers import Following, OpenLoop
 
@@ -22,7 +23,7 @@ def at_likely_rate(best: Calibrated, anew: Callable[[Simulation], Aligned]) -> C
     best : Calibrated
         With one cycle a sample, where none are told.
     anew : callable
-        Returns the records prepared for a model with another rate, on which those depend that are followed.
+        Returns the records prepared for a model with another rate.
     """
     ready = best.ready
     if ready.nominal.simulation.loops is not None or isinstance(ready.nominal.drive.controller, OpenLoop):
@@ -44,7 +45,8 @@ def _at_rate(ready: Aligned, loops: int, anew: Callable[[Simulation], Aligned]) 
         "that is wrong."
     )
     simulation = dataclasses.replace(ready.nominal.simulation, loops=loops)
-    if isinstance(ready.nominal.drive.controller, Following):
+    # What is followed depends on the rate of the loop, and so do rates that the controller differences backwards.
+    if isinstance(ready.nominal.drive.controller, Following) or simulation.command_rates == BACKWARD:
         at_rate = anew(simulation)
     else:
         nominal = dataclasses.replace(ready.nominal, simulation=simulation)

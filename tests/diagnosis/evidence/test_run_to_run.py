@@ -37,7 +37,7 @@ def test_friction_that_changes_is_no_noise() -> None:
     """Of 120 N, in standard deviations of 4 %: differences of 2, -3 and 2.5; half their mean square is 3.2."""
     still, _ = steady([1.0, 1.0, 1.0, 1.0])
     rubbing, together = steady([1.0, 1.08, 0.96, 1.06])
-    for name, floor in rubbing.noise_models.items():
+    for name, floor in rubbing.told.items():
         assert floor.rms == pytest.approx(still.noise_models[name].rms, rel=0.1)
         assert floor.total == pytest.approx(together[name].rms, rel=1e-3)
     assert together["motor_force_N"].rms > 5.0 * rubbing.noise_models["motor_force_N"].rms
@@ -48,6 +48,19 @@ def test_friction_that_changes_is_no_noise() -> None:
     expected = 0.5 * np.mean(np.square([0.08, -0.12, 0.10])) / deviation**2
     assert rubbing.covariance[place, place] == pytest.approx(expected, rel=0.1)
     assert np.trace(still.covariance) < 0.01 * np.trace(rubbing.covariance)
+
+
+def test_two_runs_that_are_alike_by_chance_do_not_tell_that_friction_stays() -> None:
+    """What is assumed counts for one pair: half of the mean square that 2 % of friction changes is in the floor."""
+    alike, together = steady([1.0, 1.001])
+    alone, _ = steady([1.0])
+    for name, floor in alike.noise_models.items():
+        assert alike.told[name].total == pytest.approx(together[name].rms, rel=0.05)
+        assumed = alone.noise_models[name].from_run_to_run
+        assert assumed is not None
+        assert floor.from_run_to_run is not None
+        assert float(floor.from_run_to_run.sum()) == pytest.approx(0.5 * float(assumed.sum()), rel=0.1)
+    assert alike.noise_models["position_m"].total > 2.0 * alike.told["position_m"].total
 
 
 def test_the_mean_of_repeats_is_judged_beside_what_changes() -> None:

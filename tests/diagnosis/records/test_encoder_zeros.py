@@ -24,8 +24,9 @@ def from_another_zero(record: Record, apart_m: float) -> Record:
 def test_a_verdict_does_not_depend_on_the_zero_of_an_encoder(name: str) -> None:
     effect = effects.get(name).typical()
     nominal, fitted, judged = axis_lab.case((effect,), seed=3)
+    parts = fitted[2:], judged[1:]
     answers = [
-        diagnose(nominal, *([from_another_zero(item, apart_m) for item in part] for part in (fitted, judged))).answer
+        diagnose(nominal, *([from_another_zero(item, apart_m) for item in part] for part in parts)).answer
         for apart_m in (0.0, 2e-3)
     ]
     for answer in answers:
