@@ -168,7 +168,8 @@ def unknown_features(
     at_limits : int
         How many of them are at a limit, see `Hypothesis.at_limits`.
     closed : float
-        Share of the gap of the nominal model beyond the noise that is closed by everything.
+        Share of the gap of the nominal model beyond the noise that is closed by everything, or beside what friction may
+        change from run to run, where that is more.
     measured : bool
         Whether repeats tell the noise, which else holds a part of the gap.
     surest : float

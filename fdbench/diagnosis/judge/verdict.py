@@ -16,9 +16,9 @@ from fdbench.diagnosis.judge.intervals import intervals, not_fitted, parameters
 from fdbench.diagnosis.judge.look_alikes import divided, force_balances, indistinguishable, instead, one_of
 from fdbench.diagnosis.judge.nominal_values import Deviating, deviating_parameters
 from fdbench.diagnosis.judge.probability_models import Beside, Features, ProbabilityModels
-from fdbench.diagnosis.judge.reduction import Reductions
+from fdbench.diagnosis.judge.reduction import Reductions, channel_gaps
 from fdbench.diagnosis.judge.shares import Parts, Shares
-from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound, is_beyond_its_form, is_corner, is_hollow
+from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound, is_beyond_its_form, is_corner, is_hollow, start
 from fdbench.diagnosis.search.beside_the_known import Remainder
 from fdbench.diagnosis.search.in_place_of_a_value import Exchange
 from fdbench.diagnosis.search.search import Search
@@ -127,6 +127,8 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     before = search.compared(found.base, [(Effect, found.final, True)])
     left = gather(search.readings, search.split, found.final, ())
     worst = left.worst()
+    # A run whose friction is another than that of the others lacks no cause.
+    beside_changes = channel_gaps(search.readings, search.split, [start(found.base.nominal), found.final])
     contested = _contested(found, worst, exchanged, models)
     sound = [item for item in contested if item.in_part <= JUDGE.named and not item.corner]
     is_measured = all(floor.measured for floor in noise_models.values())
@@ -140,7 +142,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         worst=worst,
         strain=found.final.strain,
         at_limits=found.final.at_limits,
-        closed=_closed(found.as_given, repaired),
+        closed=max(_closed(found.as_given, repaired), _closed(*beside_changes)),
         measured=is_measured,
         surest=max(
             (*(item.probability for item in sound), *(item.probability for item in (*deviating.causes, *readings))),
