@@ -308,7 +308,7 @@ def _contested(
 ) -> list[_Contested]:
     """Return each effect of the final hypothesis beside its rivals."""
     pairs = list(zip(found.final.effects, found.contests, strict=True))
-    sizes = [_own_size(effect, contest) for effect, contest in pairs]
+    sizes = [size_as_cause(effect, contest) for effect, contest in pairs]
     contested = []
     for index, ((effect, contest), own_size) in enumerate(zip(pairs, sizes, strict=True)):
         same = indistinguishable(contest, type(effect))
@@ -333,16 +333,17 @@ def _contested(
     return contested
 
 
-def _own_size(effect: Effect, contest: Stage) -> float:
-    """Return the size of an effect; what is no cause is no large one that others could be the rest of."""
-    own = next(rival for rival in contest.rivals if rival.kind is type(effect))
-    return 0.0 if is_corner(effect) else own.own_size
-
-
 def _in_part(effect: Effect, remainder: Remainder | None) -> float:
     if is_hollow(effect):
         return 1.0
     return 0.0 if remainder is None or type(effect) not in remainder.kinds else remainder.odds
+
+
+def size_as_cause(effect: Effect, contest: Stage) -> float:
+    """Return the size of an effect of the final hypothesis; what is no cause is no large one that others are beside."""
+    if is_corner(effect):
+        return 0.0
+    return next(rival.own_size for rival in contest.rivals if rival.kind is type(effect))
 
 
 def _closed(as_given: FloatArray, left: FloatArray) -> float:

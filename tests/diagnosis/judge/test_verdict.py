@@ -1,15 +1,20 @@
 """Probabilities of look-alikes: one claim, divided as the misfits have it."""
 
+import dataclasses
+
 import pytest
-from axis_lab import drive
+from axis_lab import as_built, drive, protocol, record
 
 from fdbench.diagnosis import answer
 from fdbench.diagnosis.answer import ForceBalances
+from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.judge.look_alikes import divided, force_balances
+from fdbench.diagnosis.judge.verdict import size_as_cause
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.search.stage import Rival, Stage
 from fdbench.effects import effects
+from fdbench.record import Record
 
 LAG, DELAY, CABLE = (type(effects.get(name).typical()) for name in ("current_loop_lag", "dead_time", "cable_stiffness"))
 
@@ -50,3 +55,34 @@ def test_the_force_balance_check_leaves_look_alikes_aside() -> None:
     best_other = answer.RivalReduction(effect="cable_stiffness", reduction=0.2)
     assert force_balances(removed, DELAY, [LAG.name]) == ForceBalances(reduction=0.5, instead=best_other)
     assert force_balances({DELAY: 0.5}, DELAY, []) == ForceBalances(reduction=0.5)
+
+
+def test_the_corner_of_a_known_friction_is_no_cause_that_others_are_small_beside() -> None:
+    falling = effects.get("stribeck_friction")
+    width = 1e-3
+    for speed, size in ((1.5 * width, 0.0), (3.0 * width, 1.0)):
+        effect = falling.typical(stribeck_velocity_m_per_s=speed, transition_velocity_m_per_s=width)
+        assert size_as_cause(effect, stage(3.0, stribeck_friction=1.1, cogging=1.2)) == size
+
+
+def test_another_friction_in_what_is_judged_on_is_no_unknown_cause() -> None:
+    """Half of the gap stays on held-out motions whose friction is 8 % more, beside a cogging that closes the rest."""
+    cogging = effects.get("cogging").typical()
+
+    def rubbing(motion: object, duration_s: float, friction: float, seed: int) -> Record:
+        axis = as_built(2)
+        return record(
+            dataclasses.replace(axis, effects=(axis.effects[0].scaled(friction),)), (cogging,), motion, duration_s, seed
+        )
+
+    fitted = [
+        rubbing(*motion, friction, seed)
+        for motion in protocol(1.0).values()
+        for seed, friction in enumerate((0.97, 1.03))
+    ]
+    judged = [rubbing(*motion, 1.08, 10 + seed) for seed, motion in enumerate(protocol(1.3).values())]
+    found = diagnose(Nominal(plant=drive(), simulation=Simulation(substeps=10)), fitted, judged).answer
+    gap = found.gap.channels["position_m"]
+    assert gap.repaired > 0.7 * gap.recalibrated > 1.4 * gap.noise_floor
+    assert [cause.effect for cause in found.causes if cause.probability > 0.5] == ["cogging"]
+    assert found.unknown_probability < 0.05
