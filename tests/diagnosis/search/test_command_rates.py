@@ -30,27 +30,28 @@ def fed_forward() -> FeedDrive:
     return dataclasses.replace(axis, controller=controller)
 
 
-def logged(rates: str, seed: int, dead_time_s: float = 0.0) -> Record:
-    """Return what is logged of a controller that takes the rates of its command so; they are not."""
-    position = moves((0.0, 0.06, 0.01, 0.05), (0.08, 0.2), 5.0, PERIOD_S)[:, 0]
-    velocity = COMMAND_RATES[rates](position, PERIOD_S)
-    values = np.column_stack((position, velocity, COMMAND_RATES[rates](velocity, PERIOD_S)))
+def logged(rates: str, seed: int, dead_time_s: float = 0.0, loops: int = 1) -> Record:
+    """Return what is logged once in so many cycles of a controller that takes the rates of its command so."""
+    cycle_s = PERIOD_S / loops
+    position = moves((0.0, 0.06, 0.01, 0.05), (0.08, 0.2), 5.0, cycle_s)[:, 0]
+    velocity = COMMAND_RATES[rates](position, cycle_s, 1)
+    values = np.column_stack((position, velocity, COMMAND_RATES[rates](velocity, cycle_s, 1)))
     setup = Setup(
-        timing=Timing(sampling_time_s=PERIOD_S, duration_s=len(values) * PERIOD_S, substeps=10),
+        timing=Timing(sampling_time_s=cycle_s, duration_s=len(values) * cycle_s, substeps=-(-10 // loops)),
         motion=Tabulated(values=values),
         noise=Noise(motor_position_m=2e-7, table_position_m=2e-7),
         unmodelled=(DeadTime(dead_time_s=dead_time_s),) if dead_time_s else (),
     )
     system = fed_forward().system(setup)
     system.start([seed])
-    rows = system.advance(len(values))[:, :, 0]
+    rows = system.advance(len(values))[::loops, :, 0]
     columns = {name: rows[:, index] for index, name in enumerate(system.columns)}
     told = {name: own for name, own in columns.items() if not name.startswith(("reference_velocity", "reference_acc"))}
     return Record({"time_s": np.arange(len(rows)) * PERIOD_S, **told}, {}, f"record {seed}")
 
 
-def found_in(records: Sequence[Record], rates: str | None = None) -> Calibrated:
-    nominal = Nominal(plant=fed_forward(), simulation=Simulation(substeps=10, loops=1, command_rates=rates))
+def found_in(records: Sequence[Record], rates: str | None = None, loops: int = 1) -> Calibrated:
+    nominal = Nominal(plant=fed_forward(), simulation=Simulation(substeps=10, loops=loops, command_rates=rates))
 
     def anew(simulation: Simulation) -> Aligned:
         return aligned(dataclasses.replace(nominal, simulation=simulation), records, [])
@@ -72,6 +73,12 @@ def test_backward_differences_of_a_command_are_found_where_nothing_is_told(rates
 def test_a_loop_that_answers_late_does_not_decide_how_its_command_is_differenced(rates: str) -> None:
     found = found_in([logged(rates, seed, dead_time_s=8e-4) for seed in range(2)])
     assert found.ready.nominal.simulation.command_rates == ("backward" if rates == "backward" else None)
+
+
+@pytest.mark.parametrize("rates", ["backward", "central"])
+def test_rates_are_late_by_cycles_of_the_controller_and_not_of_the_log(rates: str) -> None:
+    found = found_in([logged("backward", seed, loops=4) for seed in range(2)], rates, loops=4)
+    assert (found.misfit < 1.3) == (rates == "backward")
 
 
 def test_rates_are_central_or_backward() -> None:
