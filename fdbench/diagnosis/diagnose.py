@@ -233,25 +233,26 @@ def _searched(
     base = refinement.refine(calibrated)
     refinement.look_at(refinement.readings, with_explained(split, gather(refinement.readings, split, base, ())))
     final, stages = search.run(base)
-    final, contests = search.review(final, stages)
+    sought, contests = search.review(final, stages)
     # The search weighs what friction may do in each run; what is judged, drawn and written is one model for all.
     readings, plain = search.readings, search.split.plain
     last = Refinement(readings, plain, refinement.nominal)
-    weighed = last.refine(final) if final.effects else calibrated
+    weighed = last.refine(sought) if sought.effects else calibrated
     exchange = in_place_of_a_value(Search(last), weighed, stages[-1]) if stages else None
     if exchange is not None and exchange.log_odds > 0.0:
-        final = weighed = exchange.hypothesis
+        weighed = exchange.hypothesis
         contests = [*contests, stages[-1]]
     calibrated = last.refine(calibrated, tempered=False)
     simulated = readings.replay.on_each(ready.runs, calibrated.variant)
     clocks = [text for run, own in zip(ready.runs, simulated, strict=True) for text in clock_warnings(run, own)]
     ready = dataclasses.replace(ready, warnings=[*ready.warnings, *clocks])
-    final = last.predicting_best(weighed, calibrated).as_it_acts() if final.effects else calibrated
+    final = last.predicting_best(weighed, calibrated).as_it_acts() if weighed.effects else calibrated
     findings = Findings(
         search=search,
         as_given=channel_gaps(readings, plain, [given])[0],
         where_fitted=channel_gaps(readings, plain, [calibrated], held_out=False)[0],
         base=base,
+        sought=sought,
         final=final,
         weighed=weighed,
         stages=stages,

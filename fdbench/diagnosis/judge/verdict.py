@@ -42,9 +42,9 @@ class Findings:
         Mean squared held-out gap of the model as given, in units of the floor.
     where_fitted : (n_channels,) array
         The same of the re-calibrated model without effects, of what it was fitted to.
-    base, final, weighed : Hypothesis
-        What the search began with, with effects, and that as hypotheses are compared: nominal parameters that hardly
-        matter are where they were.
+    base, sought, final, weighed : Hypothesis
+        What the search began with, what it ended with, with effects, that as it is judged, drawn and written, and that
+        as hypotheses are compared: nominal parameters that hardly matter are where they were.
     stages, contests : sequences of Stage
         Of the search, and for each final effect the model without it beside its rivals.
     exchange : Exchange or None
@@ -60,6 +60,7 @@ class Findings:
     as_given: FloatArray
     where_fitted: FloatArray
     base: Hypothesis
+    sought: Hypothesis
     final: Hypothesis
     weighed: Hypothesis
     stages: Sequence[Stage]
@@ -124,11 +125,12 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     )
     corrected = Shares(found.as_given, interpolated).of(np.maximum(found.as_given - recalibrated, 0.0))
     deviating, exchanged = _values(found, corrected, models)
-    before = search.compared(found.base, [(Effect, found.final, True)])
-    left = gather(search.readings, search.split, found.final, ())
-    worst = left.worst()
-    # A run whose friction is another than that of the others lacks no cause.
-    beside_changes = channel_gaps(search.readings, search.split, [start(found.base.nominal), found.final])
+    # Where friction is another in each run, what the search ended with may leave noise, and one model for all more.
+    ends = (found.final, found.sought)
+    before = search.compared(found.base, [(Effect, item, True) for item in ends])
+    left = min(rival.misfit for rival in before.rivals)
+    worst = min(gather(search.readings, search.split, item, ()).worst() for item in ends)
+    given, *beside_changes = channel_gaps(search.readings, search.split, [start(found.base.nominal), *ends])
     contested = _contested(found, worst, exchanged, models)
     sound = [item for item in contested if item.in_part <= JUDGE.named and not item.corner]
     is_measured = all(floor.measured for floor in noise_models.values())
@@ -138,11 +140,11 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         if artefact.probability >= JUDGE.fewest
     ]
     unknown = confidence.unknown_features(
-        misfit=before.rivals[0].misfit,
+        misfit=left,
         worst=worst,
         strain=found.final.strain,
         at_limits=found.final.at_limits,
-        closed=max(_closed(found.as_given, repaired), _closed(*beside_changes)),
+        closed=max(_closed(found.as_given, repaired), *(_closed(given, gaps) for gaps in beside_changes)),
         measured=is_measured,
         surest=max(
             (*(item.probability for item in sound), *(item.probability for item in (*deviating.causes, *readings))),
@@ -184,7 +186,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     of_causes = [item.contest for item in contested if not item.corner]
     rivals = [rival.size for stage in (*of_causes, *found.stages[-1:]) for rival in stage.rivals[:1]]
     # How a known friction turns its sign is no gap.
-    misfit = before.misfit if of_causes or not contested else before.rivals[0].misfit
+    misfit = before.misfit if of_causes or not contested else left
     none = confidence.no_gap_features(misfit, deviating.furthest, max(rivals, default=0.0))
     surest = max((cause.probability for cause in causes), default=0.0)
     effect_features_of = {OR.join((item.effect.name, *item.same)): item.features for item in sound}
