@@ -160,7 +160,8 @@ def unknown_features(
     Parameters
     ----------
     misfit : float
-        Weighted misfit that is left beside all effects that were found.
+        Weighted misfit that is left beside all effects that were found, of one model for all runs or of one whose
+        friction may be another in each, whichever is less.
     worst : float
         See `Beside`.
     strain : float
