@@ -125,13 +125,8 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     )
     corrected = Shares(found.as_given, interpolated).of(np.maximum(found.as_given - recalibrated, 0.0))
     deviating, exchanged = _values(found, corrected, models)
-    # Where friction is another in each run, what the search ended with may leave noise, and one model for all more.
-    ends = (found.final, found.sought)
-    before = search.compared(found.base, [(Effect, item, True) for item in ends])
-    left = min(rival.misfit for rival in before.rivals)
-    worst = min(gather(search.readings, search.split, item, ()).worst() for item in ends)
-    given, *beside_changes = channel_gaps(search.readings, search.split, [start(found.base.nominal), *ends])
-    contested = _contested(found, worst, exchanged, models)
+    left = _left(found, repaired)
+    contested = _contested(found, left.worst, exchanged, models)
     sound = [item for item in contested if item.in_part <= JUDGE.named and not item.corner]
     is_measured = all(floor.measured for floor in noise_models.values())
     readings = [
@@ -140,11 +135,11 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         if artefact.probability >= JUDGE.fewest
     ]
     unknown = confidence.unknown_features(
-        misfit=left,
-        worst=worst,
+        misfit=left.misfit,
+        worst=left.worst,
         strain=found.final.strain,
         at_limits=found.final.at_limits,
-        closed=max(_closed(found.as_given, repaired), *(_closed(given, gaps) for gaps in beside_changes)),
+        closed=left.closed,
         measured=is_measured,
         surest=max(
             (*(item.probability for item in sound), *(item.probability for item in (*deviating.causes, *readings))),
@@ -180,13 +175,13 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     causes += [dataclasses.replace(value, probability=discount * value.probability) for value in deviating.causes]
     causes += readings
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
-    beside = Beside(largest=max((item.own_size for item in contested), default=0.0), worst=worst)
+    beside = Beside(largest=max((item.own_size for item in contested), default=0.0), worst=left.worst)
     said = {name for cause in causes for name in (cause.effect, *cause.alternatives)}
     suspects, suspect_features_of = suspected(found, models, beside, discount, said)
     of_causes = [item.contest for item in contested if not item.corner]
     rivals = [rival.size for stage in (*of_causes, *found.stages[-1:]) for rival in stage.rivals[:1]]
     # How a known friction turns its sign is no gap.
-    misfit = before.misfit if of_causes or not contested else left
+    misfit = left.before if of_causes or not contested else left.misfit
     none = confidence.no_gap_features(misfit, deviating.furthest, max(rivals, default=0.0))
     surest = max((cause.probability for cause in causes), default=0.0)
     effect_features_of = {OR.join((item.effect.name, *item.same)): item.features for item in sound}
@@ -199,7 +194,36 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         unknown_probability=unknown_probability,
         no_gap_probability=min(within_noise, models.none.probability(none), 1.0 - surest, 1.0 - unknown_probability),
         features={**claims, "unknown": {"unknown": unknown}, "none": {"none": none}},
-        worst=worst,
+        worst=left.worst,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Left:
+    """What is left in units of the noise: misfit before effects and beside them, worst stretch of time, share closed.
+
+    See `unknown_features`.
+    """
+
+    before: float
+    misfit: float
+    worst: float
+    closed: float
+
+
+def _left(found: Findings, repaired: FloatArray) -> _Left:
+    """Return what the model for all runs leaves, or that of the search, whichever is less.
+
+    Where friction is another in each run, what the search ended with may leave noise, and one model for all more.
+    """
+    search, ends = found.search, (found.final, found.sought)
+    stage = search.compared(found.base, [(Effect, item, True) for item in ends])
+    given, *gaps = channel_gaps(search.readings, search.split, [start(found.base.nominal), *ends])
+    return _Left(
+        before=stage.misfit,
+        misfit=min(rival.misfit for rival in stage.rivals),
+        worst=min(gather(search.readings, search.split, item, ()).worst() for item in ends),
+        closed=max(_closed(found.as_given, repaired), *(_closed(given, own) for own in gaps)),
     )
 
 
