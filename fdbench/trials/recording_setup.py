@@ -75,9 +75,9 @@ class RecordingSetup:
     def squares(self, ready: Aligned) -> FloatArray:
         """Return the mean squares of noise within a run and of changes from run to run, (2, n_channels).
 
-        Changes that are only assumed are none.
+        Changes that are only assumed, as nothing was repeated, are none.
         """
-        noise = Repeatability(ready.readings.replay, start(ready.nominal), ready.runs).told.values()
+        noise = Repeatability(ready.readings.replay, start(ready.nominal), ready.runs).noise_models.values()
         within = np.array([floor.rms**2 for floor in noise])
         between = np.array([floor.total**2 - floor.rms**2 if floor.measured else 0.0 for floor in noise])
         return np.stack((within, between))

@@ -56,6 +56,15 @@ def within(floor: NoiseModel, left: Sequence[FloatArray]) -> NoiseModel:
     return dataclasses.replace(floor, spectrum=spectrum, from_run_to_run=between)
 
 
+def with_unseen(floor: NoiseModel, assumed: float, n_pairs: int) -> NoiseModel:
+    """Return a floor with what is to be expected from run to run besides what pairs of repeats showed.
+
+    ``assumed`` is the mean square that is expected where nothing is repeated.
+    """
+    weight = EVIDENCE.assumed_pairs / (EVIDENCE.assumed_pairs + n_pairs)
+    return dataclasses.replace(floor, unseen=max(weight * (assumed - (floor.total**2 - floor.rms**2)), 0.0))
+
+
 def responses(replay: Replay, model: Hypothesis, run: RecordedRun) -> FloatArray:
     """Return what one standard deviation of each nominal parameter that changes from run to run does to the channels.
 
@@ -81,8 +90,8 @@ class Repeatability:
     Each difference d of two repeats is explained by a difference of the nominal parameters,
     :math:`\theta = (R R^T + I)^{-1} R d` with the responses R in units of the noise; what that leaves is noise, and
     :math:`\tfrac12 \overline{\theta \theta^T}`, less what noise adds to it, is the covariance of the values from run to
-    run. Two runs may be alike by chance: in the floor that gaps are compared with, what is assumed to change where
-    nothing is repeated counts for as much as :math:`n_0` differences beside n that were measured.
+    run. Two runs may be alike by chance: what is assumed to change where nothing is repeated counts for as much as
+    :math:`n_0` differences beside n that were measured, so that a mean square from run to run is expected to be
 
     .. math:: \sigma^2 = (n \, \sigma_n^2 + n_0 \sigma_0^2) / (n + n_0)
 
@@ -98,20 +107,17 @@ class Repeatability:
     ----------
     noise_models : mapping of str to NoiseModel
         Noise of each channel, apart from what changes from run to run. Where nothing was repeated, both are assumed.
-    told : mapping of str to NoiseModel
-        The same as repeats alone tell it.
     """
 
     def __init__(self, replay: Replay, model: Hypothesis, runs: Sequence[RecordedRun]) -> None:
         self._replay, self._model = replay, model
         self._known: list[tuple[RecordedRun, FloatArray]] = []
         self.noise_models = noise_models(runs, model.nominal.way)
-        self.told: Mapping[str, NoiseModel] = self.noise_models
         self._root = assumed_root(model)
         pairs = repeated(runs)
         if not pairs:
             if self._root.any() and not any(floor.measured for floor in self.noise_models.values()):
-                between = self._assumed(runs, RECORDS.piece_samples)
+                between = self._assumed(runs)
                 self.noise_models = {
                     name: dataclasses.replace(floor, from_run_to_run=between[name])
                     for name, floor in self.noise_models.items()
@@ -133,19 +139,13 @@ class Repeatability:
                 left.append(difference - np.tensordot(thetas[-1], moved, 1))
             mean_square = 0.5 * np.mean(np.concatenate(left, axis=1) ** 2, axis=1)
             rms = np.maximum(np.sqrt(mean_square), SMALLEST)
-        assumed = self._assumed(runs, 2 * (len(next(iter(self.noise_models.values())).spectrum) - 1))
-        weight = EVIDENCE.assumed_pairs / (EVIDENCE.assumed_pairs + len(pairs))
+        assumed = self._assumed(runs)
         told = [np.outer(theta, theta) - own for theta, own in zip(thetas, by_noise, strict=True)]
         size, axes = np.linalg.eigh(0.5 * np.mean(told, axis=0))
         self._root = axes * np.sqrt(np.maximum(size, 0.0))
-        self.told = {
-            name: within(floor, [parts[place] for parts in left])
-            for place, (name, floor) in enumerate(self.noise_models.items())
-        }
         self.noise_models = {
-            name: dataclasses.replace(floor, from_run_to_run=(1.0 - weight) * between + weight * assumed[name])
-            for name, floor in self.told.items()
-            for between in [floor.whole.spectrum - floor.spectrum]
+            name: with_unseen(within(floor, [parts[place] for parts in left]), float(np.sum(assumed[name])), len(pairs))
+            for place, (name, floor) in enumerate(self.noise_models.items())
         }
 
     @property
@@ -153,15 +153,14 @@ class Repeatability:
         """Covariance of the nominal parameters from run to run, in their standard deviations, (n_values, n_values)."""
         return np.asarray(self._root @ self._root.T)
 
-    def _assumed(self, runs: Sequence[RecordedRun], length: int) -> dict[str, FloatArray]:
-        """Return the mean square that changes which are assumed add to each channel, by pieces of a length."""
+    def _assumed(self, runs: Sequence[RecordedRun]) -> dict[str, FloatArray]:
+        """Return the mean square at each frequency that changes which are assumed add to each channel."""
         changes = [np.tensordot(self._root.T, self._responses(run), 1) for run in runs]
-        return {
-            name: np.sum(
-                [spectrum_of(own, length) for own in zip(*(each[:, place] for each in changes), strict=True)], axis=0
-            )
-            for place, name in enumerate(self.noise_models)
-        }
+        found = {}
+        for place, name in enumerate(self.noise_models):
+            every = [[own[index, place] for own in changes] for index in range(len(self._root))]
+            found[name] = np.sum([spectrum_of(own, RECORDS.piece_samples) for own in every], axis=0)
+        return found
 
     def _responses(self, run: RecordedRun) -> FloatArray:
         known = next((found for other, found in self._known if same_command(run, other)), None)

@@ -166,8 +166,9 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     # A gap of no more than repeats differ by lacks no cause, however little it looks like noise, unless values of the
     # loop went to their limits for it. Held-out motions need not come by the place where one is.
     if is_measured and found.weighed.at_limits == 0:
+        expected = np.array([floor.expected for floor in noise_models.values()])
         judged, fitted = (
-            float(gaps.max()) / float(np.mean([plain.runs[place].repeats for place in places]))
+            float((gaps / expected).max()) / float(np.mean([plain.runs[place].repeats for place in places]))
             for gaps, places in ((recalibrated, plain.judged), (found.where_fitted, plain.fitted))
         )
         too_little = noise_alone(max(judged, fitted), of=JUDGE.measurable)

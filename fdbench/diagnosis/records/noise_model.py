@@ -29,11 +29,14 @@ class NoiseModel:
         Whether it comes from repeats; else it is assumed, see `assumed`.
     from_run_to_run : (n_frequencies,) array or None
         The same of what differs from run to run beside it: see `fdbench.diagnosis.evidence.run_to_run`.
+    unseen : float
+        Mean square from run to run that is to be expected besides, as few repeats may be alike by chance.
     """
 
     spectrum: FloatArray
     measured: bool
     from_run_to_run: FloatArray | None = None
+    unseen: float = 0.0
 
     @cached_property
     def rms(self) -> float:
@@ -46,11 +49,16 @@ class NoiseModel:
         return self.rms if self.from_run_to_run is None else self.whole.rms
 
     @property
+    def expected(self) -> float:
+        """Mean square that repeats are to be expected to differ by, in units of what they did differ by."""
+        return 1.0 + self.unseen / self.total**2
+
+    @property
     def whole(self) -> "NoiseModel":
         """The floor in which what changes from run to run counts as noise."""
         if self.from_run_to_run is None:
             return self
-        return NoiseModel(spectrum=self.spectrum + self.from_run_to_run, measured=self.measured)
+        return dataclasses.replace(self, spectrum=self.spectrum + self.from_run_to_run, from_run_to_run=None)
 
     def shares(self, edges: Sequence[float]) -> FloatArray:
         """Return the shares of the noise within a run in bands of frequency, (n_edges - 1,).

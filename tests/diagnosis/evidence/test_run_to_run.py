@@ -37,7 +37,7 @@ def test_friction_that_changes_is_no_noise() -> None:
     """Of 120 N, in standard deviations of 4 %: differences of 2, -3 and 2.5; half their mean square is 3.2."""
     still, _ = steady([1.0, 1.0, 1.0, 1.0])
     rubbing, together = steady([1.0, 1.08, 0.96, 1.06])
-    for name, floor in rubbing.told.items():
+    for name, floor in rubbing.noise_models.items():
         assert floor.rms == pytest.approx(still.noise_models[name].rms, rel=0.1)
         assert floor.total == pytest.approx(together[name].rms, rel=1e-3)
     assert together["motor_force_N"].rms > 5.0 * rubbing.noise_models["motor_force_N"].rms
@@ -51,16 +51,18 @@ def test_friction_that_changes_is_no_noise() -> None:
 
 
 def test_two_runs_that_are_alike_by_chance_do_not_tell_that_friction_stays() -> None:
-    """What is assumed counts for one pair: half of the mean square that 2 % of friction changes is in the floor."""
+    """What is assumed counts for one pair: half of the mean square that 2 % of friction changes is to be expected."""
     alike, together = steady([1.0, 1.001])
+    changing, _ = steady([1.0, 1.08, 0.96, 1.06])
     alone, _ = steady([1.0])
     for name, floor in alike.noise_models.items():
-        assert alike.told[name].total == pytest.approx(together[name].rms, rel=0.05)
+        assert floor.total == pytest.approx(together[name].rms, rel=0.05)
         assumed = alone.noise_models[name].from_run_to_run
         assert assumed is not None
-        assert floor.from_run_to_run is not None
-        assert float(floor.from_run_to_run.sum()) == pytest.approx(0.5 * float(assumed.sum()), rel=0.1)
-    assert alike.noise_models["position_m"].total > 2.0 * alike.told["position_m"].total
+        assert (floor.expected - 1.0) * floor.total**2 == pytest.approx(0.5 * float(assumed.sum()), rel=0.1)
+        assert floor.whole.expected == pytest.approx(floor.expected)
+        assert changing.noise_models[name].expected == 1.0
+    assert alike.noise_models["position_m"].expected > 4.0
 
 
 def test_the_mean_of_repeats_is_judged_beside_what_changes() -> None:
