@@ -119,7 +119,12 @@ def verdict(answer: Answer) -> Iterator[str]:
 
 def _nothing(answer: Answer) -> Iterator[str]:
     nominal, size = answer.sizes()
-    if size > NOISE_ALONE:
+    if size > JUDGE.measurable and all(floor.measured_from_repeats for floor in answer.noise_floor.values()):
+        yield (
+            "Too small to attribute beside friction that is another in each run: the mean squared gap is "
+            f"{size:.2f} times what repeats differed by."
+        )
+    elif size > NOISE_ALONE:
         yield f"Too small to attribute: the mean squared gap is {size:.2f} times the noise, no more."
     elif nominal > max(NOISE_ALONE, 1.2 * size):
         yield "No gap beyond the noise once the nominal parameters are re-calibrated: no effect is missing."

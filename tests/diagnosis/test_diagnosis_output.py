@@ -232,7 +232,11 @@ def test_every_honest_answer_has_its_words(found: Diagnosis) -> None:
     cases = [
         ({"no_gap_probability": 0.99, **small(found, 1.02, 1.01)}, "No gap beyond the noise: these records"),
         ({"no_gap_probability": 0.99, **small(found, 9.0, 1.01)}, "once the nominal parameters are re-calibrated"),
-        ({"no_gap_probability": 0.7, **small(found, 1.22, 1.22)}, "Too small to attribute"),
+        (
+            {"no_gap_probability": 0.7, **small(found, 1.22, 1.22)},
+            "Too small to attribute: the mean squared gap is 1.22",
+        ),
+        ({"no_gap_probability": 0.7, **small(found, 9.0, 4.5)}, "Too small to attribute beside friction"),
         (
             {"no_gap_probability": 0.0, "unknown_probability": 0.97, **small(found, 9.0, 8.0)},
             "None of the known effects",
