@@ -15,8 +15,8 @@ BACKWARD = "backward"
 def with_likely_rates(best: Calibrated, anew: Callable[[Simulation], Aligned]) -> Calibrated:
     """Return the re-calibrated model with the rates of its command that are told, or else with the likelier ones.
 
-    A controller that differences its position command has a velocity that is half a sample late and an acceleration
-    that is a sample late. They are taken where they bring more than naming a cause costs, and still do beside a loop
+    A controller that differences its position command has a velocity that is half a cycle late and an acceleration
+    that is a cycle late. They are taken where they bring more than naming a cause costs, and still do beside a loop
     that answers late, which looks much like them.
 
     Parameters
