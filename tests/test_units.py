@@ -43,7 +43,7 @@ def test_a_foreign_unit_is_not_taken_for_si(name: str, expected: tuple[str, str]
         ("rpm", "speed_rad_per_s", 2.0 * constants.pi / constants.minute),
         ("rev/s", "speed_rad_per_s", 2.0 * constants.pi),
         ("deg/s^2", "acceleration_rad_per_s2", constants.degree),
-        ("rev/s²", "acceleration_rad_per_s2", 2.0 * constants.pi),
+        ("rev/s2", "acceleration_rad_per_s2", 2.0 * constants.pi),
         ("lbf", "force_N", constants.lbf),
         ("bar", "pressure_Pa", constants.bar),
         ("us", "time_s", constants.micro),
