@@ -117,11 +117,7 @@ class Repeatability:
         pairs = repeated(runs)
         if not pairs:
             if self._root.any() and not any(floor.measured for floor in self.noise_models.values()):
-                between = self._assumed(runs)
-                self.noise_models = {
-                    name: dataclasses.replace(floor, from_run_to_run=between[name])
-                    for name, floor in self.noise_models.items()
-                }
+                self.noise_models = self._with_assumed_changes(runs)
             return
         names = list(runs[0].channels)
         differences = [
@@ -139,12 +135,13 @@ class Repeatability:
                 left.append(difference - np.tensordot(thetas[-1], moved, 1))
             mean_square = 0.5 * np.mean(np.concatenate(left, axis=1) ** 2, axis=1)
             rms = np.maximum(np.sqrt(mean_square), SMALLEST)
-        assumed = self._assumed(runs)
+        changes = np.concatenate(self._assumed_changes(runs), axis=2)
+        assumed = np.mean(np.sum(changes**2, axis=0), axis=1)
         told = [np.outer(theta, theta) - own for theta, own in zip(thetas, by_noise, strict=True)]
         size, axes = np.linalg.eigh(0.5 * np.mean(told, axis=0))
         self._root = axes * np.sqrt(np.maximum(size, 0.0))
         self.noise_models = {
-            name: with_unseen(within(floor, [parts[place] for parts in left]), float(np.sum(assumed[name])), len(pairs))
+            name: with_unseen(within(floor, [parts[place] for parts in left]), float(assumed[place]), len(pairs))
             for place, (name, floor) in enumerate(self.noise_models.items())
         }
 
@@ -153,14 +150,19 @@ class Repeatability:
         """Covariance of the nominal parameters from run to run, in their standard deviations, (n_values, n_values)."""
         return np.asarray(self._root @ self._root.T)
 
-    def _assumed(self, runs: Sequence[RecordedRun]) -> dict[str, FloatArray]:
-        """Return the mean square at each frequency that changes which are assumed add to each channel."""
-        changes = [np.tensordot(self._root.T, self._responses(run), 1) for run in runs]
+    def _with_assumed_changes(self, runs: Sequence[RecordedRun]) -> dict[str, NoiseModel]:
+        """Return floors that are assumed, and what changes that are assumed, too, would add from run to run."""
+        changes = self._assumed_changes(runs)
         found = {}
-        for place, name in enumerate(self.noise_models):
+        for place, (name, floor) in enumerate(self.noise_models.items()):
             every = [[own[index, place] for own in changes] for index in range(len(self._root))]
-            found[name] = np.sum([spectrum_of(own, RECORDS.piece_samples) for own in every], axis=0)
+            between = np.sum([spectrum_of(own, RECORDS.piece_samples) for own in every], axis=0)
+            found[name] = dataclasses.replace(floor, from_run_to_run=between)
         return found
+
+    def _assumed_changes(self, runs: Sequence[RecordedRun]) -> list[FloatArray]:
+        """Return what each change that is assumed does to each run, (n_changes, n_channels, n_samples)."""
+        return [np.tensordot(self._root.T, self._responses(run), 1) for run in runs]
 
     def _responses(self, run: RecordedRun) -> FloatArray:
         known = next((found for other, found in self._known if same_command(run, other)), None)
