@@ -52,6 +52,11 @@ def as_built(seed: int) -> FeedDrive:
     )
 
 
+def other_friction(axis: FeedDrive, factor: float) -> FeedDrive:
+    """Return the axis with another friction, as it has from run to run."""
+    return dataclasses.replace(axis, effects=tuple(item.scaled(factor) for item in axis.effects))
+
+
 def protocol(factor: float) -> dict[str, tuple[object, float]]:
     """Return motions and durations; ``factor`` makes the held-out ones other motions of the same kind."""
     levels = tuple(factor * v for v in (0.01, 0.03, 0.06, 0.1, -0.1, -0.06, -0.03, -0.01))

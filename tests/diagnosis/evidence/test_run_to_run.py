@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from axis_lab import drive, protocol, record
+from axis_lab import drive, other_friction, protocol, record
 
 from fdbench.diagnosis.evidence.prepare import aligned, with_run_to_run_covariance
 from fdbench.diagnosis.evidence.run_to_run import Change, Repeatability
@@ -22,8 +22,7 @@ def repeats(frictions: list[float]) -> tuple[Nominal, list[Record]]:
     motion, duration_s = protocol(1.0)["steps"]
     found = []
     for seed, ratio in enumerate(frictions):
-        axis = dataclasses.replace(paper, effects=(paper.effects[0].scaled(ratio),))
-        found.append(record(axis, (), motion, duration_s, seed))
+        found.append(record(other_friction(paper, ratio), (), motion, duration_s, seed))
     return Nominal(plant=paper, simulation=Simulation(substeps=10)), found
 
 

@@ -1,9 +1,7 @@
 """Probabilities of look-alikes: one claim, divided as the misfits have it."""
 
-import dataclasses
-
 import pytest
-from axis_lab import as_built, drive, protocol, record
+from axis_lab import as_built, drive, other_friction, protocol, record
 
 from fdbench.diagnosis import answer
 from fdbench.diagnosis.answer import ForceBalances
@@ -70,10 +68,7 @@ def test_another_friction_in_what_is_judged_on_is_no_unknown_cause() -> None:
     cogging = effects.get("cogging").typical()
 
     def rubbing(motion: object, duration_s: float, friction: float, seed: int) -> Record:
-        axis = as_built(2)
-        return record(
-            dataclasses.replace(axis, effects=(axis.effects[0].scaled(friction),)), (cogging,), motion, duration_s, seed
-        )
+        return record(other_friction(as_built(2), friction), (cogging,), motion, duration_s, seed)
 
     fitted = [
         rubbing(*motion, friction, seed)

@@ -21,10 +21,6 @@ def smoothed(axis: FeedDrive, filter_s: float) -> FeedDrive:
     return dataclasses.replace(axis, controller=dataclasses.replace(axis.controller, velocity_filter_s=filter_s))
 
 
-def other_friction(axis: FeedDrive, factor: float) -> FeedDrive:
-    return dataclasses.replace(axis, effects=tuple(item.scaled(factor) for item in axis.effects))
-
-
 def nominal(filter_s: float = 0.0, **uncertainty: float) -> Nominal:
     plant = smoothed(axis_lab.drive(), filter_s)
     return Nominal(plant=plant, simulation=Simulation(substeps=10), uncertainty=Uncertainty(**uncertainty))
@@ -66,7 +62,7 @@ def test_a_filter_of_more_than_a_sampling_time_is_no_noise_where_friction_change
     axis = smoothed(axis_lab.as_built(2), 1e-3)
     groups = [
         [
-            axis_lab.record(other_friction(axis, change), (), *motion, seed=10 * place + repeat)
+            axis_lab.record(axis_lab.other_friction(axis, change), (), *motion, seed=10 * place + repeat)
             for motion in axis_lab.protocol(factor).values()
             for repeat, change in enumerate((0.92, 1.08))
         ]
