@@ -26,7 +26,7 @@ TRUTH = {"listed": tuple[Table, ...], "unlisted": tuple[Table, ...]}
 ANSWERS = {"cases": Mapping[str, Table]}
 GAPS = ("noise_floor", "on_paper", "oracle")
 FEATURES = Mapping[str, Mapping[str, Mapping[str, float]]]
-CLAIMS = ("effect", "suspect", "value", "unknown", "none")
+CLAIMS = ("effect", "suspect", "value", "unknown")
 LARGEST = 1e100
 _HEXADECIMAL = re.compile("([0-9a-f]{2})+")
 
@@ -79,8 +79,7 @@ def check_features(found: Iterable[Any], where: str) -> None:
     names: dict[str, set[str]] = {}
     for features in found:
         _check(convert(FEATURES, features, where), dict.fromkeys(CLAIMS, Table), where)
-        for kind in ("unknown", "none"):
-            _check(features[kind], {kind: Table}, f"{where}: {kind}")
+        _check(features["unknown"], {"unknown": Table}, f"{where}: unknown")
         for kind in CLAIMS:
             for claim, own in features[kind].items():
                 if names.setdefault(kind, {*own}) != {*own}:

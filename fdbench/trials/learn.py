@@ -25,9 +25,9 @@ from fdbench.trials.score import check_key
 RIDGE = 1.0  # prior precision of a weight, per unit of standardised sign
 TRUST = 4.0  # the same of bias and weights about those of a model that is learned further
 UNLISTED_WEIGHT = 0.1  # of a case whose cause the library lacks, as far as named causes go: a stand-in looks the same
-UNLISTED = 1.0 / 3.0  # how often an axis is taken to have a cause that the library lacks
+UNLISTED = 0.2  # how often an axis is taken to have a cause that the library lacks
 ITERATIONS = 50
-KINDS = ("effect", "suspect", "value", "unknown", "none")
+KINDS = ("effect", "suspect", "value", "unknown")
 
 
 class _Waiting(NamedTuple):
@@ -67,7 +67,6 @@ def claims(features: Mapping[str, Mapping[str, Features]], truth: Mapping[str, A
             names = tuple(name.split(OR))
             yield Claim(kind=kind, features=own, right=not listed.isdisjoint(names), weight=weight, names=names)
     yield Claim(kind="unknown", features=features["unknown"]["unknown"], right=unlisted)
-    yield Claim(kind="none", features=features["none"]["none"], right=not listed and not unlisted, weight=weight)
 
 
 def fitted(found: Sequence[Claim], prior: ProbabilityModel | None = None) -> ProbabilityModel:

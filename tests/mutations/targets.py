@@ -367,7 +367,7 @@ def _make_kept(folder: Path) -> list[str]:
     models = probability_models.models()
     own: dict[str, Any] = {
         kind: {kind: dict.fromkeys(getattr(models, kind).features, 0.5)}
-        for kind in ("effect", "suspect", "value", "unknown", "none")
+        for kind in ("effect", "suspect", "value", "unknown")
     }
     cases = [
         {

@@ -78,7 +78,7 @@ def test_a_calibration_goes_on_where_it_stopped_and_is_kept(
     models = machine_calibration.calibration(*given, 3).models
     assert asked == [2, 0, 2, 2]  # two repeats in each case, and no case twice
     assert models.source == "machine-specific calibration, 3 cases of this machine and its motions"
-    assert (models.none, models.unknown) == (confidence.models().none, confidence.models().unknown)
+    assert models.unknown == confidence.models().unknown
     assert models != dataclasses.replace(confidence.models(), source=models.source)
     monkeypatch.setattr(recording_setup.RecordingSetup, "noises", None)  # neither simulated nor diagnosed again
     assert machine_calibration.calibration(*given, 3).models == models

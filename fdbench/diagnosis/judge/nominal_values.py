@@ -27,15 +27,12 @@ class Deviating:
         Effects whose size is such a parameter.
     features : mapping of str to mapping
         What their probabilities are predicted from.
-    furthest : float
-        Largest distance that any parameter moved, in standard deviations.
     nameless : float
         Probability that one is wrong that no effect stands for, such as the gains of the controller.
     """
 
     causes: list[Cause]
     features: dict[str, Features]
-    furthest: float
     nameless: float
 
 
@@ -58,7 +55,6 @@ def deviating_parameters(
     gaps = channel_gaps(search.readings, search.split.plain, [final, *lacking])
     closed, *left = gaps.mean(axis=1).tolist()
     moves: list[tuple[str, float, float, float, str]] = []
-    furthest = 0.0
     on_motor = _on_motor(final)
     sides: dict[str, _OnMotor] = {}
     for (group, places), without in zip(groups.items(), left, strict=True):
@@ -69,7 +65,6 @@ def deviating_parameters(
         own = [abs(final.shifts[place]) for place in places]
         together = abs(change) / max(math.hypot(*sizes), 1e-30)
         distance = max(together, *own) if name else math.hypot(*own)
-        furthest = max(furthest, distance if name else max(own))
         if group in on_motor:
             sides[name] = on_motor[group]
         if len(own) > 1 and sorted(own)[-2] > MODEL.far_fetched:
@@ -111,7 +106,7 @@ def deviating_parameters(
                 alternatives=chances,
             )
         )
-    return Deviating(causes=found, features=all_features, furthest=furthest, nameless=nameless)
+    return Deviating(causes=found, features=all_features, nameless=nameless)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

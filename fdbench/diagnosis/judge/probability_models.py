@@ -65,13 +65,12 @@ class ProbabilityModel:
 
 @dataclass(frozen=True, kw_only=True)
 class ProbabilityModels:
-    """Models for an effect, one nearly added, a nominal parameter, an unknown cause and no gap; their origin."""
+    """Models for an effect, one nearly added, a nominal parameter and an unknown cause; their origin."""
 
     effect: ProbabilityModel
     suspect: ProbabilityModel
     value: ProbabilityModel
     unknown: ProbabilityModel
-    none: ProbabilityModel
     source: str
 
 
@@ -184,23 +183,4 @@ def unknown_features(
         "closed": closed,
         "measured": float(measured),
         "surest": surest,
-    }
-
-
-def no_gap_features(misfit: float, moved: float, size: float) -> dict[str, float]:
-    """Return the features of no gap.
-
-    Parameters
-    ----------
-    misfit : float
-        Weighted misfit after re-calibration.
-    moved : float
-        Largest distance of a nominal parameter, in standard deviations.
-    size : float
-        Of the largest effect that was found or nearly so: see `fdbench.diagnosis.search.search.Rival`.
-    """
-    return {
-        "misfit": math.log(max(misfit, JUDGE.smallest_misfit)),
-        "moved": math.log(max(moved, JUDGE.smallest_distance)),
-        "size": math.log10(max(size, JUDGE.smallest_size)),
     }

@@ -161,7 +161,8 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         # What explains little beside what is left of the gap may be a part of a cause that is not known.
         credible = discount * (1.0 - unknown_probability * small / max(small + share, 1e-12))
         credible *= 1.0 - item.in_part
-        chances = {name: min(credible * p, item.most(parts.is_better_with(index))) for name, p in item.odds.items()}
+        most = item.most(parts.is_better_with(index))
+        chances = {name: sharper(min(credible * p, most)) for name, p in item.odds.items()}
         causes.append(_named(found, item, chances, parts, index, bounds[index]))
     # A gap of no more than repeats differ by lacks no cause, however little it looks like noise, unless values of the
     # loop went to their limits for it. Held-out motions need not come by the place where one is.
@@ -173,40 +174,34 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         )
         too_little = noise_alone(max(judged, fitted), of=JUDGE.measurable)
         unknown_probability = min(unknown_probability, 1.0 - too_little)
-    causes += [dataclasses.replace(value, probability=discount * value.probability) for value in deviating.causes]
+    causes += [_believed(value, discount) for value in deviating.causes]
     causes += readings
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
     beside = Beside(largest=max((item.own_size for item in contested), default=0.0), worst=left.worst)
     said = {name for cause in causes for name in (cause.effect, *cause.alternatives)}
     suspects, suspect_features_of = suspected(found, models, beside, discount, said)
-    of_causes = [item.contest for item in contested if not item.corner]
-    rivals = [rival.size for stage in (*of_causes, *found.stages[-1:]) for rival in stage.rivals[:1]]
-    # How a known friction turns its sign is no gap.
-    misfit = left.before if of_causes or not contested else left.misfit
-    none = confidence.no_gap_features(misfit, deviating.furthest, max(rivals, default=0.0))
-    surest = max((cause.probability for cause in causes), default=0.0)
     effect_features_of = {OR.join((item.effect.name, *item.same)): item.features for item in sound}
     claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": deviating.features}
+    unknown_probability = sharper(unknown_probability)
     within_noise = noise_alone(max(float(reductions.mean()[0]), float(found.where_fitted.mean())))
     return Verdict(
         causes=tuple(causes),
         suspects=tuple(suspects),
         nearest=nearest(found),
         unknown_probability=unknown_probability,
-        no_gap_probability=min(within_noise, models.none.probability(none), 1.0 - surest, 1.0 - unknown_probability),
-        features={**claims, "unknown": {"unknown": unknown}, "none": {"none": none}},
+        no_gap_probability=min(within_noise, nothing(causes, suspects, unknown_probability)),
+        features={**claims, "unknown": {"unknown": unknown}},
         worst=left.worst,
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Left:
-    """What is left in units of the noise: misfit before effects and beside them, worst stretch of time, share closed.
+    """What is left in units of the noise: misfit beside effects, worst stretch of time, share closed.
 
     See `unknown_features`.
     """
 
-    before: float
     misfit: float
     worst: float
     closed: float
@@ -221,7 +216,6 @@ def _left(found: Findings, repaired: FloatArray) -> _Left:
     stage = search.compared(found.base, [(Effect, item, True) for item in ends])
     given, *gaps = channel_gaps(search.readings, search.split, [start(found.base.nominal), *ends])
     return _Left(
-        before=stage.misfit,
         misfit=min(rival.misfit for rival in stage.rivals),
         worst=min(gather(search.readings, search.split, item, ()).worst() for item in ends),
         closed=max(_closed(found.as_given, repaired), *(_closed(given, own) for own in gaps)),
@@ -303,6 +297,12 @@ def _named(
         typical=tuple(not_fitted(effect)),
         at_bound=tuple(at_bound(effect)),
     )
+
+
+def _believed(value: Cause, discount: float) -> Cause:
+    """Return a value that is off as it is said beside what the gap leaves."""
+    alternatives = {name: sharper(chance) for name, chance in value.alternatives.items()}
+    return dataclasses.replace(value, probability=sharper(discount * value.probability), alternatives=alternatives)
 
 
 def _values(found: Findings, corrected: float, models: ProbabilityModels) -> tuple[Deviating, dict[str, float]]:
@@ -392,6 +392,37 @@ def noise_alone(mean_square: float, of: float = JUDGE.unrepeated) -> float:
     return 1.0 / (1.0 + (max(mean_square, 0.0) / of) ** 4)
 
 
+def nothing(causes: Sequence[Cause], suspects: Sequence[Suspect], unknown: float) -> float:
+    r"""Return the probability that nothing is there of all that is said, each being there or not on its own.
+
+    .. math:: p = (1 - u) \prod_c \Bigl(1 - \sum_e p_c(e)\Bigr)
+
+    with the probability u of an unknown cause and those p_c(e) that a cause or suspect c is the effect e; look-alikes
+    exclude each other.
+
+    >>> nothing([], [Suspect(effect="cogging", probability=0.25)], 0.2)
+    0.6000000000000001
+    """
+    known = (cause.probability + sum(cause.alternatives.values()) for cause in causes)
+    chances = [unknown, *(min(p, 1.0) for p in known), *(suspect.probability for suspect in suspects)]
+    return math.prod(1.0 - chance for chance in chances)
+
+
+def sharper(chance: float) -> float:
+    r"""Return a probability p that is composed of several, which comes out too moderate: with k times its log odds.
+
+    .. math:: \frac{p^k}{p^k + (1 - p)^k}
+
+    Order, and what is more likely than not, stay as they are. Source: Guo, Pleiss, Sun, Weinberger (2017), On
+    Calibration of Modern Neural Networks, section 4.2.
+
+    >>> sharper(0.5), sharper(0.0), round(sharper(0.2) + sharper(0.8), 12)
+    (0.5, 0.0, 1.0)
+    """
+    own, other = (math.pow(p, JUDGE.sharpness) for p in (chance, 1.0 - chance))
+    return own / (own + other)
+
+
 def plausibility_discount(left: float) -> float:
     """Return the factor on the probabilities of what is named, from the share of the nominal gap that it surely leaves.
 
@@ -433,7 +464,7 @@ def suspected(
     if last is not None:
         features = {kind.name: confidence.effect_features(last, kind, beside) for kind in kinds}
     suspects = [
-        Suspect(effect=name, probability=discount * min(models.suspect.probability(own, [name]), JUDGE.named))
+        Suspect(effect=name, probability=sharper(discount * min(models.suspect.probability(own, [name]), JUDGE.named)))
         for name, own in features.items()
     ]
     return sorted(suspects, key=lambda suspect: -suspect.probability), features

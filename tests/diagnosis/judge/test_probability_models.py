@@ -140,7 +140,6 @@ def test_the_shipped_models_read_the_features_that_are_given() -> None:
     given = {
         "value": confidence.value_features(3.0, 1.0, 1.0),
         "unknown": unknown_features(),
-        "none": confidence.no_gap_features(1.0, 0.5, 0.1),
     }
     for kind, features in given.items():
         model: ProbabilityModel = getattr(models, kind)
@@ -153,15 +152,14 @@ def test_the_shipped_models_read_the_features_that_are_given() -> None:
     assert models.unknown.probability(unknown_features(at_limits=1)) > usual
     assert models.unknown.probability(unknown_features(closed=0.5)) > usual
     assert models.unknown.probability(unknown_features(surest=0.99)) < usual
-    assert models.none.probability(given["none"]) > models.none.probability(confidence.no_gap_features(8.0, 5.0, 10.0))
 
 
 def test_claims_are_judged_by_the_truth() -> None:
     features = {"effect": {"a": {"s": 1.0}, "b": {"s": 2.0}}, "suspect": {}, "value": {"c": {"s": 0.0}}}
-    features |= {"unknown": {"unknown": {"s": 0.0}}, "none": {"none": {"s": 0.0}}}
+    features |= {"unknown": {"unknown": {"s": 0.0}}}
     truth = {"listed": [{"name": "a"}], "unlisted": [{"name": "odd"}]}
     judged = [(claim.kind, claim.right) for claim in learn.claims(features, truth)]
-    assert judged == [("effect", True), ("effect", False), ("value", False), ("unknown", True), ("none", False)]
+    assert judged == [("effect", True), ("effect", False), ("value", False), ("unknown", True)]
 
 
 # ---- the board ----
@@ -231,7 +229,7 @@ def test_learning_goes_on_where_it_stopped(
         if len(asked) == 2:
             raise KeyboardInterrupt
         features = {kind: {f"{kind} {place}": {"s": float(place)} for place in range(4)} for kind in learn.KINDS[:3]}
-        return SimpleNamespace(features={**features, "unknown": {"unknown": {"s": 0.0}}, "none": {"none": {"s": 1.0}}})
+        return SimpleNamespace(features={**features, "unknown": {"unknown": {"s": 0.0}}})
 
     monkeypatch.setattr(learn, "diagnose", diagnosed)
     with pytest.raises(KeyboardInterrupt):
