@@ -161,7 +161,7 @@ def _case(setup: RecordingSetup, noises: Noises, number: int) -> dict[str, Any]:
 def adapted(found: Sequence[Claim], prior: ProbabilityModels, source: str) -> ProbabilityModels:
     """Return probability models moved by claims of causes; a model without claims stays as it is.
 
-    Those of an unknown cause and of no gap stay: moved, they were worse on fresh cases of a machine unlike tier L.
+    That of an unknown cause stays: moved, it was worse on fresh cases of a machine unlike tier L.
     """
     own = {kind: [claim for claim in found if claim.kind == kind] for kind in MOVED}
     moved: dict[str, Any] = {kind: fitted(some, getattr(prior, kind)) for kind, some in own.items() if some}
