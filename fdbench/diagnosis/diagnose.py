@@ -20,13 +20,14 @@ from fdbench.diagnosis.judge import probability_models
 from fdbench.diagnosis.judge.cause_sets import cause_set
 from fdbench.diagnosis.judge.cause_types import cause_types
 from fdbench.diagnosis.judge.false_alarms import false_alarms
+from fdbench.diagnosis.judge.findings import Findings
 from fdbench.diagnosis.judge.gap import gap_of, noise_floor
 from fdbench.diagnosis.judge.localise import Gaps, where
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
 from fdbench.diagnosis.judge.process_force import process_forces, unsteady_forces
 from fdbench.diagnosis.judge.reduction import channel_gaps, parametric, reductions_of, shrinkage
 from fdbench.diagnosis.judge.residual_dependence import dependences
-from fdbench.diagnosis.judge.verdict import Findings, Verdict, verdict
+from fdbench.diagnosis.judge.verdict import Verdict, verdict
 from fdbench.diagnosis.model.as_nominal import as_nominal
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty

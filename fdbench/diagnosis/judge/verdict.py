@@ -2,73 +2,31 @@
 
 import dataclasses
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from fdbench.diagnosis.answer import READING, Cause, Pair, Quantity, RivalReduction, Suspect, chances
-from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, energies
 from fdbench.diagnosis.judge import probability_models as confidence
+from fdbench.diagnosis.judge.composed import noise_alone, nothing, plausibility_discount, sharper
+from fdbench.diagnosis.judge.findings import Findings
 from fdbench.diagnosis.judge.force_balance_check import force_balances_removed
 from fdbench.diagnosis.judge.intervals import intervals, not_fitted, parameters
+from fdbench.diagnosis.judge.left import left_of, within_repeats
 from fdbench.diagnosis.judge.look_alikes import divided, force_balances, indistinguishable, instead, one_of
 from fdbench.diagnosis.judge.nominal_values import Deviating, deviating_parameters
 from fdbench.diagnosis.judge.probability_models import Beside, Features, ProbabilityModels
-from fdbench.diagnosis.judge.reduction import Reductions, channel_gaps
 from fdbench.diagnosis.judge.shares import Parts, Shares
-from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound, is_beyond_its_form, is_corner, is_hollow, start
+from fdbench.diagnosis.model.hypothesis import at_bound, is_beyond_its_form, is_corner, is_hollow
 from fdbench.diagnosis.search.beside_the_known import Remainder
-from fdbench.diagnosis.search.in_place_of_a_value import Exchange
-from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Rival, Stage
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
-from fdbench.record import FloatArray
 from fdbench.rotary import spoken_unit
 
 OR = " or "  # between the names of one claim
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Findings:
-    """What the search came to, from which the verdict is drawn.
-
-    Attributes
-    ----------
-    search : Search
-    as_given : (n_channels,) array
-        Mean squared held-out gap of the model as given, in units of the floor.
-    where_fitted : (n_channels,) array
-        The same of the re-calibrated model without effects, of what it was fitted to.
-    base, sought, final, weighed : Hypothesis
-        What the search began with, what it ended with, with effects, that as it is judged, drawn and written, and that
-        as hypotheses are compared: nominal parameters that hardly matter are where they were.
-    stages, contests : sequences of Stage
-        Of the search, and for each final effect the model without it beside its rivals.
-    exchange : Exchange or None
-        The most probable effect in place of a value; it is in ``final`` where it is more probable than the value.
-    remainder : Remainder or None
-        A known effect that stays beside a final one that is to take its place.
-    reductions : Reductions
-    artefacts : sequence of Artefact
-        Effects that are seen in the readings themselves.
-    """
-
-    search: Search
-    as_given: FloatArray
-    where_fitted: FloatArray
-    base: Hypothesis
-    sought: Hypothesis
-    final: Hypothesis
-    weighed: Hypothesis
-    stages: Sequence[Stage]
-    contests: Sequence[Stage]
-    exchange: Exchange | None
-    remainder: Remainder | None
-    reductions: Reductions
-    artefacts: Sequence[Artefact]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -125,7 +83,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     )
     corrected = Shares(found.as_given, interpolated).of(np.maximum(found.as_given - recalibrated, 0.0))
     deviating, exchanged = _values(found, corrected, models)
-    left = _left(found, repaired)
+    left = left_of(found, repaired)
     contested = _contested(found, left.worst, exchanged, models)
     sound = [item for item in contested if item.in_part <= JUDGE.named and not item.corner]
     is_measured = all(floor.measured for floor in noise_models.values())
@@ -164,16 +122,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         most = item.most(parts.is_better_with(index))
         chances = {name: sharper(min(credible * p, most)) for name, p in item.odds.items()}
         causes.append(_named(found, item, chances, parts, index, bounds[index]))
-    # A gap of no more than repeats differ by lacks no cause, however little it looks like noise, unless values of the
-    # loop went to their limits for it. Held-out motions need not come by the place where one is.
-    if is_measured and found.weighed.at_limits == 0:
-        expected = np.array([floor.expected for floor in noise_models.values()])
-        judged, fitted = (
-            float((gaps / expected).max()) / float(np.mean([plain.runs[place].repeats for place in places]))
-            for gaps, places in ((recalibrated, plain.judged), (found.where_fitted, plain.fitted))
-        )
-        too_little = noise_alone(max(judged, fitted), of=JUDGE.measurable)
-        unknown_probability = min(unknown_probability, 1.0 - too_little)
+    unknown_probability = sharper(min(unknown_probability, 1.0 - within_repeats(found, recalibrated)))
     causes += [_believed(value, discount) for value in deviating.causes]
     causes += readings
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
@@ -182,7 +131,6 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     suspects, suspect_features_of = suspected(found, models, beside, discount, said)
     effect_features_of = {OR.join((item.effect.name, *item.same)): item.features for item in sound}
     claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": deviating.features}
-    unknown_probability = sharper(unknown_probability)
     within_noise = noise_alone(max(float(reductions.mean()[0]), float(found.where_fitted.mean())))
     return Verdict(
         causes=tuple(causes),
@@ -192,33 +140,6 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         no_gap_probability=min(within_noise, nothing(causes, suspects, unknown_probability)),
         features={**claims, "unknown": {"unknown": unknown}},
         worst=left.worst,
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Left:
-    """What is left in units of the noise: misfit beside effects, worst stretch of time, share closed.
-
-    See `unknown_features`.
-    """
-
-    misfit: float
-    worst: float
-    closed: float
-
-
-def _left(found: Findings, repaired: FloatArray) -> _Left:
-    """Return what the model for all runs leaves, or that of the search, whichever is less.
-
-    Where friction is another in each run, what the search ended with may leave noise, and one model for all more.
-    """
-    search, ends = found.search, (found.final, found.sought)
-    stage = search.compared(found.base, [(Effect, item, True) for item in ends])
-    given, *gaps = channel_gaps(search.readings, search.split, [start(found.base.nominal), *ends])
-    return _Left(
-        misfit=min(rival.misfit for rival in stage.rivals),
-        worst=min(gather(search.readings, search.split, item, ()).worst() for item in ends),
-        closed=max(_closed(found.as_given, repaired), *(_closed(given, own) for own in gaps)),
     )
 
 
@@ -371,68 +292,6 @@ def size_as_cause(effect: Effect, contest: Stage) -> float:
     if is_corner(effect):
         return 0.0
     return next(rival.own_size for rival in contest.rivals if rival.kind is type(effect))
-
-
-def _closed(as_given: FloatArray, left: FloatArray) -> float:
-    """Return the share of mean squared gaps beyond their floors that is closed, over all channels; of none all is."""
-    beyond = float(as_given.mean()) - 1.0
-    return 1.0 - min(max((float(left.mean()) - 1.0) / beyond, 0.0), 1.0) if beyond > JUDGE.rest_noise else 1.0
-
-
-def noise_alone(mean_square: float, of: float = JUDGE.unrepeated) -> float:
-    r"""Return the probability that noise alone reaches a mean squared gap g, in units of its floor, after repeats.
-
-    .. math:: p = 1 / (1 + (g / g_0)^4)
-
-    with :math:`g_0`, which ``of`` half as many exceed.
-
-    >>> round(noise_alone(1.0), 3), noise_alone(10.0), round(noise_alone(74.0), 5)
-    (1.0, 0.5, 0.00033)
-    """
-    return 1.0 / (1.0 + (max(mean_square, 0.0) / of) ** 4)
-
-
-def nothing(causes: Sequence[Cause], suspects: Sequence[Suspect], unknown: float) -> float:
-    r"""Return the probability that nothing is there of all that is said, each being there or not on its own.
-
-    .. math:: p = (1 - u) \prod_c \Bigl(1 - \sum_e p_c(e)\Bigr)
-
-    with the probability u of an unknown cause and those p_c(e) that a cause or suspect c is the effect e; look-alikes
-    exclude each other.
-
-    >>> nothing([], [Suspect(effect="cogging", probability=0.25)], 0.2)
-    0.6000000000000001
-    """
-    known = (cause.probability + sum(cause.alternatives.values()) for cause in causes)
-    chances = [unknown, *(min(p, 1.0) for p in known), *(suspect.probability for suspect in suspects)]
-    return math.prod(1.0 - chance for chance in chances)
-
-
-def sharper(chance: float) -> float:
-    r"""Return a probability p that is composed of several, which comes out too moderate: with k times its log odds.
-
-    .. math:: \frac{p^k}{p^k + (1 - p)^k}
-
-    Order, and what is more likely than not, stay as they are. Source: Guo, Pleiss, Sun, Weinberger (2017), On
-    Calibration of Modern Neural Networks, section 4.2.
-
-    >>> sharper(0.5), sharper(0.0), round(sharper(0.2) + sharper(0.8), 12)
-    (0.5, 0.0, 1.0)
-    """
-    own, other = (math.pow(p, JUDGE.sharpness) for p in (chance, 1.0 - chance))
-    return own / (own + other)
-
-
-def plausibility_discount(left: float) -> float:
-    """Return the factor on the probabilities of what is named, from the share of the nominal gap that it surely leaves.
-
-    The factor is 1 where at least half of the gap is explained, and falls in proportion below that: what explains
-    little of a large gap may stand in for a cause that the library lacks.
-
-    >>> plausibility_discount(0.3), plausibility_discount(0.75)
-    (1.0, 0.5)
-    """
-    return min(1.0, (1.0 - left) / JUDGE.enough)
 
 
 def artefact_cause(artefact: Artefact, share: float) -> Cause:
