@@ -102,7 +102,8 @@ def trial_learn(
     from rich.console import Console
 
     from fdbench.diagnosis.judge import probability_models
-    from fdbench.trials.learn import KINDS, learn
+    from fdbench.trials.forms import KINDS
+    from fdbench.trials.learn import learn
 
     if len(key) != len(folders):
         raise SpecError(f"--key: {len(key)} for {len(folders)} folders; give one for each, in their order.")

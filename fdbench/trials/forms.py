@@ -26,7 +26,7 @@ TRUTH = {"listed": tuple[Table, ...], "unlisted": tuple[Table, ...]}
 ANSWERS = {"cases": Mapping[str, Table]}
 GAPS = ("noise_floor", "on_paper", "oracle")
 FEATURES = Mapping[str, Mapping[str, Mapping[str, float]]]
-CLAIMS = ("effect", "suspect", "value", "unknown")
+KINDS = ("effect", "suspect", "value", "unknown")
 LARGEST = 1e100
 _HEXADECIMAL = re.compile("([0-9a-f]{2})+")
 
@@ -78,9 +78,9 @@ def check_features(found: Iterable[Any], where: str) -> None:
     """Raise a SpecError unless all are features of a diagnosis, with one set of names for each kind of claim."""
     names: dict[str, set[str]] = {}
     for features in found:
-        _check(convert(FEATURES, features, where), dict.fromkeys(CLAIMS, Table), where)
+        _check(convert(FEATURES, features, where), dict.fromkeys(KINDS, Table), where)
         _check(features["unknown"], {"unknown": Table}, f"{where}: unknown")
-        for kind in CLAIMS:
+        for kind in KINDS:
             for claim, own in features[kind].items():
                 if names.setdefault(kind, {*own}) != {*own}:
                     raise SpecError(f"{where}: {kind}.{claim} has other features than those before.")

@@ -18,7 +18,7 @@ from fdbench.files import write_text
 from fdbench.record import FloatArray
 from fdbench.trials import seal
 from fdbench.trials.answer import read_case
-from fdbench.trials.forms import check_features
+from fdbench.trials.forms import KINDS, check_features
 from fdbench.trials.make import read_manifest
 from fdbench.trials.score import check_key
 
@@ -27,7 +27,6 @@ TRUST = 4.0  # the same of bias and weights about those of a model that is learn
 UNLISTED_WEIGHT = 0.1  # of a case whose cause the library lacks, as far as named causes go: a stand-in looks the same
 UNLISTED = 0.2  # how often an axis is taken to have a cause that the library lacks
 ITERATIONS = 50
-KINDS = ("effect", "suspect", "value", "unknown")
 
 
 class _Waiting(NamedTuple):

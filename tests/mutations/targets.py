@@ -31,6 +31,7 @@ from fdbench.report.record import write_plot
 from fdbench.scenario import load_scenario
 from fdbench.trials import score, seal
 from fdbench.trials.answer import _kept
+from fdbench.trials.forms import KINDS
 from fdbench.trials.machine_calibration import _kept_cases
 
 N_SAMPLES = 240
@@ -365,10 +366,7 @@ def _make_kept(folder: Path) -> list[str]:
     from fdbench.diagnosis.judge import probability_models
 
     models = probability_models.models()
-    own: dict[str, Any] = {
-        kind: {kind: dict.fromkeys(getattr(models, kind).features, 0.5)}
-        for kind in ("effect", "suspect", "value", "unknown")
-    }
+    own: dict[str, Any] = {kind: {kind: dict.fromkeys(getattr(models, kind).features, 0.5)} for kind in KINDS}
     cases = [
         {
             "features": own,

@@ -242,7 +242,7 @@ def with_run_to_run_covariance(
     are in all that the nominal model leaves, are not in it.
     """
     runs = ready.runs
-    if not all(floor.measured for floor in ready.split.noise_models.values()):
+    if not ready.split.is_measured:
         simulated = replay.on_each(runs, calibrated.variant)
         runs = [run.beside(own) for run, own in zip(runs, simulated, strict=True)]
     found = Repeatability(replay, calibrated, runs)

@@ -32,6 +32,11 @@ class Split:
         )
 
     @property
+    def is_measured(self) -> bool:
+        """Whether repeats tell the noise of every channel."""
+        return all(floor.measured for floor in self.noise_models.values())
+
+    @property
     def fitted(self) -> list[int]:
         """Places of the runs of which something is fitted."""
         return [place for place, out in enumerate(self.held_out) if not out.all()]

@@ -18,7 +18,7 @@ from fdbench.record import FloatArray
 class Left:
     """What is left in units of the noise: misfit beside effects, worst stretch of time, share closed.
 
-    See `unknown_features`.
+    See `fdbench.diagnosis.judge.probability_models.unknown_features`.
     """
 
     misfit: float
@@ -48,10 +48,9 @@ def within_repeats(found: Findings, recalibrated: FloatArray) -> float:
     the place where one is. Where nothing was repeated, nobody knows.
     """
     plain = found.search.split.plain
-    floors = list(plain.noise_models.values())
-    if found.weighed.at_limits > 0 or not all(floor.measured for floor in floors):
+    if found.weighed.at_limits > 0 or not plain.is_measured:
         return 0.0
-    expected = np.array([floor.expected for floor in floors])
+    expected = np.array([floor.expected for floor in plain.noise_models.values()])
     judged, fitted = (
         float((gaps / expected).max()) / float(np.mean([plain.runs[place].repeats for place in places]))
         for gaps, places in ((recalibrated, plain.judged), (found.where_fitted, plain.fitted))

@@ -76,17 +76,14 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         np.zeros(len(noise_models)),
     )
     recalibrated = np.array([reductions.of_channel(place)[0] for place in range(len(noise_models))])
-    shares = Shares(recalibrated, interpolated)
+    shares, of_nominal = Shares(recalibrated, interpolated), Shares(found.as_given, interpolated)
     repaired = np.array([reductions.of_channel(place)[-1] for place in range(len(noise_models))])
-    discount = plausibility_discount(
-        Shares(found.as_given, interpolated).of(np.maximum(repaired - JUDGE.unrepeated, 0.0))
-    )
-    corrected = Shares(found.as_given, interpolated).of(np.maximum(found.as_given - recalibrated, 0.0))
+    discount = plausibility_discount(of_nominal.of(np.maximum(repaired - JUDGE.unrepeated, 0.0)))
+    corrected = of_nominal.of(np.maximum(found.as_given - recalibrated, 0.0))
     deviating, exchanged = _values(found, corrected, models)
     left = left_of(found, repaired)
     contested = _contested(found, left.worst, exchanged, models)
     sound = [item for item in contested if item.in_part <= JUDGE.named and not item.corner]
-    is_measured = all(floor.measured for floor in noise_models.values())
     readings = [
         artefact_cause(artefact, shares.of(energies(artefact, noise_models)))
         for artefact in found.artefacts
@@ -98,7 +95,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         strain=found.final.strain,
         at_limits=found.final.at_limits,
         closed=left.closed,
-        measured=is_measured,
+        measured=plain.is_measured,
         surest=max(
             (*(item.probability for item in sound), *(item.probability for item in (*deviating.causes, *readings))),
             default=0.0,
