@@ -303,6 +303,11 @@ class JudgeSettings:
         "factor on log odds of what is said, which composed are too moderate",
         "between the likeliest on 360 axes of tier G (1.35) and on 200 of A to D (0.85), kept out",
     )
+    stand_in: float = number(
+        0.5,
+        "log odds that what is known loses where a cause is surely unknown",
+        "between the likeliest on 620 axes of tier G (1 to 2) and on 200 of A to D (0), kept out",
+    )
     enough: float = number(0.5, "share of the gap that everything named must explain to be believed")
     unrepeated: float = number(10.0, "ratio to the floor of three repeats that one run may reach by chance")
     alike: float = number(0.9, "of what the best removes, removed by a rival that is indistinguishable", zero=1.0)

@@ -24,7 +24,9 @@ from fdbench.trials.score import check_key
 
 RIDGE = 1.0  # prior precision of a weight, per unit of standardised sign
 TRUST = 4.0  # the same of bias and weights about those of a model that is learned further
-UNLISTED_WEIGHT = 0.1  # of a case whose cause the library lacks, as far as named causes go: a stand-in looks the same
+UNLISTED_WEIGHT = 0.3  # of a case whose cause the library lacks, as far as named causes go: a stand-in looks the same
+MANY_KINDS = "G"  # tier whose axes are of many kinds
+ONE_KIND_WEIGHT = 0.5  # of a case of another tier, whose axes are of one kind and mostly have a cause
 UNLISTED = 0.2  # how often an axis is taken to have a cause that the library lacks
 ITERATIONS = 50
 
@@ -56,16 +58,18 @@ class Claim:
     names: tuple[str, ...] = ()
 
 
-def claims(features: Mapping[str, Mapping[str, Features]], truth: Mapping[str, Any]) -> Iterator[Claim]:
-    """Yield what a diagnosis claims of a case, judged by its truth."""
+def claims(
+    features: Mapping[str, Mapping[str, Features]], truth: Mapping[str, Any], of_case: float = 1.0
+) -> Iterator[Claim]:
+    """Yield what a diagnosis claims of a case, judged by its truth, with the weight of the case."""
     listed = {item["name"] for item in truth["listed"]}
     unlisted = bool(truth["unlisted"])
-    weight = UNLISTED_WEIGHT if unlisted else 1.0
+    known = of_case * (UNLISTED_WEIGHT if unlisted else 1.0)
     for kind in ("effect", "suspect", "value"):
         for name, own in features[kind].items():
             names = tuple(name.split(OR))
-            yield Claim(kind=kind, features=own, right=not listed.isdisjoint(names), weight=weight, names=names)
-    yield Claim(kind="unknown", features=features["unknown"]["unknown"], right=unlisted)
+            yield Claim(kind=kind, features=own, right=not listed.isdisjoint(names), weight=known, names=names)
+    yield Claim(kind="unknown", features=features["unknown"]["unknown"], right=unlisted, weight=of_case)
 
 
 def fitted(found: Sequence[Claim], prior: ProbabilityModel | None = None) -> ProbabilityModel:
@@ -124,10 +128,10 @@ def _spread(found: Sequence[Claim]) -> dict[str, Feature]:
 
 
 def balanced(found: Sequence[Claim], share: float) -> list[Claim]:
-    """Return the claims weighted so that this share of them is right."""
-    right = sum(claim.right for claim in found)
-    weights = {True: share * len(found) / right, False: (1.0 - share) * len(found) / (len(found) - right)}
-    return [dataclasses.replace(claim, weight=weights[claim.right]) for claim in found]
+    """Return the claims with their weights changed so that this share of them is right."""
+    every, right = (sum(claim.weight for claim in claims) for claims in (found, [own for own in found if own.right]))
+    factors = {True: share * every / right, False: (1.0 - share) * every / (every - right)}
+    return [dataclasses.replace(claim, weight=claim.weight * factors[claim.right]) for claim in found]
 
 
 def newton(
@@ -211,16 +215,17 @@ def learn(
     kept = output.with_name(f"{output.name}.claims.json")
     done: dict[str, Any] = seal.read_json(kept, "what was learned before") if kept.exists() else {}
     check_features(done.values(), f"{kept}: not what was learned before; remove it")
-    cases: list[tuple[str, Mapping[str, Any]]] = []
+    cases: list[tuple[str, Mapping[str, Any], float]] = []
     waiting: list[_Waiting] = []
     sources = []
     for folder, key in trials:
         manifest = read_manifest(folder)
         opened = seal.read_json(key, "the key of a trial")
         check_key(folder, manifest, opened, key)
+        weight = 1.0 if manifest["tier"] == MANY_KINDS else ONE_KIND_WEIGHT
         for name, case in manifest["cases"].items():
             place = f"{opened['nonce']} {name}"
-            cases.append((place, opened["cases"][name]["truth"]))
+            cases.append((place, opened["cases"][name]["truth"], weight))
             if place not in done:
                 waiting.append(_Waiting(place, folder / name, sorted(case["files"])))
         sources.append(f"tier {manifest['tier']}, {len(manifest['cases'])} cases, nonce {opened['nonce']}")
@@ -234,7 +239,7 @@ def learn(
             write_text(kept, json.dumps(done))
         if progress is not None:
             progress(f"{len(done) + len(left_out)} of {len(cases)} cases")
-    every = [claim for place, truth in cases if place in done for claim in claims(done[place], truth)]
+    every = [claim for place, truth, own in cases if place in done for claim in claims(done[place], truth, own)]
     for kind in KINDS:
         rights = {claim.right for claim in every if claim.kind == kind}
         if len(rights) < 2:

@@ -136,7 +136,7 @@ def test_the_documented_cause_of_emps_comes_first() -> None:
     low, high = first.parameters["viscous_asymmetry_N_s_per_m"].ci95
     assert low < -36.8 < high < 0.0
     assert second.effect == "cogging"
-    assert second.probability > 0.3
+    assert 0.1 < second.probability < 0.5  # small as it is on sound axes too, and much else is unknown here
     assert second.parameters["pitch_m"].value == pytest.approx(2.5e-3, rel=0.01)
     assert not {"stribeck_friction", "position_dependent_friction", "periodic_force"} & {
         cause.effect for cause in answer.causes if cause.probability > 0.5

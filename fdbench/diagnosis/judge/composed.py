@@ -23,19 +23,21 @@ def nothing(causes: Sequence[Cause], suspects: Sequence[Suspect], unknown: float
     return math.prod(1.0 - chance for chance in chances)
 
 
-def sharper(chance: float) -> float:
-    r"""Return a probability p that is composed of several, which comes out too moderate: with k times its log odds.
+def said(chance: float, unknown: float = 0.0) -> float:
+    r"""Return the probability that is said of what is composed to be p, beside the probability u of an unknown cause.
 
-    .. math:: \frac{p^k}{p^k + (1 - p)^k}
+    .. math:: \frac{p^k}{p^k + (1 - p)^k e^{c u}}
 
-    Order, and what is more likely than not, stay as they are. Source: Guo, Pleiss, Sun, Weinberger (2017), On
-    Calibration of Modern Neural Networks, section 4.2.
+    What is composed of several comes out too moderate, k = ``JUDGE.sharpness``; what is known may stand in for what is
+    unknown, c = ``JUDGE.stand_in``. Source: Guo, Pleiss, Sun, Weinberger (2017), On Calibration of Modern Neural
+    Networks, section 4.2 and, with a shift of the log odds, Platt (1999), Probabilistic Outputs for Support Vector
+    Machines, section 2.
 
-    >>> sharper(0.5), sharper(0.0), round(sharper(0.2) + sharper(0.8), 12)
-    (0.5, 0.0, 1.0)
+    >>> said(0.5), said(0.0), round(said(0.2) + said(0.8), 12), round(said(0.5, unknown=1.0), 3)
+    (0.5, 0.0, 1.0, 0.378)
     """
     own, other = (math.pow(p, JUDGE.sharpness) for p in (chance, 1.0 - chance))
-    return own / (own + other)
+    return own / (own + other * math.exp(JUDGE.stand_in * unknown))
 
 
 def plausibility_discount(left: float) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from fdbench.diagnosis.answer import READING, Cause, Pair, Quantity, RivalReduction, Suspect, chances
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, energies
 from fdbench.diagnosis.judge import probability_models as confidence
-from fdbench.diagnosis.judge.composed import noise_alone, nothing, plausibility_discount, sharper
+from fdbench.diagnosis.judge.composed import noise_alone, nothing, plausibility_discount, said
 from fdbench.diagnosis.judge.findings import Findings
 from fdbench.diagnosis.judge.force_balance_check import force_balances_removed
 from fdbench.diagnosis.judge.intervals import intervals, not_fitted, parameters
@@ -105,7 +105,8 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     # for an unknown cause independently of each other.
     stand_ins = math.prod(1.0 - item.in_part * item.probability for item in contested)
     known = (1.0 - models.unknown.probability(unknown)) * (1.0 - deviating.nameless) * stand_ins
-    unknown_probability = max(1.0 - known, 1.0 - discount)
+    doubt = max(1.0 - known, 1.0 - discount)
+    unknown_probability = said(min(doubt, 1.0 - within_repeats(found, recalibrated)))
     small = JUDGE.small_share * shares.of(repaired)
     parts, bounds = Parts(reductions, shares, list(noise_models)), intervals(search, found.final)
     causes: list[Cause] = []
@@ -114,18 +115,21 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
             continue
         share = parts.share(index)
         # What explains little beside what is left of the gap may be a part of a cause that is not known.
-        credible = discount * (1.0 - unknown_probability * small / max(small + share, 1e-12))
+        credible = discount * (1.0 - doubt * small / max(small + share, 1e-12))
         credible *= 1.0 - item.in_part
         most = item.most(parts.is_better_with(index))
-        chances = {name: sharper(min(credible * p, most)) for name, p in item.odds.items()}
+        chances = {name: said(min(credible * p, most), unknown_probability) for name, p in item.odds.items()}
         causes.append(_named(found, item, chances, parts, index, bounds[index]))
-    unknown_probability = sharper(min(unknown_probability, 1.0 - within_repeats(found, recalibrated)))
-    causes += [_believed(value, discount) for value in deviating.causes]
+    causes += [_believed(value, discount, unknown_probability) for value in deviating.causes]
     causes += readings
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
     beside = Beside(largest=max((item.own_size for item in contested), default=0.0), worst=left.worst)
-    said = {name for cause in causes for name in (cause.effect, *cause.alternatives)}
-    suspects, suspect_features_of = suspected(found, models, beside, discount, said)
+    taken = {name for cause in causes for name in (cause.effect, *cause.alternatives)}
+    suspects, suspect_features_of = suspected(found, models, beside, taken)
+    suspects = [
+        dataclasses.replace(suspect, probability=said(discount * suspect.probability, unknown_probability))
+        for suspect in suspects
+    ]
     effect_features_of = {OR.join((item.effect.name, *item.same)): item.features for item in sound}
     claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": deviating.features}
     within_noise = noise_alone(max(float(reductions.mean()[0]), float(found.where_fitted.mean())))
@@ -217,10 +221,12 @@ def _named(
     )
 
 
-def _believed(value: Cause, discount: float) -> Cause:
+def _believed(value: Cause, discount: float, unknown: float) -> Cause:
     """Return a value that is off as it is said beside what the gap leaves."""
-    alternatives = {name: sharper(chance) for name, chance in value.alternatives.items()}
-    return dataclasses.replace(value, probability=sharper(discount * value.probability), alternatives=alternatives)
+    alternatives = {name: said(chance, unknown) for name, chance in value.alternatives.items()}
+    return dataclasses.replace(
+        value, probability=said(discount * value.probability, unknown), alternatives=alternatives
+    )
 
 
 def _values(found: Findings, corrected: float, models: ProbabilityModels) -> tuple[Deviating, dict[str, float]]:
@@ -308,27 +314,27 @@ def artefact_cause(artefact: Artefact, share: float) -> Cause:
 
 
 def suspected(
-    found: Findings, models: ProbabilityModels, beside: Beside, discount: float, said: Collection[str]
+    found: Findings, models: ProbabilityModels, beside: Beside, taken: Collection[str]
 ) -> tuple[list[Suspect], dict[str, Features]]:
     """Return the effects that were not added when the search ended, most probable first, and their features.
 
-    Not those of which something is ``said``, as a cause or in place of one.
+    Not those that are ``taken``, as a cause or in place of one.
     """
     last = found.stages[-1] if found.stages else None
-    kinds = [] if last is None else [rival.kind for rival in last.rivals if _is_suspect(rival, said)]
+    kinds = [] if last is None else [rival.kind for rival in last.rivals if _is_suspect(rival, taken)]
     features: dict[str, Features] = {}
     if last is not None:
         features = {kind.name: confidence.effect_features(last, kind, beside) for kind in kinds}
     suspects = [
-        Suspect(effect=name, probability=sharper(discount * min(models.suspect.probability(own, [name]), JUDGE.named)))
+        Suspect(effect=name, probability=min(models.suspect.probability(own, [name]), JUDGE.named))
         for name, own in features.items()
     ]
     return sorted(suspects, key=lambda suspect: -suspect.probability), features
 
 
-def _is_suspect(rival: Rival, said: Collection[str]) -> bool:
+def _is_suspect(rival: Rival, taken: Collection[str]) -> bool:
     own = next(item for item in rival.hypothesis.as_it_acts().effects if type(item) is rival.kind)
-    return rival.kind.name not in said and not is_corner(own)
+    return rival.kind.name not in taken and not is_corner(own)
 
 
 def nearest(found: Findings) -> RivalReduction | None:

@@ -174,7 +174,8 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
     what they have together stays as it was. Stretches that were fitted count, too: what look-alikes differ by is far
     more than another number fits there, which costs nothing. One that lies on a bound of its form is no closer for it
     than the closest that does not: it imitates the other as far as it may, and the number that brought it there costs 1
-    (Akaike 1974).
+    (Akaike 1974), by half, for at a bound it is free to one side alone (Self, Liang 1987, J. American Statistical
+    Association 82, 605-610, case 5).
 
     Parameters
     ----------
@@ -190,7 +191,7 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
         scatter = np.sqrt(len(squares)) * behind.std(axis=0, ddof=1)
         scores = np.divide(behind.sum(axis=0), scatter, out=np.zeros(len(alike)), where=scatter > 0.0)
         odds = [
-            _log_odds(SEARCH.paired * max(float(z), 0.0)) - 0.5 * rivals[place].penalty - (place not in within)
+            _log_odds(SEARCH.paired * max(float(z), 0.0)) - 0.5 * (rivals[place].penalty + (place not in within))
             for place, z in zip(alike, scores, strict=True)
         ]
         level = float(np.logaddexp.reduce([own[place] for place in alike]) - np.logaddexp.reduce(odds))

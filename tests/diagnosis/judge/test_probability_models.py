@@ -251,8 +251,9 @@ def test_a_case_that_cannot_be_diagnosed_is_left_out_and_named(
             raise RecordError("the axis leaves its limits")
         return SimpleNamespace(features={"own": len(asked)})
 
-    def claimed(features: dict[str, int], truth: object) -> list[Claim]:
+    def claimed(features: dict[str, int], truth: object, of_case: float) -> list[Claim]:
         assert features == {"own": 2}
+        assert of_case == 0.5  # the axes of this tier are of one kind
         return [
             Claim(kind=kind, features={"s": sign}, right=sign > 0.0) for kind in learn.KINDS for sign in (-1.0, 1.0)
         ]
@@ -265,6 +266,17 @@ def test_a_case_that_cannot_be_diagnosed_is_left_out_and_named(
     assert words.startswith(str(two_cases[0]))
     assert "leaves its limits" in words
     assert output.exists()
+
+
+def test_a_share_is_right_whatever_the_cases_weigh() -> None:
+    found = [
+        Claim(kind="unknown", features={}, right=right, weight=weight)
+        for right, weight in [(True, 1.0), (True, 0.5), (False, 0.5), (False, 2.0), (False, 1.0)]
+    ]
+    weights = [claim.weight for claim in learn.balanced(found, 0.2)]
+    assert sum(weights) == pytest.approx(5.0)
+    assert sum(weights[:2]) == pytest.approx(1.0)
+    assert weights[0] == pytest.approx(2.0 * weights[1])
 
 
 @pytest.mark.parametrize(("name", "is_hidden"), [("quadratic_drag", True), ("constant_force", False)])
