@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from fdbench.diagnosis.answer import Cause, Suspect
 from fdbench.diagnosis.settings import JUDGE
@@ -38,6 +39,37 @@ def said(chance: float, unknown: float = 0.0) -> float:
     """
     own, other = (math.pow(p, JUDGE.sharpness) for p in (chance, 1.0 - chance))
     return own / (own + other * math.exp(JUDGE.stand_in * unknown))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Credit:
+    """How far what is named is believed beside what is left of the gap.
+
+    Attributes
+    ----------
+    discount : float
+        See `plausibility_discount`.
+    doubt, unknown : float
+        Probability of an unknown cause, as it is composed and as it is said.
+    small : float
+        Share of the gap that is small beside what is left.
+    """
+
+    discount: float
+    doubt: float
+    unknown: float
+    small: float
+
+    def of(self, chance: float) -> float:
+        """Return the probability that is said of what is as probable as a chance where all of the gap is explained."""
+        return said(self.discount * chance, self.unknown)
+
+    def of_share(self, share: float) -> float:
+        """Return the factor on the probability of what explains a share of the gap.
+
+        What explains little beside what is left of the gap may be a part of a cause that is not known.
+        """
+        return self.discount * (1.0 - self.doubt * self.small / max(self.small + share, 1e-12))
 
 
 def plausibility_discount(left: float) -> float:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,20 +10,19 @@ import numpy as np
 from fdbench.diagnosis.answer import READING, Cause, Pair, Quantity, RivalReduction, Suspect, chances
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, energies
 from fdbench.diagnosis.judge import probability_models as confidence
-from fdbench.diagnosis.judge.composed import noise_alone, nothing, plausibility_discount, said
+from fdbench.diagnosis.judge.composed import Credit, noise_alone, nothing, plausibility_discount, said
+from fdbench.diagnosis.judge.contested import Contested, contested
 from fdbench.diagnosis.judge.findings import Findings
 from fdbench.diagnosis.judge.force_balance_check import force_balances_removed
 from fdbench.diagnosis.judge.intervals import intervals, not_fitted, parameters
 from fdbench.diagnosis.judge.left import left_of, within_repeats
-from fdbench.diagnosis.judge.look_alikes import divided, force_balances, indistinguishable, instead, one_of
+from fdbench.diagnosis.judge.look_alikes import force_balances, instead, one_of
 from fdbench.diagnosis.judge.nominal_values import Deviating, deviating_parameters
 from fdbench.diagnosis.judge.probability_models import Beside, Features, ProbabilityModels
 from fdbench.diagnosis.judge.shares import Parts, Shares
-from fdbench.diagnosis.model.hypothesis import at_bound, is_beyond_its_form, is_corner, is_hollow
-from fdbench.diagnosis.search.beside_the_known import Remainder
-from fdbench.diagnosis.search.stage import Rival, Stage
+from fdbench.diagnosis.model.hypothesis import at_bound, is_corner
+from fdbench.diagnosis.search.stage import Rival
 from fdbench.diagnosis.settings import JUDGE
-from fdbench.effects import Effect
 from fdbench.rotary import spoken_unit
 
 OR = " or "  # between the names of one claim
@@ -82,8 +81,8 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     corrected = of_nominal.of(np.maximum(found.as_given - recalibrated, 0.0))
     deviating, exchanged = _values(found, corrected, models)
     left = left_of(found, repaired)
-    contested = _contested(found, left.worst, exchanged, models)
-    sound = [item for item in contested if item.in_part <= JUDGE.named and not item.corner]
+    effects = contested(found, left.worst, exchanged, models)
+    sound = [item for item in effects if item.in_part <= JUDGE.named and not item.corner]
     readings = [
         artefact_cause(artefact, shares.of(energies(artefact, noise_models)))
         for artefact in found.artefacts
@@ -103,33 +102,24 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     )
     # What is left of the gap, a gain that is not as set, and a part of an effect that is none without the rest speak
     # for an unknown cause independently of each other.
-    stand_ins = math.prod(1.0 - item.in_part * item.probability for item in contested)
+    stand_ins = math.prod(1.0 - item.in_part * item.probability for item in effects)
     known = (1.0 - models.unknown.probability(unknown)) * (1.0 - deviating.nameless) * stand_ins
     doubt = max(1.0 - known, 1.0 - discount)
-    unknown_probability = said(min(doubt, 1.0 - within_repeats(found, recalibrated)))
-    small = JUDGE.small_share * shares.of(repaired)
-    parts, bounds = Parts(reductions, shares, list(noise_models)), intervals(search, found.final)
-    causes: list[Cause] = []
-    for index, item in enumerate(contested):
-        if any(artefact.tells_of(item.effect) for artefact in found.artefacts):
-            continue
-        share = parts.share(index)
-        # What explains little beside what is left of the gap may be a part of a cause that is not known.
-        credible = discount * (1.0 - doubt * small / max(small + share, 1e-12))
-        credible *= 1.0 - item.in_part
-        most = item.most(parts.is_better_with(index))
-        chances = {name: said(min(credible * p, most), unknown_probability) for name, p in item.odds.items()}
-        causes.append(_named(found, item, chances, parts, index, bounds[index]))
-    causes += [_believed(value, discount, unknown_probability) for value in deviating.causes]
-    causes += readings
-    causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
-    beside = Beside(largest=max((item.own_size for item in contested), default=0.0), worst=left.worst)
-    taken = {name for cause in causes for name in (cause.effect, *cause.alternatives)}
-    suspects, suspect_features_of = suspected(found, models, beside, taken)
-    suspects = [
-        dataclasses.replace(suspect, probability=said(discount * suspect.probability, unknown_probability))
-        for suspect in suspects
+    credit = Credit(
+        discount=discount,
+        doubt=doubt,
+        unknown=said(min(doubt, 1.0 - within_repeats(found, recalibrated))),
+        small=JUDGE.small_share * shares.of(repaired),
+    )
+    causes = [
+        *_effects(found, effects, credit, Parts(reductions, shares, list(noise_models))),
+        *(_believed(value, credit) for value in deviating.causes),
+        *readings,
     ]
+    causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
+    beside = Beside(largest=max((item.own_size for item in effects), default=0.0), worst=left.worst)
+    suspects, suspect_features_of = suspected(found, models, beside, chances(causes, ()))
+    suspects = [dataclasses.replace(suspect, probability=credit.of(suspect.probability)) for suspect in suspects]
     effect_features_of = {OR.join((item.effect.name, *item.same)): item.features for item in sound}
     claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": deviating.features}
     within_noise = noise_alone(max(float(reductions.mean()[0]), float(found.where_fitted.mean())))
@@ -137,63 +127,29 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         causes=tuple(causes),
         suspects=tuple(suspects),
         nearest=nearest(found),
-        unknown_probability=unknown_probability,
-        no_gap_probability=min(within_noise, nothing(causes, suspects, unknown_probability)),
+        unknown_probability=credit.unknown,
+        no_gap_probability=min(within_noise, nothing(causes, suspects, credit.unknown)),
         features={**claims, "unknown": {"unknown": unknown}},
         worst=left.worst,
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Contested:
-    """An effect beside its rivals.
-
-    Attributes
-    ----------
-    effect : Effect
-    contest : Stage
-    same : list of str
-        Names of the rivals that are indistinguishable from it.
-    own_size : float
-        See `fdbench.diagnosis.search.stage.Rival`; 0 of a corner.
-    features : mapping of str to float
-    probability : float
-        That it is one of them, as though no cause could be unknown.
-    odds : mapping of str to float
-        How it is divided among the effect, those, and others that may be there instead.
-    in_part : float
-        Probability that it is only a part of what it is called, see `is_hollow` and `Remainder`: then an unknown cause
-        is as probable.
-    """
-
-    effect: Effect
-    contest: Stage
-    same: list[str]
-    own_size: float
-    features: Features
-    probability: float
-    odds: Mapping[str, float]
-    in_part: float
-
-    @property
-    def corner(self) -> bool:
-        """Whether it says no more than how a known friction turns its sign, which is no cause."""
-        return is_corner(self.effect)
-
-    def most(self, is_better_with: bool) -> float:
-        """Return the highest probability that it may have.
-
-        What the written model is no better with, beside all others, is not named, nor what is at a bound of its form.
-        """
-        if self.corner:
-            return JUDGE.fewest
-        return 1.0 if is_better_with and not is_beyond_its_form(self.effect) else JUDGE.named
+def _effects(found: Findings, items: Sequence[Contested], credit: Credit, parts: Parts) -> Iterator[Cause]:
+    """Yield the effects of the final hypothesis as causes, but those that the readings themselves tell of."""
+    bounds = intervals(found.search, found.final)
+    for index, item in enumerate(items):
+        if any(artefact.tells_of(item.effect) for artefact in found.artefacts):
+            continue
+        most = item.most(parts.is_better_with(index))
+        believed = credit.of_share(parts.share(index)) * (1.0 - item.in_part)
+        odds = {name: said(min(believed * p, most), credit.unknown) for name, p in item.odds.items()}
+        yield _named(found, item, odds, parts, index, bounds[index])
 
 
 def _named(
     found: Findings,
-    item: _Contested,
-    chances: Mapping[str, float],
+    item: Contested,
+    odds: Mapping[str, float],
     parts: Parts,
     index: int,
     bounds: Mapping[str, Pair],
@@ -206,14 +162,14 @@ def _named(
     share = parts.share(index)
     return Cause(
         effect=effect.name,
-        probability=chances[effect.name],
+        probability=odds[effect.name],
         share=share,
         share_of_channel=parts.by_channel(index),
         unique_share=min(share, parts.unique(index)),
         parameters=parameters(effect, bounds),
         indistinguishable_from=tuple(with_equivalents([effect.name, *same])[1:]),
-        alternatives={name: p for name, p in chances.items() if name != effect.name},
-        one_of=tuple(with_equivalents(one_of(chances))),
+        alternatives={name: p for name, p in odds.items() if name != effect.name},
+        one_of=tuple(with_equivalents(one_of(odds))),
         instead=instead(contest, type(effect), same),
         force_balances=force_balances(removed, type(effect), same),
         typical=tuple(not_fitted(effect)),
@@ -221,12 +177,10 @@ def _named(
     )
 
 
-def _believed(value: Cause, discount: float, unknown: float) -> Cause:
+def _believed(value: Cause, credit: Credit) -> Cause:
     """Return a value that is off as it is said beside what the gap leaves."""
-    alternatives = {name: said(chance, unknown) for name, chance in value.alternatives.items()}
-    return dataclasses.replace(
-        value, probability=said(discount * value.probability, unknown), alternatives=alternatives
-    )
+    alternatives = {name: said(chance, credit.unknown) for name, chance in value.alternatives.items()}
+    return dataclasses.replace(value, probability=credit.of(value.probability), alternatives=alternatives)
 
 
 def _values(found: Findings, corrected: float, models: ProbabilityModels) -> tuple[Deviating, dict[str, float]]:
@@ -252,49 +206,6 @@ def _values(found: Findings, corrected: float, models: ProbabilityModels) -> tup
     doubted = dataclasses.replace(off, probability=shared[exchange.value], alternatives=others)
     causes = [doubted if cause is off else cause for cause in deviating.causes]
     return dataclasses.replace(deviating, causes=causes), {}
-
-
-def _contested(
-    found: Findings, worst: float, exchanged: Mapping[str, float], models: ProbabilityModels
-) -> list[_Contested]:
-    """Return each effect of the final hypothesis beside its rivals."""
-    pairs = list(zip(found.final.effects, found.contests, strict=True))
-    sizes = [size_as_cause(effect, contest) for effect, contest in pairs]
-    contested = []
-    for index, ((effect, contest), own_size) in enumerate(zip(pairs, sizes, strict=True)):
-        same = indistinguishable(contest, type(effect))
-        beside = Beside(largest=max((*sizes[:index], *sizes[index + 1 :]), default=0.0), worst=worst)
-        features = confidence.effect_features(contest, type(effect), beside, same)
-        own = models.effect.probability(features, [effect.name, *same])
-        odds = divided(contest, type(effect), same, own)
-        if exchanged.get(effect.name, 0.0) > odds[effect.name]:
-            odds, own = dict(exchanged), max(own, exchanged[effect.name])
-        contested.append(
-            _Contested(
-                effect=effect,
-                contest=contest,
-                same=same,
-                own_size=own_size,
-                features=features,
-                probability=own,
-                odds=odds,
-                in_part=_in_part(effect, found.remainder),
-            )
-        )
-    return contested
-
-
-def _in_part(effect: Effect, remainder: Remainder | None) -> float:
-    if is_hollow(effect):
-        return 1.0
-    return 0.0 if remainder is None or type(effect) not in remainder.kinds else remainder.odds
-
-
-def size_as_cause(effect: Effect, contest: Stage) -> float:
-    """Return the size of an effect of the final hypothesis; what is no cause is no large one that others are beside."""
-    if is_corner(effect):
-        return 0.0
-    return next(rival.own_size for rival in contest.rivals if rival.kind is type(effect))
 
 
 def artefact_cause(artefact: Artefact, share: float) -> Cause:

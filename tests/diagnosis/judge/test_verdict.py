@@ -6,8 +6,8 @@ from axis_lab import as_built, drive, other_friction, protocol, record
 from fdbench.diagnosis import answer
 from fdbench.diagnosis.answer import ForceBalances
 from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.judge.contested import size_as_cause
 from fdbench.diagnosis.judge.look_alikes import divided, force_balances
-from fdbench.diagnosis.judge.verdict import size_as_cause
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.search.stage import Rival, Stage

@@ -1,0 +1,103 @@
+"""Contested: each effect of the final hypothesis beside the rivals that might be in its place."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from fdbench.diagnosis.judge import probability_models as confidence
+from fdbench.diagnosis.judge.findings import Findings
+from fdbench.diagnosis.judge.look_alikes import divided, indistinguishable
+from fdbench.diagnosis.judge.probability_models import Beside, Features, ProbabilityModels
+from fdbench.diagnosis.model.hypothesis import is_beyond_its_form, is_corner, is_hollow
+from fdbench.diagnosis.search.beside_the_known import Remainder
+from fdbench.diagnosis.search.stage import Stage
+from fdbench.diagnosis.settings import JUDGE
+from fdbench.effects import Effect
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Contested:
+    """An effect beside its rivals.
+
+    Attributes
+    ----------
+    effect : Effect
+    contest : Stage
+    same : list of str
+        Names of the rivals that are indistinguishable from it.
+    own_size : float
+        See `fdbench.diagnosis.search.stage.Rival`; 0 of a corner.
+    features : mapping of str to float
+    probability : float
+        That it is one of them, as though no cause could be unknown.
+    odds : mapping of str to float
+        How it is divided among the effect, those, and others that may be there instead.
+    in_part : float
+        Probability that it is only a part of what it is called, see `is_hollow` and `Remainder`: then an unknown cause
+        is as probable.
+    """
+
+    effect: Effect
+    contest: Stage
+    same: list[str]
+    own_size: float
+    features: Features
+    probability: float
+    odds: Mapping[str, float]
+    in_part: float
+
+    @property
+    def corner(self) -> bool:
+        """Whether it says no more than how a known friction turns its sign, which is no cause."""
+        return is_corner(self.effect)
+
+    def most(self, is_better_with: bool) -> float:
+        """Return the highest probability that it may have.
+
+        What the written model is no better with, beside all others, is not named, nor what is at a bound of its form.
+        """
+        if self.corner:
+            return JUDGE.fewest
+        return 1.0 if is_better_with and not is_beyond_its_form(self.effect) else JUDGE.named
+
+
+def contested(
+    found: Findings, worst: float, exchanged: Mapping[str, float], models: ProbabilityModels
+) -> list[Contested]:
+    """Return each effect of the final hypothesis beside its rivals."""
+    pairs = list(zip(found.final.effects, found.contests, strict=True))
+    sizes = [size_as_cause(effect, contest) for effect, contest in pairs]
+    every = []
+    for index, ((effect, contest), own_size) in enumerate(zip(pairs, sizes, strict=True)):
+        same = indistinguishable(contest, type(effect))
+        beside = Beside(largest=max((*sizes[:index], *sizes[index + 1 :]), default=0.0), worst=worst)
+        features = confidence.effect_features(contest, type(effect), beside, same)
+        own = models.effect.probability(features, [effect.name, *same])
+        odds = divided(contest, type(effect), same, own)
+        if exchanged.get(effect.name, 0.0) > odds[effect.name]:
+            odds, own = dict(exchanged), max(own, exchanged[effect.name])
+        every.append(
+            Contested(
+                effect=effect,
+                contest=contest,
+                same=same,
+                own_size=own_size,
+                features=features,
+                probability=own,
+                odds=odds,
+                in_part=_in_part(effect, found.remainder),
+            )
+        )
+    return every
+
+
+def _in_part(effect: Effect, remainder: Remainder | None) -> float:
+    if is_hollow(effect):
+        return 1.0
+    return 0.0 if remainder is None or type(effect) not in remainder.kinds else remainder.odds
+
+
+def size_as_cause(effect: Effect, contest: Stage) -> float:
+    """Return the size of an effect of the final hypothesis; what is no cause is no large one that others are beside."""
+    if is_corner(effect):
+        return 0.0
+    return next(rival.own_size for rival in contest.rivals if rival.kind is type(effect))
