@@ -21,11 +21,12 @@ from fdbench.trials.answer import read_case
 from fdbench.trials.forms import KINDS, check_features
 from fdbench.trials.make import read_manifest
 from fdbench.trials.score import check_key
+from fdbench.virtual_axes.cases import Tier
 
 RIDGE = 1.0  # prior precision of a weight, per unit of standardised sign
 TRUST = 4.0  # the same of bias and weights about those of a model that is learned further
 UNLISTED_WEIGHT = 0.3  # of a case whose cause the library lacks, as far as named causes go: a stand-in looks the same
-MANY_KINDS = "G"  # tier whose axes are of many kinds
+MANY_KINDS = Tier.G  # the tier whose axes are of many kinds
 ONE_KIND_WEIGHT = 0.5  # of a case of another tier, whose axes are of one kind and mostly have a cause
 UNLISTED = 0.2  # how often an axis is taken to have a cause that the library lacks
 ITERATIONS = 50
@@ -129,7 +130,8 @@ def _spread(found: Sequence[Claim]) -> dict[str, Feature]:
 
 def balanced(found: Sequence[Claim], share: float) -> list[Claim]:
     """Return the claims with their weights changed so that this share of them is right."""
-    every, right = (sum(claim.weight for claim in claims) for claims in (found, [own for own in found if own.right]))
+    every = sum(claim.weight for claim in found)
+    right = sum(claim.weight for claim in found if claim.right)
     factors = {True: share * every / right, False: (1.0 - share) * every / (every - right)}
     return [dataclasses.replace(claim, weight=claim.weight * factors[claim.right]) for claim in found]
 

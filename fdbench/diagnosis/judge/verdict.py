@@ -118,8 +118,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     ]
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
     beside = Beside(largest=max((item.own_size for item in effects), default=0.0), worst=left.worst)
-    suspects, suspect_features_of = suspected(found, models, beside, chances(causes, ()))
-    suspects = [dataclasses.replace(suspect, probability=credit.of(suspect.probability)) for suspect in suspects]
+    suspects, suspect_features_of = suspected(found, models, beside, credit, chances(causes, ()))
     effect_features_of = {OR.join((item.effect.name, *item.same)): item.features for item in sound}
     claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": deviating.features}
     within_noise = noise_alone(max(float(reductions.mean()[0]), float(found.where_fitted.mean())))
@@ -225,7 +224,7 @@ def artefact_cause(artefact: Artefact, share: float) -> Cause:
 
 
 def suspected(
-    found: Findings, models: ProbabilityModels, beside: Beside, taken: Collection[str]
+    found: Findings, models: ProbabilityModels, beside: Beside, credit: Credit, taken: Collection[str]
 ) -> tuple[list[Suspect], dict[str, Features]]:
     """Return the effects that were not added when the search ended, most probable first, and their features.
 
@@ -237,7 +236,7 @@ def suspected(
     if last is not None:
         features = {kind.name: confidence.effect_features(last, kind, beside) for kind in kinds}
     suspects = [
-        Suspect(effect=name, probability=min(models.suspect.probability(own, [name]), JUDGE.named))
+        Suspect(effect=name, probability=credit.of(min(models.suspect.probability(own, [name]), JUDGE.named)))
         for name, own in features.items()
     ]
     return sorted(suspects, key=lambda suspect: -suspect.probability), features
