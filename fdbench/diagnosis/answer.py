@@ -479,12 +479,23 @@ class ProcessForce:
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """How much was recorded, and how many records of the machine before it is compared with."""
+    """How much was recorded.
+
+    Attributes
+    ----------
+    records, samples : int
+    sampling_time_s : float
+    baseline : int
+        Records of the machine before that it is compared with.
+    force : Quantity or None
+        Root mean square of the motor's force.
+    """
 
     records: int
     samples: int
     sampling_time_s: float
     baseline: int = 0
+    force: Quantity | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

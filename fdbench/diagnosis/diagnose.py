@@ -1,6 +1,7 @@
 """Diagnose: prepare records, re-calibrate, search, judge, propose an experiment; the answer of all that."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from fdbench.diagnosis.answer import Answer, Recorded
+from fdbench.diagnosis.answer import Answer, Quantity, Recorded
 from fdbench.diagnosis.evidence.baseline import Baseline
 from fdbench.diagnosis.evidence.evidence import gather, with_explained
 from fdbench.diagnosis.evidence.prepare import Aligned, aligned, with_run_to_run_covariance
@@ -34,7 +35,7 @@ from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
 from fdbench.diagnosis.records.plausibility import clock_warnings
-from fdbench.diagnosis.records.runs import merged
+from fdbench.diagnosis.records.runs import FORCE, merged
 from fdbench.diagnosis.search.beside_the_known import beside_the_known
 from fdbench.diagnosis.search.calibrated import Calibrated
 from fdbench.diagnosis.search.command_rates import with_likely_rates
@@ -178,6 +179,7 @@ def _diagnosed(
             samples=sum(run.repeats * run.n_samples for run in split.runs),
             sampling_time_s=split.runs[0].period_s,
             baseline=len(baseline),
+            force=Quantity(value=_force_rms_N(split), ci95=None, unit=spoken_unit("N")),
         ),
         false_alarms=None if baseline else false_alarms(said.surest(), said.unknown_probability),
         cause_set=None if baseline else cause_set(said.chances(), said.unknown_probability),
@@ -194,6 +196,11 @@ def _diagnosed(
         forecast=forecast,
         features=said.features,
     )
+
+
+def _force_rms_N(split: Split) -> float:
+    squares = [float(np.sum(np.square(run.as_read().channels[FORCE]))) for run in split.runs]
+    return math.sqrt(sum(squares) / max(sum(run.n_samples for run in split.runs), 1))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

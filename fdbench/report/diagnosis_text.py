@@ -16,6 +16,7 @@ from fdbench.diagnosis.answer import (
     FalseAlarms,
     ProcessForce,
     Quantity,
+    Recorded,
 )
 from fdbench.diagnosis.model.known_effects import OFFSET
 from fdbench.diagnosis.settings import JUDGE
@@ -47,6 +48,8 @@ COUNTED = 20.0  # standard deviations beyond which those that a baseline leaves 
 ROUNDING = 1e-9  # of a cell, within which an edge is at zero
 MOST_CELLS, SMALLEST_SHARE, EVEN = 4, 0.05, 1.5
 AFTER, NOMINAL = "mean squared gap after re-calibration", "mean squared nominal gap"
+SMALL = 0.02  # of the motor's force, below which a machine that is well may have as much
+NUMBER = re.compile(r"[-+]?\d[\d.e+-]*")
 PARTITIONS = ("motion", "frequency", "position", "velocity", "time", "channel")
 
 
@@ -105,7 +108,7 @@ def verdict(answer: Answer) -> Iterator[str]:
         yield from _nothing(answer)
         return
     said = [cause for cause in answer.causes if cause.probability >= WORTH_SAYING]
-    yield from map(_named, said)
+    yield from (_named(cause, answer.recorded) for cause in said)
     for suspect in answer.suspects:
         if suspect.probability >= WORTH_SAYING:
             words = (
@@ -134,7 +137,7 @@ def _nothing(answer: Answer) -> Iterator[str]:
         yield f"No cause is named: what was fitted, {_names(answer.causes)}, is less probable than that."
 
 
-def _named(cause: Cause) -> str:
+def _named(cause: Cause, recorded: Recorded | None) -> str:
     """Return what is said of a cause, and of what its share is."""
     chance, likely = f"probability {probability_text(cause.probability)}", cause.probability >= LIKELY
     if cause.parametric:
@@ -146,7 +149,19 @@ def _named(cause: Cause) -> str:
     if cause.indistinguishable_from:
         names = " or ".join([cause.effect, *cause.indistinguishable_from])
         return f"Cannot be distinguished on these data: {names}. Whichever it is explains {share}."
-    return f"{'Cause:' if likely else 'Perhaps'} {cause.effect}, {chance}; it explains {share}."
+    return f"{'Cause:' if likely else 'Perhaps'} {cause.effect}, {chance}; it explains {share}.{_small(cause, recorded)}"
+
+
+def _small(cause: Cause, recorded: Recorded | None) -> str:
+    """Return how small a force is beside the motor's, where it is so small that quiet records alone show it."""
+    force = None if recorded is None else recorded.force
+    own = cause.parameters.get(effects.get(cause.effect).amplitude) if cause.effect in effects.names() else None
+    if own is None or force is None or own.unit != force.unit or abs(own.value) >= SMALL * force.value:
+        return ""
+    return (
+        f" It is small, {si_text(abs(own.value), own.unit)} beside {si_text(force.value, force.unit)} of the motor "
+        "(root mean square): on a machine that is well these records might show as much."
+    )
 
 
 def _wrong(cause: Cause, likely: bool) -> str:
@@ -155,7 +170,8 @@ def _wrong(cause: Cause, likely: bool) -> str:
     if change and cause.effect in effects.names() and effects.get(cause.effect).calibrates == OFFSET:
         words = f"{cause.effect.replace('_', ' ')} of {si_text(change.value, change.unit)}"
         return f"{'A' if likely else 'Perhaps a'} {words} acts beyond what the model has"
-    return f"Nominal parameter {'' if likely else 'perhaps '}wrong: size of {cause.effect}"
+    size = f", off by {_signed(change)}" if change else ""
+    return f"Nominal parameter {'' if likely else 'perhaps '}wrong: size of {cause.effect}{size}"
 
 
 def _unknown(answer: Answer) -> Iterator[str]:
@@ -257,6 +273,8 @@ def _names(causes: Sequence[Cause]) -> str:
 def _nearest(answer: Answer) -> str:
     if answer.nearest is None:
         return ""
+    if answer.nearest.reduction < UNSEEN:
+        return " None of them would remove any of it."
     return f" The nearest, {answer.nearest.effect}, would remove {part_text(answer.nearest.reduction)} of it."
 
 
@@ -296,7 +314,7 @@ def doubts(answer: Answer) -> Iterator[str]:
 
 
 def _doubts(answer: Answer) -> Iterator[str]:
-    yield from answer.warnings
+    yield from _once(answer.warnings)
     assumed = [name for name, floor in answer.noise_floor.items() if not floor.measured_from_repeats]
     if assumed:
         yield (
@@ -360,6 +378,16 @@ def _doubts(answer: Answer) -> Iterator[str]:
         yield f"No intervals of the parameters of {' and '.join(nearly)}; take their digits as a guide."
 
 
+def _once(warnings: Sequence[str]) -> Iterator[str]:
+    """Yield each warning; what is said of several records in the same words, of the first with their number."""
+    groups: dict[str, list[str]] = {}
+    for text in warnings:
+        groups.setdefault(NUMBER.sub("", text.partition(": ")[2] or text), []).append(text)
+    for first, *others in groups.values():
+        n = len(others)
+        yield first + (f" The same of {n} other record{'s' if n > 1 else ''}." if others else "")
+
+
 def _moved(answer: Answer) -> Iterator[str]:
     """Yield which nominal parameters moved far; in their units where a baseline leaves hardly any deviation."""
     moved = answer.parametric.moved_in_standard_deviations
@@ -379,6 +407,10 @@ def _moved(answer: Answer) -> Iterator[str]:
 def _change(change: Quantity | None) -> str:
     if change is None:
         return f"more than {COUNTED:.0f} standard deviations"
+    return _signed(change)
+
+
+def _signed(change: Quantity) -> str:
     text = si_text(change.value, change.unit) if change.unit else percent(change.value)
     return text if change.value < 0.0 else f"+{text}"
 
@@ -460,7 +492,7 @@ def _causes(answer: Answer) -> Iterator[str]:
         if cause.parametric:
             continue
         yield (
-            f"{cause.effect}: share {percent(cause.share)}, of which no other named effect explains "
+            f"{_with_probability(cause)}, share {percent(cause.share)}, of which no other named effect explains "
             f"{percent(unique(cause))}"
         )
         yield _values(cause)
@@ -475,8 +507,12 @@ def _causes(answer: Answer) -> Iterator[str]:
 def _nominal_parameters(answer: Answer) -> Iterator[str]:
     for cause in answer.causes:
         if cause.parametric:
-            yield f"{cause.effect}: share {percent(cause.share)}"
+            yield f"{_with_probability(cause)}, share {percent(cause.share)}"
             yield _values(cause)
+
+
+def _with_probability(cause: Cause) -> str:
+    return f"{cause.effect}: probability {probability_text(cause.probability)}"
 
 
 def _values(cause: Cause) -> str:

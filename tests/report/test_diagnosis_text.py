@@ -127,8 +127,8 @@ def test_nominal_parameters_stand_apart_with_what_their_share_is_of() -> None:
             "Nominal parameters (share of the mean squared nom",
         )
     )
-    assert lines[causes + 1].startswith("  cogging: share 60 %, of which")
-    assert lines[nominal + 1] == "  coulomb_friction: share 70 %"
+    assert lines[causes + 1].startswith("  cogging: probability 0.90, share 60 %, of which")
+    assert lines[nominal + 1] == "  coulomb_friction: probability 0.90, share 70 %"
     assert lines[nominal + 2].strip() == "change 39.9 N"
     assert not any(line.startswith("Nominal parameters") for line in summary(answer()).splitlines())
     page = " ".join(map(str, cause_tables(found)))
@@ -202,3 +202,30 @@ def test_beside_a_baseline_far_changes_have_their_units() -> None:
     assert "Re-calibration moved table_mass by +4.0 standard deviations" in text
     assert "946.8" not in text
     assert "motor_mass by +946.8" in said(replace(own, recorded=None))
+
+
+def test_warnings_of_several_records_in_the_same_words_stand_once() -> None:
+    text = said(answer(warnings=("a.csv: late by 1.2 ms.", "b.csv: late by 3 ms.", "c.csv: stands still.")))
+    assert "a.csv: late by 1.2 ms. The same of 1 other record. c.csv: stands still." in text
+    assert "b.csv" not in text
+
+
+def test_a_small_force_is_said_to_be_small() -> None:
+    recorded = Recorded(records=2, samples=100, sampling_time_s=1e-3, force=Quantity(value=90.0, ci95=None, unit="N"))
+
+    def of(force_N: float) -> str:
+        own = Quantity(value=force_N, ci95=None, unit="N")
+        return told(answer([replace(CAUSE, parameters={"cogging_force_N": own})], recorded=recorded))
+
+    assert "It is small, 500 mN beside 90 N of the motor" in of(0.5)
+    assert "small" not in of(5.0)
+
+
+def test_a_wrong_value_is_told_with_its_size() -> None:
+    assert "wrong: size of coulomb_friction, off by +39.9 N, probability 0.90" in told(answer([FRICTION]))
+
+
+def test_what_removes_nothing_is_not_called_near() -> None:
+    none = answer([], unknown_probability=0.9, nearest=RivalReduction(effect="cogging", reduction=0.001))
+    assert "None of them would remove any of it." in told(none)
+    assert "cogging" not in told(none)

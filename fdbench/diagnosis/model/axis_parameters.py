@@ -66,12 +66,16 @@ class Mass(_OfASide):
 @final
 @dataclass(frozen=True, kw_only=True)
 class Viscous(_OfASide):
-    """Viscous friction of motor or table; its deviation is in N s/m, ``relative`` to what is on paper."""
+    """Viscous friction of motor or table; its deviation is in N s/m, ``relative`` to what is on paper.
+
+    It moves down to none of what that side has on paper, ``lowest``, and no further.
+    """
 
     kind = "viscous"
     unit = "N s/m"
     field: ClassVar[str] = "viscous_friction_N_s_per_m"
     relative: float
+    lowest: float
 
     @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
@@ -80,14 +84,20 @@ class Viscous(_OfASide):
         if drive.viscous_friction_N_s_per_m == 0.0 and covered.fastest_m_per_s > 0.0:
             # Nothing on paper is not known to be nothing.
             on_paper = max(on_paper, covered.force_N / covered.fastest_m_per_s)
+        deviation = on_paper * relative
+        own = {side: float(getattr(getattr(drive, side), cls.field)) for side in cls.sides(nominal)}
         return [
-            cls(name=f"{side}_viscous", side=side, deviation=on_paper * relative, relative=relative)
-            for side in cls.sides(nominal)
+            cls(name=f"{side}_viscous", side=side, deviation=deviation, relative=relative, lowest=-value / deviation)
+            for side, value in own.items()
         ]
 
     @property
     def relative_deviation(self) -> float:
         return self.relative
+
+    @property
+    def room(self) -> tuple[float, float]:
+        return self.lowest, math.inf
 
     def apply(self, drive: FeedDrive, shift: float) -> Changed:
         moved = getattr(self.part(drive), self.field) + shift * self.deviation

@@ -70,6 +70,10 @@ class KnownAmplitude(_OfAKnownEffect):
     def relative_deviation(self) -> float | None:
         return self.deviation if self.is_friction else None
 
+    @property
+    def room(self) -> tuple[float, float]:
+        return -1.0 / self.deviation, math.inf
+
     def shift_of_replaced(self, effects: Sequence[Effect], drive: FeedDrive, shift: float) -> float:
         """Return by how much the effect in its place is larger: of another law, friction is as large as on paper."""
         for effect in effects:
