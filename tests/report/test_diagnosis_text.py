@@ -217,7 +217,7 @@ def test_a_small_force_is_said_to_be_small() -> None:
         own = Quantity(value=force_N, ci95=None, unit="N")
         return told(answer([replace(CAUSE, parameters={"cogging_force_N": own})], recorded=recorded))
 
-    assert "It is small, 500 mN beside 90 N of the motor" in of(0.5)
+    assert "It is small, 0.5 N beside 90 N of the motor" in of(0.5)
     assert "small" not in of(5.0)
 
 
