@@ -176,7 +176,7 @@ def _diagnosed(
         ),
         recorded=Recorded(
             records=sum(run.repeats for run in split.runs),
-            samples=sum(run.repeats * run.n_samples for run in split.runs),
+            samples=sum(run.repeats * len(run.command) for run in split.runs),
             sampling_time_s=split.runs[0].period_s,
             baseline=len(baseline),
             force=Quantity(value=_force_rms_N(split), ci95=None, unit=spoken_unit("N")),

@@ -88,12 +88,11 @@ class Curves:
     def _panels(self, index: int, channel: str, n_points: int) -> Iterator[Panel]:
         """Yield the gap of a channel, and below it what was measured and simulated."""
         run, (text, own_unit) = self.runs[index], quantity(channel)
-        time_s = run.period_s * np.arange(run.n_samples, dtype=np.float64)
         measured = run.channels[channel]
         before, after = self.found.simulated[index][channel], self.found.repaired[index][channel]
 
         def curve(name: str, values: FloatArray, style: Style, width: float = 1.2) -> Curve:
-            x, y = thinned(time_s, values, n_points)
+            x, y = thinned(run.time_s, values, n_points)
             return Curve(name=name, x=x, y=y, style=style, width=width)
 
         gaps = measured - before, measured - after
@@ -101,7 +100,7 @@ class Curves:
         level = 2.0 * factor * self.found.split.noise_models[channel].rms / math.sqrt(run.repeats)
         floor = Style(colour=SOFT, dash="dash")
         bounds = [
-            Curve(name="noise floor", x=time_s[[0, -1]], y=np.full(2, side * level), style=floor)
+            Curve(name="noise floor", x=run.time_s[[0, -1]], y=np.full(2, side * level), style=floor)
             for side in (-1.0, 1.0)
         ]
         yield Panel(

@@ -35,7 +35,7 @@ from fdbench.diagnosis.records.encoder_zeros import with_common_zeros
 from fdbench.diagnosis.records.force_reading import limits_of_forces
 from fdbench.diagnosis.records.noise_model import NoiseModel, noise_models, raised
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record
-from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun, merged, prepare, same_command
+from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun, merged, prepare, same_command, settling_time_s
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import Following
@@ -104,6 +104,7 @@ def aligned(
     check_alike(runs)
     for run in runs if logged else ():
         check_record(run.as_read(), nominal.drive)
+    runs = [run.after_lead_in(settling_time_s(nominal.drive)) for run in runs]
     told = all("reference_velocity_m_per_s" in record for record in (*records, *holdouts))
     nominal, error = _as_recorded(nominal, runs, before=baseline is not None, velocity_told=told)
     drive = nominal.drive
@@ -161,7 +162,7 @@ def _as_recorded(
     """Return the model with what records cover of it, and the error of interpolation that their readings show."""
     covered = Covered(
         fastest_m_per_s=max(float(np.abs(run.reference[:, 1]).max()) for run in runs),
-        longest_s=max(run.n_samples * run.period_s for run in runs),
+        longest_s=max(len(run.command) * run.period_s for run in runs),
         force_N=max(rms(run.channels["motor_force_N"]) for run in runs),
         period_s=runs[0].period_s,
         before=before,

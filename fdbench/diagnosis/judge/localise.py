@@ -187,7 +187,7 @@ def where(gaps: Gaps) -> Where:
 
     bands = bands_up_to(0.5 / gaps.runs[0].period_s)
     position, speed, _ = np.concatenate([run.reference for run in gaps.runs]).T
-    time = np.concatenate([np.arange(run.n_samples) * run.period_s for run in gaps.runs])
+    time = np.concatenate([run.time_s for run in gaps.runs])
     phase = np.concatenate([phase_of(run) for run in gaps.runs])
     motion, motion_ci95 = placed(phase, len(PHASES)).named(PHASES)
     channel, channel_ci95 = split(gaps.by_channel()).named(list(gaps.runs[0].channels))

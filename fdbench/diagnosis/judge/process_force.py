@@ -70,7 +70,7 @@ def _process_force(item: Apart, readings: Readings, final: Hypothesis, drive: Fe
 
 def described(run: RecordedRun, force: FloatArray, error: float, beside: str) -> ProcessForce:
     """Return what is said of a force whose values are known to ``error``: how large while it acts, and its course."""
-    time = JUDGE.force_balance_margin_s + np.arange(len(force)) * run.period_s
+    time = run.time_s[0] + JUDGE.force_balance_margin_s + np.arange(len(force)) * run.period_s
     first, last = _acting(force, JUDGE.sure_of_force * error, run.period_s)
     there = force[first : last + 1]
     frequency, amplitude = _line(there, run.period_s)

@@ -100,7 +100,7 @@ def _kinds(drive: FeedDrive) -> dict[str, TriedFunction]:
         "position_by_direction": TriedFunction(lambda run: run.channels["position_m"], "m", by_direction=True),
         "acceleration": TriedFunction(lambda run: run.reference[:, 2], "m/s^2"),
         "motor_force": TriedFunction(lambda run: run.channels["motor_force_N"], "N"),
-        "time": TriedFunction(lambda run: np.asarray(np.arange(run.n_samples) * run.period_s, dtype=np.float64), "s"),
+        "time": TriedFunction(lambda run: run.time_s, "s"),
     }
     lead = getattr(drive.motor, "lead_m", None)
     if lead is not None:

@@ -21,7 +21,7 @@ class LoopCommands:
 
     def __init__(self, runs: Sequence[RecordedRun], loops: int) -> None:
         self._runs = list(runs)
-        own = [at_each_loop(run.reference, run.period_s, loops) for run in runs]
+        own = [at_each_loop(run.command, run.period_s, loops) for run in runs]
         starts = np.cumsum([0, *map(len, own)]).tolist()
         self.first_rows = {id(run): start for run, start in zip(runs, starts, strict=False)}
         # A lane that none takes the place of runs on behind its command.

@@ -238,7 +238,7 @@ class Replay:
                 working.pop(place, None)
                 if waiting:
                     lane = working[place] = waiting.popleft()
-                    left[place] = lane.run.n_samples
+                    left[place] = len(lane.run.command)
                     blocks.values[0, :, place], kinds[place] = self._lane(lane.variant, lane.run.period_s)
                     blocks.place(*lane.run.start, cycle, np.array([place]))
                     begun = {"FIRST_ROW": commands.first_rows[id(lane.run)], **lane.held()}
@@ -255,14 +255,15 @@ class Replay:
                     for place, lane in working.items():
                         first = lane.run.n_samples - left[place] + start
                         apart_m = lane.variant.zeros_apart_m if name == DEFLECTION else 0.0
-                        lane.channels[name][first : first + n] = found[place] + apart_m
+                        before = min(max(-first, 0), n)
+                        lane.channels[name][first + before : first + n] = found[place][before:] + apart_m
             for place in working:
                 left[place] -= until_next
 
 
 def _parts(lanes: Sequence["_ReplayLane"]) -> list[Sequence["_ReplayLane"]]:
     """Return lanes in as many parts as there are processors, but at least a block's and whole blocks in each."""
-    lengths = np.array([lane.run.n_samples for lane in lanes])
+    lengths = np.array([len(lane.run.command) for lane in lanes])
     n = min(os.cpu_count() or 1, len(lanes) // WIDTH) or 1
     ends = np.searchsorted(np.cumsum(lengths), lengths.sum() * np.arange(1, n) / n)
     ends = [0, *(WIDTH * np.unique(np.round(ends / WIDTH))).astype(int).tolist(), len(lanes)]
@@ -284,7 +285,7 @@ class _ReplayLane:
         if force_N == 0.0 or gains.get("INTEGRAL_GAIN", 0.0) == 0.0:
             return {}
         position_m, velocity_m_per_s = self.run.start
-        error = gains["POSITION_GAIN"] * (float(self.run.reference[0, 0]) - position_m) - velocity_m_per_s
+        error = gains["POSITION_GAIN"] * (float(self.run.command[0, 0]) - position_m) - velocity_m_per_s
         integral = (force_N - gains["VELOCITY_GAIN"] * error) / gains["INTEGRAL_GAIN"]
         stretch_m = 0.0 if plant.screw is None else force_N / plant.screw.stiffness_N_per_m
         if plant.controller.uses_table:

@@ -20,6 +20,24 @@ FORCE, POSITION, DEFLECTION = "motor_force_N", "position_m", "motor_minus_table_
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class LeadIn:
+    """What comes before the samples that are compared: see `RecordedRun.after_lead_in`.
+
+    Attributes
+    ----------
+    reference : (n_samples, 3) array
+        Commanded position, velocity, acceleration.
+    start : pair of float
+        Position (m) and velocity (m/s) at the first sample.
+    held_force_N : float
+    """
+
+    reference: FloatArray
+    start: tuple[float, float]
+    held_force_N: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class RecordedRun:
     """One record as the diagnosis sees it.
 
@@ -47,6 +65,8 @@ class RecordedRun:
         Under which it was recorded, where the record says so.
     readings : mapping of str to (n_samples,) array or None
         The channels as they were read, where they are compared smoothed.
+    lead_in : LeadIn or None
+        What is simulated before the first of these samples.
     """
 
     name: str
@@ -60,15 +80,33 @@ class RecordedRun:
     left: Mapping[str, FloatArray] | None = None
     condition: str | None = None
     readings: Mapping[str, FloatArray] | None = None
+    lead_in: LeadIn | None = None
 
     @property
     def n_samples(self) -> int:
-        """Number of samples."""
+        """Number of samples that are compared."""
         return len(self.reference)
+
+    @property
+    def n_before(self) -> int:
+        """Number of samples before them."""
+        return 0 if self.lead_in is None else len(self.lead_in.reference)
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Time of each sample since the record began, (n_samples,)."""
+        return np.asarray((self.n_before + np.arange(self.n_samples)) * self.period_s)
+
+    @functools.cached_property
+    def command(self) -> FloatArray:
+        """The reference from where the record begins, (n_before + n_samples, 3)."""
+        return self.reference if self.lead_in is None else np.concatenate((self.lead_in.reference, self.reference))
 
     @functools.cached_property
     def start(self) -> tuple[float, float]:
-        """Position (m) and velocity (m/s) at the first sample, by a line through the first few."""
+        """Position (m) and velocity (m/s) where the record begins, by a line through the first few samples."""
+        if self.lead_in is not None:
+            return self.lead_in.start
         first = self.channels[POSITION][: RECORDS.start_samples]
         slope, offset = np.polyfit(np.arange(len(first)) * self.period_s, first, 1)
         return float(offset), float(slope)
@@ -86,6 +124,8 @@ class RecordedRun:
         A controller that was switched on before the record has it in its integral. It is seen in the force as read:
         less what is left of a baseline, a force that builds up may seem to stand.
         """
+        if self.lead_in is not None:
+            return self.lead_in.held_force_N
         force, moves = (self.readings or self.channels)[FORCE], np.flatnonzero(self.moves)
         standing = force[: moves[0] if len(moves) else self.n_samples]
         if len(standing) < 4 * RECORDS.start_samples:
@@ -97,24 +137,42 @@ class RecordedRun:
             return 0.0
         return float(np.polyfit(np.arange(len(standing)), standing, 1)[1])
 
+    def after_lead_in(self, settling_s: float) -> "RecordedRun":
+        """Return the run from where its command has left the place of the start, and the loop has settled after that.
+
+        How bristles are bent at rest, on which side a play is, and what a controller has in its integral is in no
+        record: before the axis has slid, they are the gap. A record of which much would be left out stays whole, and so
+        does one whose motion is followed, as repeats of that have no place in common.
+        """
+        position, most = self.reference[:, 0], round(RECORDS.longest_lead_in * self.n_samples)
+        left = np.flatnonzero(np.abs(position - position[0]) > RECORDS.left_start * np.ptp(position))
+        if self.motion is not None or not len(left) or left[0] > most:
+            return self
+        n_before = min(int(left[0]) + round(settling_s / self.period_s), most)
+        lead_in = LeadIn(reference=self.reference[:n_before], start=self.start, held_force_N=self.held_force_N)
+        return self._part(slice(n_before, None), lead_in)
+
     def as_read(self) -> "RecordedRun":
         """Return the run with its channels as they were read."""
         return self if self.readings is None else dataclasses.replace(self, channels=dict(self.readings))
 
     def up_to(self, n_samples: int) -> "RecordedRun":
         """Return the beginning of the run."""
+        return self._part(slice(n_samples), self.lead_in)
 
+    def _part(self, samples: slice, lead_in: LeadIn | None) -> "RecordedRun":
         def part(signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-            return {name: values[:n_samples] for name, values in signals.items()}
+            return {name: values[samples] for name, values in signals.items()}
 
         return dataclasses.replace(
             self,
-            reference=self.reference[:n_samples],
+            reference=self.reference[samples],
             channels=part(self.channels),
-            held=None if self.held is None else self.held[:n_samples],
-            motion=None if self.motion is None else (self.motion[0][:n_samples], self.motion[1]),
+            held=None if self.held is None else self.held[samples],
+            motion=None if self.motion is None else (self.motion[0][samples], self.motion[1]),
             left=None if self.left is None else part(self.left),
             readings=None if self.readings is None else part(self.readings),
+            lead_in=lead_in,
         )
 
     def beside(self, nominal: Mapping[str, FloatArray]) -> "RecordedRun":
@@ -205,6 +263,14 @@ COMMAND_RATES: Mapping[str, Callable[[FloatArray, float, int], FloatArray]] = {
     "central": rate,
     "backward": backward_rate,
 }
+
+
+def settling_time_s(drive: FeedDrive) -> float:
+    """Return how long a loop knows what was before, by the slowest of its time constants."""
+    gains = drive.controller.rows()
+    position, velocity, integral = (gains.get(f"{name}_GAIN", 0.0) for name in ("POSITION", "VELOCITY", "INTEGRAL"))
+    slowest = max(1.0 / position if position > 0.0 else 0.0, velocity / integral if integral > 0.0 else 0.0)
+    return RECORDS.settled * slowest
 
 
 def channels_of(record: Record, drive: FeedDrive, position: str) -> dict[str, FloatArray]:
