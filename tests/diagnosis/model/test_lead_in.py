@@ -37,7 +37,7 @@ def test_what_is_compared_is_simulated_from_where_the_record_begins() -> None:
     whole = prepare(recorded(BEFORE[0], seed=1), AXIS)
     part = whole.after_lead_in(SETTLING_S)
     n = part.n_before
-    assert 0 < n == whole.n_samples - part.n_samples < 0.25 * whole.n_samples
+    assert 0 < n == whole.n_samples - part.n_samples <= 0.2 * whole.n_samples
     assert (part.start, part.held_force_N) == (whole.start, whole.held_force_N)
     np.testing.assert_array_equal(part.command, whole.reference)
     np.testing.assert_allclose(part.time_s, PERIOD_S * np.arange(n, whole.n_samples))
@@ -50,7 +50,7 @@ def test_what_is_compared_is_simulated_from_where_the_record_begins() -> None:
 
 
 def test_bristles_that_stand_bent_are_no_gap() -> None:
-    """Repeats that begin with bristles bent either way differ at the start alone, and so does the exact model."""
+    """Repeats that begin with bristles bent either way differ at the start alone, and so do they from the exact model."""
     runs = [prepare(recorded(before, seed), AXIS) for seed, before in enumerate(BEFORE)]
     parts = [run.after_lead_in(SETTLING_S) for run in runs]
     assert same_command(*parts)
@@ -59,9 +59,8 @@ def test_bristles_that_stand_bent_are_no_gap() -> None:
         [np.std(run.channels["position_m"] - replay.alone(run, variant)["position_m"]) for run in group]
         for group in (runs, parts)
     )
-    noise_m = 3e-8
-    assert max(compared) < 3.0 * noise_m
-    assert max(whole) > 30.0 * noise_m
+    assert min(whole) > 5e-6
+    assert max(compared) < 0.05 * min(whole)
 
 
 def test_a_record_stays_whole_where_much_of_it_would_be_left_out() -> None:
@@ -73,13 +72,13 @@ def test_a_record_stays_whole_where_much_of_it_would_be_left_out() -> None:
     followed = dataclasses.replace(late, reference=np.roll(reference, -500, axis=0), motion=(reference[:, 0], 1e-3))
     for run in (late, still, followed):
         assert run.after_lead_in(0.1) is run
-    early = dataclasses.replace(late, reference=np.roll(reference, -500, axis=0))
-    assert early.after_lead_in(0.1).n_before == 200
-    assert early.after_lead_in(1.0).n_before == 250, "no more than a quarter"
+    early = dataclasses.replace(late, reference=np.roll(reference, -550, axis=0))
+    assert early.after_lead_in(0.1).n_before == 150
+    assert early.after_lead_in(1.0).n_before == 200, "no more than a fifth"
 
 
 def test_a_loop_settles_with_its_slowest_time_constant() -> None:
-    assert pytest.approx(8.0 * 0.1) == SETTLING_S
+    assert pytest.approx(4.0 * 0.1) == SETTLING_S
     cascade = AXIS.controller
     stiff = dataclasses.replace(AXIS, controller=dataclasses.replace(cascade, integral_gain_N_per_m=0.0))  # type: ignore[arg-type]
-    assert settling_time_s(stiff) == pytest.approx(8.0 / 40.0)
+    assert settling_time_s(stiff) == pytest.approx(4.0 / 40.0)
