@@ -311,6 +311,10 @@ class Effect(ABC):
         """
         return None
 
+    def joined_to(self, known: "Effect") -> "Effect | None":
+        """Return a known effect with this one as a part of it, or None where it acts by itself."""
+        return None
+
     def linear_part(self) -> LinearPart | None:
         """Return what a linear model keeps of the effect; None: nothing, or the slope of its friction at speed."""
         return None

@@ -5,6 +5,7 @@ from typing import final
 
 from fdbench.effects._effect import Effect, Port, kernel, parameter
 from fdbench.effects._functions import exp, tanh
+from fdbench.effects.lugre_friction import LugreFriction
 
 
 @final
@@ -36,6 +37,23 @@ class StribeckFriction(Effect):
     stribeck_force_N: float = parameter("F_d", low=0.0, high=2000.0, typical=40.0)
     stribeck_velocity_m_per_s: float = parameter("v_s", low=1e-4, high=0.1, typical=3e-3, grid=(1e-3, 3e-3, 1e-2))
     transition_velocity_m_per_s: float = parameter("v_0", low=1e-5, high=0.05, typical=5e-4)
+
+    def joined_to(self, known: Effect) -> Effect | None:
+        r"""Return known bristles that hold the static force, too, before they slide.
+
+        .. math:: F_s' = F_s + F_d, \qquad v_s' = \frac{(F_s - F_c) v_s + F_d v_d}{F_s - F_c + F_d}
+
+        with those of the bristles, and v_d, the Stribeck velocity of this one.
+        """
+        if not isinstance(known, LugreFriction):
+            return None
+        own, added = max(known.static_force_N - known.coulomb_force_N, 0.0), self.stribeck_force_N
+        if added == 0.0:
+            return known
+        speeds = own * known.stribeck_velocity_m_per_s + added * self.stribeck_velocity_m_per_s
+        return known.within(
+            static_force_N=known.static_force_N + added, stribeck_velocity_m_per_s=speeds / (own + added)
+        )
 
     @kernel
     def kernel(t, h, x, v, u, F_d, v_s, v_0):

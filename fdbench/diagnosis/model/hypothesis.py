@@ -10,13 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdbench.diagnosis.model.friction_parameters import FrictionForm
-from fdbench.diagnosis.model.known_effects import WIDTH, sliding_as_known, without
+from fdbench.diagnosis.model.known_effects import WIDTH, sliding_as_known, with_known, without
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.nominal_parameter import NominalParameter
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import Variant
 from fdbench.diagnosis.settings import MODEL, SEARCH
 from fdbench.effects import Effect
+from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 
 
@@ -75,7 +76,8 @@ class Hypothesis:
                 apart_m += calibration.zeros_apart_m(shift)
         for index in self.replaced:
             drive = without(drive, index)
-        extra = tuple(sliding_as_known(drive, effect) for effect in merged(offsets, self.effects))
+        drive, apart = joined(drive, merged(offsets, self.effects))
+        extra = tuple(sliding_as_known(drive, effect) for effect in apart)
         return Variant(plant=drive, extra=extra, zeros_apart_m=apart_m)
 
     def as_it_acts(self) -> "Hypothesis":
@@ -273,6 +275,19 @@ def merged(offsets: Sequence[Effect], effects: Sequence[Effect]) -> tuple[Effect
             own, names = result[place], (kind.amplitude, *kind.further_amplitudes)
             result[place] = own.within(**{name: getattr(own, name) + getattr(offset, name) for name in names})
     return tuple(result)
+
+
+def joined(drive: FeedDrive, effects: Sequence[Effect]) -> tuple[FeedDrive, list[Effect]]:
+    """Return the drive with what is a part of one of its known effects, and the effects that act by themselves."""
+    apart = []
+    for effect in effects:
+        for index, known in enumerate(drive.effects):
+            if (whole := effect.joined_to(known)) is not None:
+                drive = with_known(drive, index, whole)
+                break
+        else:
+            apart.append(effect)
+    return drive, apart
 
 
 def start(nominal: Nominal) -> Hypothesis:
