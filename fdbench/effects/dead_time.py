@@ -48,6 +48,7 @@ class DeadTime(Effect):
     states = ("c_0", "c_1", "c_2", "c_3", "c_4", "c_5", "c_6", "s_1", "s_2", "s_3", "s_4", "s_5", "s_6")
     amplitude = "dead_time_s"
     cause_type = "delay"
+    trace_of = "loop_lag"
     confusable_with = ("current_loop_lag",)
 
     dead_time_s: float = parameter("t_d", low=0.0, high=1e-2, typical=5e-4)

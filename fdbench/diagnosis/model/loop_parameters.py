@@ -106,7 +106,8 @@ class VelocityFilter(_OfACascade):
 class LoopLag(NominalParameter):
     """Time by which the force follows its command, carried by ``effect``; its deviation is in seconds.
 
-    Sampling, computing and switching take a part of the sampling time on every drive, and no data sheet says which.
+    Sampling, computing and switching take a part of the sampling time on every drive, and no data sheet says which,
+    whatever it says of the current loop: beside a lag that is known, the force is late by a dead time.
     """
 
     kind = "loop_lag"
@@ -119,11 +120,15 @@ class LoopLag(NominalParameter):
 
     @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
-        kinds = [kind for kind in nominal.library if kind.trace_of == cls.kind]
-        deviation = nominal.uncertainty.loop_lag * nominal.covered.period_s
-        if not kinds or deviation == 0.0 or any(item.declared is kinds[0].declared for item in nominal.drive.effects):
-            return []
-        return [cls(name=cls.kind, deviation=deviation, effect=silent(kinds[0]))]
+        late, deviation = cls.unknown(nominal), nominal.uncertainty.loop_lag * nominal.covered.period_s
+        return [] if late is None or deviation == 0.0 else [cls(name=cls.kind, deviation=deviation, effect=silent(late))]
+
+    @classmethod
+    def unknown(cls, nominal: Nominal) -> type[Effect] | None:
+        """Return the first effect that is such a time and that the model does not know."""
+        known = [item.declared for item in nominal.drive.effects]
+        kinds = (kind for kind in nominal.library if kind.trace_of == cls.kind and kind.declared not in known)
+        return next(kinds, None)
 
     @property
     def room(self) -> tuple[float, float]:

@@ -88,7 +88,8 @@ class Uncertainty:
     velocity_filter : float
         Of the time constant of a cascade's filter of the velocity, in sampling times.
     loop_lag : float
-        Of the time by which the force follows its command, in sampling times; none where the model knows such a lag.
+        Of the time by which the force follows its command, in sampling times; beside a lag that is known, of a dead
+        time.
     force_offset_N : float or None
         Of a constant force. Without it in proportion to the forces of the axis: 2 N at 150 N root mean square.
     """

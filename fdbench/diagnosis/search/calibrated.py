@@ -58,13 +58,12 @@ class Calibrated:
 
     def _if_late(self) -> "Calibrated":
         """Return it with a loop that is late, where that costs less."""
-        found = [self]
-        for kind in self.ready.nominal.library:
-            if kind.trace_of == LoopLag.kind:
-                hypothesis = self.refinement.refine(self.hypothesis.with_effect(kind.typical()))
-                misfit, cost = _judged(*_alone(self.refinement, hypothesis), hypothesis)
-                found.append(dataclasses.replace(self, hypothesis=hypothesis, misfit=misfit, cost=cost))
-        return min(found, key=lambda item: item.cost)
+        kind = LoopLag.unknown(self.ready.nominal)
+        if kind is None:
+            return self
+        hypothesis = self.refinement.refine(self.hypothesis.with_effect(kind.typical()))
+        misfit, cost = _judged(*_alone(self.refinement, hypothesis), hypothesis)
+        return self if self.cost <= cost else dataclasses.replace(self, hypothesis=hypothesis, misfit=misfit, cost=cost)
 
 
 def _promised_cost(ready: Aligned, near: Hypothesis) -> float:

@@ -13,7 +13,7 @@ from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import effects
 
-LAG = effects.get("current_loop_lag")
+LAG, DEAD_TIME = effects.get("current_loop_lag"), effects.get("dead_time")
 COVERED = Covered(fastest_m_per_s=0.1, longest_s=5.0, force_N=100.0, period_s=1e-3)
 
 
@@ -42,7 +42,7 @@ def test_a_trace_of_lag_is_no_cause_and_a_lag_is_one(samples: float) -> None:
         assert {first.effect, *first.indistinguishable_from} & {LAG.name, "dead_time"}
 
 
-def test_a_lag_is_bounded_and_one_that_is_known_or_excluded_is_not_moved() -> None:
+def test_a_lag_is_bounded_and_one_that_is_excluded_is_not_moved() -> None:
     model = nominal().beside(COVERED)
     (own,) = lags(model)
     assert own.deviation == pytest.approx(0.05e-3)
@@ -52,9 +52,15 @@ def test_a_lag_is_bounded_and_one_that_is_known_or_excluded_is_not_moved() -> No
     assert own.apply(model.drive, 2.0)[1][0].time_constant_s == pytest.approx(0.1e-3)
     assert lags(nominal()) == [], "no sampling time is known"
     assert lags(nominal(loop_lag=0.0).beside(COVERED)) == []
-    assert lags(dataclasses.replace(nominal(), exclude=(LAG.name,)).beside(COVERED)) == []
-    known = dataclasses.replace(axis_lab.drive(), effects=(*axis_lab.drive().effects, LAG.typical()))
-    assert lags(dataclasses.replace(nominal(), plant=known).beside(COVERED)) == []
+    assert lags(dataclasses.replace(nominal(), exclude=(LAG.name, DEAD_TIME.name)).beside(COVERED)) == []
+
+
+def test_beside_a_lag_that_is_known_the_force_is_late_by_a_dead_time() -> None:
+    for known, carried in (((LAG,), DEAD_TIME), ((DEAD_TIME,), LAG), ((LAG, DEAD_TIME), None)):
+        axis = axis_lab.drive()
+        axis = dataclasses.replace(axis, effects=(*axis.effects, *(kind.typical() for kind in known)))
+        found = lags(dataclasses.replace(nominal(), plant=axis).beside(COVERED))
+        assert [item.effect.declared for item in found] == ([] if carried is None else [carried])
 
 
 def test_a_lag_of_every_day_beside_the_longest_one_is_the_longest_one() -> None:
