@@ -224,7 +224,7 @@ class Search:
             beaten = [
                 contest
                 for contest, effect in zip(contests, final.effects, strict=True)
-                if contest.rivals[0].kind is not type(effect)
+                if contest.ahead_of(type(effect)) > SEARCH.tie
             ]
             if not weak and not beaten:
                 break

@@ -139,6 +139,11 @@ class Stage:
         """Return the log evidence of a rival, with what pairs say."""
         return self.log_evidence(rival.misfit, rival.penalty) + rival.paired
 
+    def ahead_of(self, kind: type[Effect]) -> float:
+        """Return the log odds of the best rival against that of a class."""
+        own = next(rival for rival in self.rivals if rival.kind is kind)
+        return self.evidence_of(self.rivals[0]) - self.evidence_of(own)
+
     def alike(self, gain: float) -> list[Rival]:
         """Return the rivals that remove nearly as much of the excess misfit, or more."""
         return [rival for rival in self.rivals if self.gain(rival) >= JUDGE.alike * gain]
