@@ -53,10 +53,31 @@ class Search:
             if stage is None:
                 break
             stages.append(stage)
-            if stage.is_last():
+            if not stage.is_last():
+                base = stage.rivals[0].hypothesis
+            elif (pair := self._pair(stage)) is not None:
+                stages.append(pair)
+                base = pair.rivals[0].hypothesis
+            else:
                 break
-            base = stage.rivals[0].hypothesis
         return base, stages
+
+    def _pair(self, stage: Stage) -> Stage | None:
+        """Return the stage of a second effect, where the last stage has none that is worth adding, but two together.
+
+        Beside an effect that is not found yet another one may explain what is fitted, and nothing of what is held out.
+        """
+        first = stage.closest_where_fitted()
+        room = len(stage.base.effects) + 2 <= SEARCH.most_effects
+        if stage.misfit < SEARCH.unexplained or first is None or not room:
+            return None
+        second = self.stage(first.hypothesis)
+        if second is None or second.is_last():
+            return None
+        best = second.rivals[0]
+        (both,) = self.compared(stage.base, [(best.kind, best.hypothesis, True)]).rivals
+        gain = stage.evidence_of(both) - stage.log_evidence(stage.misfit, stage.penalty)
+        return second if gain > stage.base.cost_of_a_cause else None
 
     def stage(self, base: Hypothesis) -> Stage | None:
         """Rank all classes of effects as the next one; None where the base leaves noise alone, and does not strain."""
@@ -184,6 +205,7 @@ class Search:
         n, about = len(rivalling), [*[base] * len(rivalling), *rivalling, *(origin for _, origin in formed)]
         evidence = gather(self.readings, self.split, base, variants, keep=rivalling, about=about, common=1)
         alone, *misfits = evidence.misfits(held_out=True)[: 1 + n].tolist()
+        fitted_alone, *fitted = evidence.misfits(held_out=False)[: 1 + n].tolist()
         outside = evidence.held_out
         sizes, own_sizes, shown = np.split(evidence.sizes(self.split)[1:], [n, 2 * n])
         beside_form = {id(item): size for (item, _), size in zip(formed, shown.tolist(), strict=True)}
@@ -191,15 +213,24 @@ class Search:
         stage = Stage(
             base=base,
             misfit=alone,
+            fitted=fitted_alone,
             penalty=base.named_penalty(),
             test_count=float(np.sum(evidence.counts[outside])),
             rivals=(),
             effective=min(SEARCH.effective_samples, SEARCH.of_a_stretch * stretches),
         )
         rivals = tuple(
-            stage.rival(kind, item, misfit, refined=refined, size=beside_form.get(id(item), size), own_size=own_size)
-            for (kind, item, refined), misfit, size, own_size in zip(
-                hypotheses, misfits, sizes.tolist(), own_sizes.tolist(), strict=True
+            stage.rival(
+                kind,
+                item,
+                misfit,
+                fitted=where_fitted,
+                refined=refined,
+                size=beside_form.get(id(item), size),
+                own_size=own_size,
+            )
+            for (kind, item, refined), misfit, where_fitted, size, own_size in zip(
+                hypotheses, misfits, fitted, sizes.tolist(), own_sizes.tolist(), strict=True
             )
         )
         stage = dataclasses.replace(stage, rivals=rivals)

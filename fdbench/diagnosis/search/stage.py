@@ -34,6 +34,8 @@ class Rival:
         nominal parameters of the base stand in for the effect.
     paraphrase : bool
         Whether it says what a nominal parameter of the base says by a change that has a name, and no more.
+    fitted : float
+        The misfit on the segments that were fitted.
     paired : float
         Log odds beyond the tempered evidence, from a comparison with look-alikes stretch by stretch: see `ranked`.
     """
@@ -46,6 +48,7 @@ class Rival:
     size: float
     own_size: float
     paraphrase: bool = False
+    fitted: float = 1.0
     paired: float = 0.0
 
     @property
@@ -73,6 +76,8 @@ class Stage:
     effective : float
         Independent samples :math:`n` that a misfit M is worth in the tempered log evidence
         :math:`-\tfrac12 [n \ln M + \text{penalty}]`.
+    fitted : float
+        Misfit of the base on the segments that were fitted.
     """
 
     base: Hypothesis
@@ -81,6 +86,7 @@ class Stage:
     test_count: float
     rivals: tuple[Rival, ...]
     effective: float = field(default_factory=lambda: SEARCH.effective_samples)
+    fitted: float = 1.0
 
     def rival(
         self,
@@ -88,6 +94,7 @@ class Stage:
         hypothesis: Hypothesis,
         misfit: float,
         *,
+        fitted: float,
         refined: bool,
         size: float,
         own_size: float,
@@ -105,6 +112,7 @@ class Stage:
             kind=kind,
             hypothesis=hypothesis,
             misfit=misfit,
+            fitted=fitted,
             penalty=named + min(cheaper, self.base.cost_of_a_cause) if paraphrase else named,
             refined=refined,
             size=size,
@@ -138,6 +146,13 @@ class Stage:
     def evidence_of(self, rival: Rival) -> float:
         """Return the log evidence of a rival, with what pairs say."""
         return self.log_evidence(rival.misfit, rival.penalty) + rival.paired
+
+    def closest_where_fitted(self) -> Rival | None:
+        """Return the refined rival that explains most of what is fitted, where that is worth a cause."""
+        refined = (rival for rival in self.rivals if rival.refined)
+        best = max(refined, key=lambda rival: self.log_evidence(rival.fitted, rival.penalty), default=None)
+        alone = self.log_evidence(self.fitted, self.penalty) + 0.5 * self.base.cost_of_a_cause
+        return best if best is not None and self.log_evidence(best.fitted, best.penalty) > alone else None
 
     def ahead_of(self, kind: type[Effect]) -> float:
         """Return the log odds of the best rival against that of a class."""

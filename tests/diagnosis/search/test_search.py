@@ -186,7 +186,9 @@ def test_a_mode_that_says_what_a_wrong_mass_says_is_no_rival_of_it(misfit: float
     base = dataclasses.replace(start(NOMINAL), shifts=off)
     mode = effects.get("structural_mode").typical()
     stage = Stage(base=base, misfit=2.0, penalty=base.named_penalty(), test_count=1e3, rivals=(), effective=20.0)
-    rival = stage.rival(type(mode), start(NOMINAL).with_effect(mode), misfit, refined=True, size=1.0, own_size=100.0)
+    rival = stage.rival(
+        type(mode), start(NOMINAL).with_effect(mode), misfit, fitted=1.0, refined=True, size=1.0, own_size=100.0
+    )
     assert rival.paraphrase is paraphrase
     assert rival.penalty == pytest.approx(base.named_penalty() if paraphrase else 0.0)
     stage = dataclasses.replace(stage, rivals=(rival,))
