@@ -149,7 +149,8 @@ def _named(cause: Cause, recorded: Recorded | None) -> str:
     if cause.indistinguishable_from:
         names = " or ".join([cause.effect, *cause.indistinguishable_from])
         return f"Cannot be distinguished on these data: {names}. Whichever it is explains {share}."
-    return f"{'Cause:' if likely else 'Perhaps'} {cause.effect}, {chance}; it explains {share}.{_small(cause, recorded)}"
+    first = "Cause:" if likely else "Perhaps"
+    return f"{first} {cause.effect}, {chance}; it explains {share}.{_small(cause, recorded)}"
 
 
 def _small(cause: Cause, recorded: Recorded | None) -> str:

@@ -121,7 +121,9 @@ class LoopLag(NominalParameter):
     @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
         late, deviation = cls.unknown(nominal), nominal.uncertainty.loop_lag * nominal.covered.period_s
-        return [] if late is None or deviation == 0.0 else [cls(name=cls.kind, deviation=deviation, effect=silent(late))]
+        if late is None or deviation == 0.0:
+            return []
+        return [cls(name=cls.kind, deviation=deviation, effect=silent(late))]
 
     @classmethod
     def unknown(cls, nominal: Nominal) -> type[Effect] | None:

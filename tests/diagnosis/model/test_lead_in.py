@@ -50,7 +50,7 @@ def test_what_is_compared_is_simulated_from_where_the_record_begins() -> None:
 
 
 def test_bristles_that_stand_bent_are_no_gap() -> None:
-    """Repeats that begin with bristles bent either way differ at the start alone, and so do they from the exact model."""
+    """Repeats that begin with bristles bent either way differ, and differ from the exact model, at the start alone."""
     runs = [prepare(recorded(before, seed), AXIS) for seed, before in enumerate(BEFORE)]
     parts = [run.after_lead_in(SETTLING_S) for run in runs]
     assert same_command(*parts)
