@@ -15,6 +15,7 @@ from fdbench import cli
 from fdbench.diagnosis.evaluation.evaluate import BLOCK_S, Evaluated, evaluate
 from fdbench.diagnosis.evaluation.result import ALL_RECORDS, PredictionScore
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, load_nominal
+from fdbench.diagnosis.records.runs import settling_time_s
 from fdbench.effects import effects
 from fdbench.errors import FdbenchError, RecordError, SpecError
 from fdbench.plants.feed_drive import FeedDrive, LinearMotor
@@ -113,10 +114,22 @@ def test_the_better_model_is_marked_and_its_interval_is_that_of_blocks() -> None
         for item in found.predictions["closed_loop", name]
     ]
     assert ratio.value == pytest.approx(np.sqrt(np.mean(errors[0] ** 2) / np.mean(errors[1] ** 2)))
-    blocks = np.reshape([error**2 for error in errors], (2, -1, round(BLOCK_S / PERIOD_S))).sum(axis=2)
+    length = round(BLOCK_S / PERIOD_S)
+    blocks = np.add.reduceat(np.square(errors), np.arange(0, len(errors[0]), length), axis=1)
     drawn = np.random.default_rng(1).integers(0, blocks.shape[1], (4000, blocks.shape[1]))
     ratios = np.sqrt(blocks[0][drawn].sum(axis=1) / blocks[1][drawn].sum(axis=1))
     np.testing.assert_allclose(ratio.ci95, np.percentile(ratios, [2.5, 97.5]), rtol=0.05)
+
+
+def test_what_depends_on_how_the_axis_stood_is_not_compared_in_the_closed_loop() -> None:
+    """The one model settles later than the other; both are compared on the samples that are left of that."""
+    drive = rigid()
+    slower = rigid(controller=dataclasses.replace(drive.controller, position_gain_per_s=20.0))
+    found = evaluate({"own": model(drive), "slower": model(slower)}, [simulated(drive)])
+    (own,), (other,) = (found.predictions["closed_loop", name] for name in ("own", "slower"))
+    (run,) = found.runs
+    assert own.first == other.first == run.after_lead_in(settling_time_s(slower)).n_before > 0
+    np.testing.assert_array_equal(own.measured["position_m"], run.channels["position_m"][own.first :])
 
 
 def test_a_model_and_its_copy_are_not_told_apart() -> None:

@@ -18,7 +18,7 @@ from fdbench.diagnosis.model.virtual_controller import prepared
 from fdbench.diagnosis.records.encoder_zeros import with_common_zeros
 from fdbench.diagnosis.records.noise_model import NoiseModel, noise_floor
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record, clock_warnings
-from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.diagnosis.records.runs import RecordedRun, settling_time_s
 from fdbench.diagnosis.settings import RECORDS
 from fdbench.errors import RecordError, SpecError
 from fdbench.record import FloatArray, Record
@@ -90,6 +90,7 @@ def _evaluated(models: Mapping[str, Nominal], records: Sequence[Record]) -> Eval
     band_Hz = min(
         predictions.useful_band_Hz(bench.nominal.drive, run) for bench in benches.values() for run in bench.runs
     )
+    settling_s = max(settling_time_s(bench.nominal.drive) for bench in benches.values())
     warnings, found = list(copies), {}
     for name, bench in benches.items():
         drive = bench.nominal.drive
@@ -99,7 +100,9 @@ def _evaluated(models: Mapping[str, Nominal], records: Sequence[Record]) -> Eval
         for run, own in zip(bench.runs, closed, strict=True):
             said += [*check_alignment(run, own.predicted), *clock_warnings(run, own.predicted)]
         warnings += [line if len(models) == 1 else f"{name}: {line}" for line in said]
-        found["closed_loop", name] = closed
+        # How the axis stood when the log began no model knows; all are compared on the same samples.
+        before = (run.after_lead_in(settling_s).n_before for run in bench.runs)
+        found["closed_loop", name] = [own.after(n) for own, n in zip(closed, before, strict=True)]
         loops = bench.nominal.simulation.cycles
         found["inverse_dynamics", name] = [
             predictions.inverse_dynamics(drive, run, band_Hz, loops) for run in bench.runs

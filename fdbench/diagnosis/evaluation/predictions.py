@@ -31,6 +31,14 @@ class Prediction:
     measured: dict[str, FloatArray]
     predicted: dict[str, FloatArray]
 
+    def after(self, n_samples: int) -> "Prediction":
+        """Return it without its first samples."""
+        measured, predicted = (
+            {name: values[n_samples:] for name, values in channels.items()}
+            for channels in (self.measured, self.predicted)
+        )
+        return Prediction(first=self.first + n_samples, measured=measured, predicted=predicted)
+
 
 def closed_loop(replay: Replay, run: RecordedRun) -> Prediction:
     """Return what the model makes of the command of a run, from the measured start on."""

@@ -1,4 +1,4 @@
-"""Where no effect is worth adding by what is held out, the one that explains most of what is fitted and a second are."""
+"""Where no effect is worth adding by what is held out, that which explains most of what is fitted and another are."""
 
 from collections.abc import Sequence
 from dataclasses import replace
