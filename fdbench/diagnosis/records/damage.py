@@ -48,7 +48,9 @@ def check_damage(run: RecordedRun, drive: FeedDrive, noise_m: float) -> None:
 
 
 def _place(run: RecordedRun, sample: int) -> str:
-    return f"sample {sample} ({time_text(sample * run.period_s)})"
+    """Return a sample of a run in words, counted from where its record begins."""
+    place = run.n_before + sample
+    return f"sample {place} ({time_text(place * run.period_s)})"
 
 
 def _least_bend(run: RecordedRun, drive: FeedDrive, noise_m: float) -> float:

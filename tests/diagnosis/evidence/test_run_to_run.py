@@ -12,7 +12,7 @@ from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.records.noise_model import NoiseModel, spectrum_of, white
-from fdbench.diagnosis.settings import EVIDENCE
+from fdbench.diagnosis.settings import EVIDENCE, changed
 from fdbench.record import Record
 
 
@@ -27,8 +27,10 @@ def repeats(frictions: list[float]) -> tuple[Nominal, list[Record]]:
 
 
 def steady(frictions: list[float]) -> tuple[Repeatability, dict[str, NoiseModel]]:
+    """Return what repeats tell, of all that was recorded: no axis stood otherwise than another when they began."""
     nominal, records = repeats(frictions)
-    ready = aligned(nominal, records, [])
+    with changed({"records.longest_lead_in": 0.0}):
+        ready = aligned(nominal, records, [])
     return Repeatability(ready.readings.replay, start(ready.nominal), ready.runs), dict(ready.split.noise_models)
 
 
