@@ -26,6 +26,7 @@ collect_ignore_glob = ["sandbox/cheats/*", "sandbox/misbehaving/*", "sandbox/nei
 LONGEST = (
     "estimators/test_every_estimator.py",
     "diagnosis/test_diagnosis.py",
+    "diagnosis/test_emps.py",
     "project/test_readme.py",
     "envs/test_every_env.py",
     "commands/test_cli.py",

@@ -7,15 +7,12 @@ from pathlib import Path
 
 import pytest
 from axis_lab import case, drive
-from conftest import REPOSITORY, shared_file
 
 from fdbench.diagnosis.answer import Answer
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, load_nominal
 from fdbench.effects import effects
-from fdbench.reading import read_record
 from fdbench.record import Record
-from fdbench.report.diagnosis_text import WORTH_SAYING
 from fdbench.scenario import load_scenario, scenario_folder
 
 ENCODERS = ("motor_position_m", "table_position_m")
@@ -122,44 +119,6 @@ def test_hidden_truth_of_a_scenario_file_is_not_read(tmp_path: Path) -> None:
     other = tmp_path / "Other-v0.toml"
     other.write_text(text.replace("axial_depth_m = 1e-3", "axial_depth_m = 9e-3").replace("1e-8", "1e-5"))
     assert load_nominal(other) == load_nominal(scenario_folder() / "BallScrewAxis-v0.toml")
-
-
-def test_the_documented_cause_of_emps_comes_first() -> None:
-    folder = shared_file("data", "emps", "DATA_EMPS.mat").parent
-    record = read_record(REPOSITORY / "examples" / "emps" / "emps.toml", folder)
-    answer = diagnose(load_nominal(scenario_folder() / "EMPS-v0.toml"), [record]).answer
-    json.dumps(answer.as_json(), allow_nan=False)
-    # What is improbable may have the share of a part of what the library lacks; the verdict does not speak of it.
-    told = (cause for cause in answer.causes if cause.probability >= WORTH_SAYING)
-    first, second = sorted(told, key=lambda cause: -cause.share)[:2]
-    assert first.effect == answer.causes[0].effect == "direction_dependent_friction"
-    low, high = first.parameters["viscous_asymmetry_N_s_per_m"].ci95
-    assert low < -36.8 < high < 0.0
-    assert second.effect == "cogging"
-    assert 0.1 < second.probability < 0.5  # small as it is on sound axes too, and much else is unknown here
-    assert second.parameters["pitch_m"].value == pytest.approx(2.5e-3, rel=0.01)
-    assert not {"stribeck_friction", "position_dependent_friction", "periodic_force"} & {
-        cause.effect for cause in answer.causes if cause.probability > 0.5
-    }
-    # Less friction than modelled at low speed is no effect, but an error of the nominal curve.
-    moved = answer.parametric.moved_beside_effects
-    assert moved["friction_force_1_N"] < -3.0
-    force = answer.gap.channels["motor_force_N"]
-    assert force.repaired < 0.57 * force.before
-
-
-def test_the_documented_cause_of_emps_removes_what_it_does_in_a_simulation_apart() -> None:
-    """38 % of the force's nominal gap and 47 % of the position's, in a simulation without lag and filter."""
-    folder = shared_file("data", "emps", "DATA_EMPS.mat").parent
-    record = read_record(REPOSITORY / "examples" / "emps" / "emps.toml", folder)
-    nominal = load_nominal(scenario_folder() / "EMPS-v0.toml")
-    uncertainty = dataclasses.replace(nominal.uncertainty, loop_lag=0.0, velocity_filter=0.0)
-    answer = diagnose(dataclasses.replace(nominal, uncertainty=uncertainty), [record]).answer
-    # Of the nominal gap: re-calibration has taken the error of the friction's form out before.
-    for name, share in (("motor_force_N", 0.38), ("position_m", 0.47)):
-        gap = answer.gap.channels[name]
-        left = (gap.recalibrated / gap.before) ** 2
-        assert answer.shrinkage.steps[0].channels[name] * left == pytest.approx(share, abs=0.04)
 
 
 def test_what_a_milling_scenario_withholds_is_found() -> None:
