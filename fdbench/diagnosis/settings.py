@@ -256,7 +256,8 @@ class SearchSettings:
     near: float = number(
         1.0, "standard deviations of a nominal parameter, over which its response is taken for constant"
     )
-    converged: float = number(3e-4, "fall of the objective, relative to its excess over noise, that ends a refinement")
+    tangents: int = number(8, "points about which responses to nominal parameters are kept, if there is room for them")
+    converged: float = number(1e-3, "fall of the objective, relative to its excess over noise, that ends a refinement")
     smallest_fall: float = number(2.0, "fall of the objective that is no evidence of anything")
     dampings: tuple[float, ...] = number(
         (0.03, 0.3, 3.0), "of the diagonal of the normal matrix, tried together where a step without promises too much"

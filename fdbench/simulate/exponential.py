@@ -1,5 +1,7 @@
 """Exponential of a matrix with the same bits on every processor, as records must be."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,27 +38,27 @@ def exponential(A: FloatArray) -> FloatArray:
 
 def product(A: FloatArray, B: FloatArray) -> FloatArray:
     """Return A B, summed in the order of the columns of A."""
-    total = np.zeros((len(A), B.shape[1]), dtype=np.result_type(A, B))
-    for k in range(A.shape[1]):
-        total += A[:, k, None] * B[k]
+    terms = A.T[:, :, None] * B[:, None, :]
+    total: FloatArray = np.add.reduce(terms, axis=0)  # over the slowest axis: one term after the other
     return total
 
 
 def _balance(A: FloatArray) -> FloatArray:
     """Return powers of two, (n,), in whose units rows and columns of A are about equal."""
-    size = np.ones(len(A))
-    off = np.abs(A) * (1.0 - np.eye(len(A)))
+    n = len(A)
+    size, off = [1.0] * n, (np.abs(A) * (1.0 - np.eye(n))).tolist()
     for _ in range(SWEEPS):
         before = size.copy()
-        for i in range(len(A)):
-            row, column = off[i].max(), off[:, i].max()
+        for i in range(n):
+            row, column = max(off[i]), max(own[i] for own in off)
             if row == column == 0.0:
                 continue
-            exponent = np.log2(row if row > 0.0 else 1.0) - np.log2(column if column > 0.0 else 1.0)
-            factor = 2.0 ** np.round(0.5 * exponent if row > 0.0 and column > 0.0 else exponent)
-            off[i] /= factor
-            off[:, i] *= factor
+            exponent = math.log2(row if row > 0.0 else 1.0) - math.log2(column if column > 0.0 else 1.0)
+            factor = 2.0 ** round(0.5 * exponent if row > 0.0 and column > 0.0 else exponent)
+            off[i] = [value / factor for value in off[i]]
+            for own in off:
+                own[i] *= factor
             size[i] *= factor
-        if np.array_equal(size, before):
+        if size == before:
             break
-    return size
+    return np.array(size)

@@ -60,6 +60,7 @@ def slots(effects: tuple[type[Effect], ...]) -> tuple[Slot, ...]:
     return tuple(Slot(e, int(flags[n]), int(states[n]), int(uniforms[n])) for n, e in enumerate(effects))
 
 
+@lru_cache(maxsize=256)
 def block_rows(effects: Sequence[type[Effect]]) -> int:
     """Return the number of rows of a block."""
     return layout.FIRST_FREE_ROW + sum(1 + len(effect.parameters()) + _changing_rows(effect) for effect in effects)

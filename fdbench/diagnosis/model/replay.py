@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -90,11 +91,6 @@ class Memory:
         return found
 
 
-@lru_cache(maxsize=4096)
-def _mechanics(plant: FeedDrive) -> Mechanics:
-    return dataclasses.replace(plant.mechanics(), position_limit_m=np.inf, velocity_limit_m_per_s=np.inf)
-
-
 @lru_cache(maxsize=1)
 def _threads() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(os.cpu_count(), "replay")
@@ -141,6 +137,7 @@ class Replay:
         self._last = {kind: place for place, kind in enumerate(self.kinds)}  # of a kind, is no known one
         self._stepper = compose(self.kinds, WIDTH)
         self._lanes: Lanes = WeakKeyDictionary()
+        self._mechanics: dict[Any, Mechanics] = {}
         self._last_commands: LoopCommands | None = None
         self.memory = Memory()
 
@@ -205,7 +202,7 @@ class Replay:
         kept = self._lanes.setdefault(variant, {})
         if period_s not in kept:
             blocks = Blocks(self.kinds, 1, 1)
-            blocks.set_mechanics(_mechanics(variant.plant), period_s / (self.loops * self._steps_of_a_loop))
+            blocks.set_mechanics(self._mechanics_of(variant.plant), period_s / (self.loops * self._steps_of_a_loop))
             blocks.set_scalars({"LOGGED_PER_N": 1.0, **variant.plant.controller.rows()})
             active = np.zeros(len(self.kinds), dtype=np.bool_)
             known = zip(self._known, variant.plant.effects, strict=True)
@@ -214,6 +211,14 @@ class Replay:
                 blocks.set_effect(place, effect)
             kept[period_s] = blocks.values[0, :, 0], active
         return kept[period_s]
+
+    def _mechanics_of(self, plant: FeedDrive) -> Mechanics:
+        """Return the linear part of a variant without limits; most variants differ in their effects alone."""
+        parts = plant.motor, plant.table, plant.screw
+        if parts not in self._mechanics:
+            own = plant.mechanics()
+            self._mechanics[parts] = dataclasses.replace(own, position_limit_m=np.inf, velocity_limit_m_per_s=np.inf)
+        return self._mechanics[parts]
 
     def _commands(self, runs: Sequence[RecordedRun]) -> LoopCommands:
         """Return the commands of runs; those of the last runs are at hand."""

@@ -1,6 +1,7 @@
 """Refinement: fit the numbers of a hypothesis in closed loop by damped Gauss-Newton steps."""
 
 import dataclasses
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_vector, with_parameters
 from fdbench.diagnosis.model.readings import Readings
-from fdbench.diagnosis.settings import SEARCH
+from fdbench.diagnosis.settings import MODEL, SEARCH
 from fdbench.record import FloatArray
 
 
@@ -60,13 +61,11 @@ class Tangent:
         """Whether all numbers are moved about this very hypothesis."""
         return all(item is hypothesis for item in self.about)
 
-    def is_near(self, hypothesis: Hypothesis) -> bool:
-        """Whether nominal parameters do about a hypothesis what they do here, as far as it matters to a step."""
-        return all(
-            hypothesis.replaced == item.replaced
-            and all(abs(a - b) <= SEARCH.near for a, b in zip(hypothesis.shifts, item.shifts, strict=True))
-            for item in self.about
-        )
+    def distance(self, hypothesis: Hypothesis) -> float:
+        """Return how far a hypothesis is from those about which numbers are moved, in standard deviations of one."""
+        if any(hypothesis.replaced != item.replaced for item in self.about):
+            return math.inf
+        return max((abs(np.subtract(hypothesis.shifts, item.shifts)).max() for item in self.about), default=0.0)
 
 
 class Refinement:
@@ -77,12 +76,17 @@ class Refinement:
     readings : Readings
         Of the runs of the split.
     split : Split
-    nominal : Tangent, optional
-        That of the nominal parameters of an earlier refinement on the same runs.
+    nominal : sequence of Tangent, optional
+        Those of the nominal parameters of an earlier refinement on the same runs.
+
+    Attributes
+    ----------
+    nominal : list of Tangent
+        Of the nominal parameters; what was made last comes last.
     """
 
-    def __init__(self, readings: Readings, split: Split, nominal: Tangent | None = None) -> None:
-        self.nominal = nominal or Tangent(about=[], moved=[])
+    def __init__(self, readings: Readings, split: Split, nominal: Sequence[Tangent] = ()) -> None:
+        self.nominal = [*nominal]
         self.look_at(readings, split)
 
     def look_at(self, readings: Readings, split: Split) -> None:
@@ -115,7 +119,7 @@ class Refinement:
         simulated anew otherwise: to numbers moved by less where those had told too small a slope. What is to
         predict best, and is compared with nothing, is fitted by all samples as they are, not ``tempered``.
         """
-        hypothesis, tangent = given, self.tangent(given)
+        hypothesis, tangent, kept = given, self.tangent(given), True
         moving = [place for place, item in enumerate(adjustables_of(given)) if item.name not in fixed]
         for _ in range(SEARCH.steps):
             probed = self._gather(hypothesis, tangent.of(moving), [*tangent.about, *tangent.moved], self.split.fitted)
@@ -127,44 +131,48 @@ class Refinement:
             steps, fresh = _Steps(hypothesis, probed, moving, weight, tangent.scale), tangent.is_about(hypothesis)
             if steps.promise < enough:
                 break
-            hypothesis, fell = self._stepped(steps, given, fresh=fresh)
+            hypothesis, fell = self._stepped(steps, given, fresh=fresh, likely=kept)
             if fresh and fell < enough:
                 break
-            if not SEARCH.kept_promise * steps.promise <= fell <= steps.promise / SEARCH.kept_promise:
-                own = self._own(tangent)
+            kept = fell >= SEARCH.kept_promise * steps.promise
+            if not kept or fell > steps.promise / SEARCH.kept_promise:
+                own = self._own(tangent, given)
                 self._forget(own, given, hypothesis)
                 if tangent.is_fine or (fresh and fell > steps.promise):
                     tangent = Tangent.at(hypothesis, SEARCH.fine)
                 else:
                     tangent = self.tangent(hypothesis, anew=own.is_about(steps.hypothesis))
-        self._forget(self._own(tangent), given, hypothesis)
+        self._forget(self._own(tangent, given), given, hypothesis)
         return hypothesis
 
-    def _stepped(self, steps: "_Steps", given: Hypothesis, *, fresh: bool) -> tuple[Hypothesis, float]:
+    def _stepped(self, steps: "_Steps", given: Hypothesis, *, fresh: bool, likely: bool) -> tuple[Hypothesis, float]:
         """Return where the best of a step and of damped ones ends, and how far the objective falls to there.
 
         Readings of the others are forgotten, but those of what a fit was ``given``. Steps are damped no further than
-        to any fall where their responses are not ``fresh``, and better ones can be simulated.
+        to any fall where their responses are not ``fresh``, and better ones can be simulated. Unless an undamped one is
+        ``likely`` to do, the first dampings are simulated beside it, which fills the lanes of a block.
         """
         hypothesis, fell = steps.hypothesis, 0.0
         tried = [steps.hypothesis]
-        for dampings in ((), SEARCH.dampings, SEARCH.further_dampings):
-            trials = steps.damped(dampings) if dampings else [steps.undamped]
+        rounds = [(0.0,), SEARCH.dampings] if likely else [(0.0, *SEARCH.dampings)]
+        for dampings in (*rounds, SEARCH.further_dampings):
+            trials = steps.damped(dampings)
             after = _objectives(self._squares(steps.hypothesis, trials)[1:], trials, steps.weight)
             best = int(np.argmin(after))
             if steps.before - after[best] > fell:
                 hypothesis, fell = trials[best], steps.before - after[best]
             tried += trials
-            if fell >= SEARCH.kept_promise * steps.promise or (dampings and (fell > 0.0 or not fresh)):
+            is_damped = dampings != (0.0,)
+            if fell >= SEARCH.kept_promise * steps.promise or (is_damped and (fell > 0.0 or not fresh)):
                 break
         self._fitted_readings.forget([item for item in tried if item not in (given, hypothesis)])
         return hypothesis, fell
 
-    def _own(self, tangent: Tangent) -> Tangent:
+    def _own(self, tangent: Tangent, given: Hypothesis) -> Tangent:
         """Return the part of a tangent that serves no other fit."""
         if tangent.is_fine:
             return tangent
-        return tangent.of(range(len(self.nominal.moved), len(tangent.moved)))
+        return tangent.of(range(len(given.shifts), len(tangent.moved)))
 
     def promise(self, hypothesis: Hypothesis) -> tuple[Evidence, float, Hypothesis]:
         """Return the evidence about a hypothesis, the weighted squares that one step promises, and where that ends."""
@@ -176,12 +184,19 @@ class Refinement:
 
     def tangent(self, hypothesis: Hypothesis, *, anew: bool = False) -> Tangent:
         """Return that of a hypothesis: its effects' about itself, its nominal parameters' perhaps about one near it."""
-        here = Tangent.at(hypothesis)
-        places = range(len(hypothesis.shifts))
-        if anew or not self.nominal.moved or not self.nominal.is_near(hypothesis):
-            self._forget(self.nominal, hypothesis)
-            self.nominal = here.of(places)
-        return self.nominal.followed_by(here.of(range(len(places), len(here.moved))))
+        here, n = Tangent.at(hypothesis), len(hypothesis.shifts)
+        nearest = min(self.nominal, key=lambda tangent: tangent.distance(hypothesis), default=None)
+        if anew or nearest is None or nearest.distance(hypothesis) > SEARCH.near:
+            while self.nominal and len(self.nominal) >= self._most_tangents(n):
+                self._forget(self.nominal.pop(0), hypothesis)
+            nearest = here.of(range(n))
+            self.nominal.append(nearest)
+        return nearest.followed_by(here.of(range(n, len(here.moved))))
+
+    def _most_tangents(self, n_numbers: int) -> int:
+        """Return how many tangents of the nominal parameters there is room for."""
+        n_samples = sum(self._fitted_readings.runs[place].n_samples for place in self.split.fitted)
+        return min(SEARCH.tangents, MODEL.held_at_once // max(n_numbers * n_samples, 1))
 
     def responses(
         self,
@@ -209,7 +224,7 @@ class Refinement:
         tangent = self.tangent(base)
         known = tangent if effects else tangent.of(range(len(base.shifts)))
         every = known.followed_by(Tangent(about=[base] * len(others), moved=[*others]))
-        keep = [*self.nominal.about, *self.nominal.moved]
+        keep = [item for part in (tangent.about, tangent.moved) for item in part[: len(base.shifts)]]
         common = None if neighbours is None else 1 + len(known.moved)
         return self._gather(base, every, keep, places, common, neighbours or 1)
 

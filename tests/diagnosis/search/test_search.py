@@ -12,7 +12,7 @@ from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.run_to_run import Change
 from fdbench.diagnosis.model.candidates import Candidate, candidates
-from fdbench.diagnosis.model.hypothesis import penalty, start
+from fdbench.diagnosis.model.hypothesis import Hypothesis, penalty, start
 from fdbench.diagnosis.model.nominal import Covered, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import Replay, Replayed
@@ -413,6 +413,40 @@ def test_responses_that_serve_on_lead_to_the_same_minimum(monkeypatch: pytest.Mo
     assert found[0].effects[0].values() == pytest.approx(found[1].effects[0].values(), rel=0.02, abs=0.01)
 
 
+@pytest.mark.parametrize(("most", "serve"), [(SEARCH.tangents, True), (1, False)])
+def test_responses_about_several_points_serve_where_a_fit_comes_near_them_again(most: int, serve: bool) -> None:
+    refinement = search().refinement
+    here = start(NOMINAL)
+    far = here.moved((1.5 * SEARCH.near + 1.0) * np.eye(len(here.shifts))[0])
+    with changed({"search.tangents": most}):
+        first = refinement.tangent(here)
+        assert refinement.tangent(far).about[0] is far
+        again = refinement.tangent(here.moved(0.5 * SEARCH.near * np.eye(len(here.shifts))[0]))
+    assert (again.about[0] is first.about[0]) is serve
+    assert len(refinement.nominal) <= most
+
+
+def test_a_step_is_tried_beside_damped_ones_where_the_last_one_broke_its_promise() -> None:
+    own = search(effects.get("cogging").typical())
+    given = start(NOMINAL).with_effect(effects.get("cogging").typical().scaled(0.7))
+    probed, _, _ = own.refinement.promise(given)
+    steps = _Steps(given, probed, range(len(Tangent.at(given).moved)), 1.0)
+    tried: list[int] = []
+    squares = own.refinement._squares
+
+    def counted(base: Hypothesis, trials: Sequence[Hypothesis]) -> list[float]:
+        tried.append(len(trials))
+        return squares(base, trials)
+
+    own.refinement._squares = counted  # type: ignore[method-assign]
+    (one, fell), (other, deeper) = (
+        own.refinement._stepped(steps, given, fresh=True, likely=own_) for own_ in (True, False)
+    )
+    assert tried == [1, 1 + len(SEARCH.dampings)]
+    assert deeper >= fell > 0.0
+    assert one.effects[0].values() == pytest.approx(other.effects[0].values(), rel=0.1)
+
+
 def test_a_step_by_smaller_steps_of_the_numbers_ends_where_that_by_whole_ones_does() -> None:
     """Where the responses are proportional to the numbers, priors and bounds in their units included."""
     own = search()
@@ -433,10 +467,13 @@ def test_a_tangent_serves_hypotheses_near_it_alone() -> None:
     tangent = Tangent.at(here)
     assert tangent.is_about(here)
     assert len(tangent.moved) == len(nominal_parameters(NOMINAL))
-    first = np.eye(len(here.shifts))[0] * SEARCH.near
-    assert tangent.is_near(here.moved(0.9 * first))
-    assert not tangent.is_near(here.moved(1.1 * first))
-    assert not tangent.is_near(dataclasses.replace(here, replaced=(0,)))
+    one, other = np.eye(len(here.shifts))[:2]
+    assert tangent.distance(here.moved(0.9 * one - 0.2 * other)) == pytest.approx(0.9)
+    assert tangent.distance(dataclasses.replace(here, replaced=(0,))) == math.inf
+    refinement = search().refinement
+    refinement.tangent(here)
+    assert refinement.tangent(here.moved(0.9 * SEARCH.near * one)).about[0] is here
+    assert refinement.tangent(here.moved(1.1 * SEARCH.near * one)).about[0] is not here
 
 
 def test_what_a_tangent_says_of_another_base_is_counted_from_its_own() -> None:
