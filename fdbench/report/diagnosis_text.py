@@ -322,10 +322,9 @@ def _doubts(answer: Answer) -> Iterator[str]:
             f"The noise floor of {', '.join(assumed)} is assumed, from what the model leaves all the time: nothing was "
             "repeated. All sizes and probabilities depend on it; record each motion three times."
         )
-    judged = answer.shrinkage.judged_on
-    if judged != "held-out":
-        motion = "the same motion again" if judged in ("held-out repeats", "held-out laps") else "the same record"
-        yield f"Judged on {motion}, so nothing is shown for others; give a record of another motion with --holdout."
+    if answer.shrinkage.judged_on != "held-out":
+        words = answer.shrinkage.judged_on_words
+        yield f"Judged on {words}: nothing is shown for other motions; give a record of one with --holdout."
     yield from _moved(answer)
     nominal, size = answer.sizes()
     if size > 1.05 * nominal > 0.0:

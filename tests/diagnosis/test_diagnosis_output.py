@@ -280,7 +280,7 @@ def test_doubts_are_said(found: Diagnosis) -> None:
     assert "motor_mass by +4.4 standard deviations" in text
     assert "motor_viscous by" not in text
     assert "may be chance" in text
-    assert "the same motion again" in text
+    assert "which was not fitted: nothing is shown for other motions" in text
     assert "(assumed)" in text
     assert "a first guess, whatever the probabilities say" in text
     assert "a first guess" not in summary(found.answer)

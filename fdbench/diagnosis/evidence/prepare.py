@@ -262,8 +262,8 @@ def split_runs(
 ) -> tuple[Split, str]:
     """Return what is fitted and what is judged on.
 
-    With held-out records these are judged on; else the last laps of records that repeat themselves, else the last of
-    repeated records, else the last third of each record.
+    With held-out records these are judged on; else the last of repeated records, else the last laps of records that
+    repeat themselves, else the last third of each record.
     """
     if holdouts:
         fitted, judged = merged(records), merged(holdouts)
