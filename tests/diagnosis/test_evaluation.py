@@ -128,7 +128,7 @@ def test_what_depends_on_how_the_axis_stood_is_not_compared_in_the_closed_loop()
     found = evaluate({"own": model(drive), "slower": model(slower)}, [simulated(drive)])
     (own,), (other,) = (found.predictions["closed_loop", name] for name in ("own", "slower"))
     (run,) = found.runs
-    assert own.first == other.first == run.after_lead_in(settling_time_s(slower)).n_before > 0
+    assert own.first == other.first == run.lead_in_samples(settling_time_s(slower)) > 0
     np.testing.assert_array_equal(own.measured["position_m"], run.channels["position_m"][own.first :])
 
 

@@ -101,7 +101,7 @@ def _evaluated(models: Mapping[str, Nominal], records: Sequence[Record]) -> Eval
             said += [*check_alignment(run, own.predicted), *clock_warnings(run, own.predicted)]
         warnings += [line if len(models) == 1 else f"{name}: {line}" for line in said]
         # How the axis stood when the log began no model knows; all are compared on the same samples.
-        before = (run.after_lead_in(settling_s).n_before for run in bench.runs)
+        before = (run.lead_in_samples(settling_s) for run in bench.runs)
         found["closed_loop", name] = [own.after(n) for own, n in zip(closed, before, strict=True)]
         loops = bench.nominal.simulation.cycles
         found["inverse_dynamics", name] = [

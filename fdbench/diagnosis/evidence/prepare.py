@@ -35,7 +35,15 @@ from fdbench.diagnosis.records.encoder_zeros import with_common_zeros
 from fdbench.diagnosis.records.force_reading import limits_of_forces
 from fdbench.diagnosis.records.noise_model import NoiseModel, noise_models, raised
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record
-from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun, merged, prepare, same_command, settling_time_s
+from fdbench.diagnosis.records.runs import (
+    DEFLECTION,
+    RecordedRun,
+    after_lead_ins,
+    merged,
+    prepare,
+    same_command,
+    settling_time_s,
+)
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import Following
@@ -104,7 +112,8 @@ def aligned(
     check_alike(runs)
     for run in runs if logged else ():
         check_record(run.as_read(), nominal.drive)
-    runs = [run.after_lead_in(settling_time_s(nominal.drive)) for run in runs]
+    earlier = () if baseline is None else baseline.runs
+    runs = after_lead_ins(runs, settling_time_s(nominal.drive), earlier)
     told = all("reference_velocity_m_per_s" in record for record in (*records, *holdouts))
     nominal, error = _as_recorded(nominal, runs, before=baseline is not None, velocity_told=told)
     drive = nominal.drive

@@ -137,18 +137,23 @@ class RecordedRun:
             return 0.0
         return float(np.polyfit(np.arange(len(standing)), standing, 1)[1])
 
-    def after_lead_in(self, settling_s: float) -> "RecordedRun":
-        """Return the run from where its command has left the place of the start, and the loop has settled after that.
+    def lead_in_samples(self, settling_s: float) -> int:
+        """Return the samples until what is followed has left where it began, and the loop has settled after that.
 
         How bristles are bent at rest, on which side a play is, and what a controller has in its integral is in no
-        record: before the axis has slid, they are the gap. A record of which much would be left out stays whole, and so
-        does one whose motion is followed, as repeats of that have no place in common.
+        record: before the axis has slid, they are the gap. A record of which much would be left out stays whole.
         """
-        position, most = self.reference[:, 0], round(RECORDS.longest_lead_in * self.n_samples)
-        left = np.flatnonzero(np.abs(position - position[0]) > RECORDS.left_start * np.ptp(position))
-        if self.motion is not None or not len(left) or left[0] > most:
+        followed = self.reference[:, 0] if self.motion is None else self.motion[0]
+        most = round(RECORDS.longest_lead_in * self.n_samples)
+        left = np.flatnonzero(np.abs(followed - followed[0]) > RECORDS.left_start * np.ptp(followed))
+        if not len(left) or left[0] > most:
+            return 0
+        return min(int(left[0]) + round(settling_s / self.period_s), most)
+
+    def after(self, n_before: int) -> "RecordedRun":
+        """Return the run without its first samples, which are simulated, but not compared."""
+        if n_before == 0:
             return self
-        n_before = min(int(left[0]) + round(settling_s / self.period_s), most)
         lead_in = LeadIn(reference=self.reference[:n_before], start=self.start, held_force_N=self.held_force_N)
         return self._part(slice(n_before, None), lead_in)
 
@@ -271,6 +276,17 @@ def settling_time_s(drive: FeedDrive) -> float:
     position, velocity, integral = (gains.get(f"{name}_GAIN", 0.0) for name in ("POSITION", "VELOCITY", "INTEGRAL"))
     slowest = max(1.0 / position if position > 0.0 else 0.0, velocity / integral if integral > 0.0 else 0.0)
     return RECORDS.settled * slowest
+
+
+def after_lead_ins(
+    runs: Sequence[RecordedRun], settling_s: float, before: Sequence[RecordedRun] = ()
+) -> list[RecordedRun]:
+    """Return runs `after` their lead-ins; repeats, those of runs ``before`` too, lose as much as the first of them."""
+    found: list[RecordedRun] = []
+    for run in runs:
+        alike = (other.n_before for other in (*before, *found) if same_command(other, run.after(other.n_before)))
+        found.append(run.after(next(alike, run.lead_in_samples(settling_s))))
+    return found
 
 
 def channels_of(record: Record, drive: FeedDrive, position: str) -> dict[str, FloatArray]:

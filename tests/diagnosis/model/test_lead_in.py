@@ -10,8 +10,10 @@ from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.model.replay import Replay
-from fdbench.diagnosis.records.runs import RecordedRun, prepare, same_command, settling_time_s
+from fdbench.diagnosis.model.virtual_controller import prepared
+from fdbench.diagnosis.records.runs import RecordedRun, after_lead_ins, prepare, same_command, settling_time_s
 from fdbench.effects import effects
+from fdbench.plants.feed_drive import Following
 from fdbench.record import Record
 from fdbench.virtual_axes.library_axis import Tabulated
 
@@ -35,7 +37,7 @@ def recorded(before: tuple[float, ...], seed: int) -> Record:
 
 def test_what_is_compared_is_simulated_from_where_the_record_begins() -> None:
     whole = prepare(recorded(BEFORE[0], seed=1), AXIS)
-    part = whole.after_lead_in(SETTLING_S)
+    (part,) = after_lead_ins([whole], SETTLING_S)
     n = part.n_before
     assert 0 < n == whole.n_samples - part.n_samples <= 0.2 * whole.n_samples
     assert (part.start, part.held_force_N) == (whole.start, whole.held_force_N)
@@ -52,7 +54,7 @@ def test_what_is_compared_is_simulated_from_where_the_record_begins() -> None:
 def test_bristles_that_stand_bent_are_no_gap() -> None:
     """Repeats that begin with bristles bent either way differ, and differ from the exact model, at the start alone."""
     runs = [prepare(recorded(before, seed), AXIS) for seed, before in enumerate(BEFORE)]
-    parts = [run.after_lead_in(SETTLING_S) for run in runs]
+    parts = after_lead_ins(runs, SETTLING_S)
     assert same_command(*parts)
     replay, variant = Replay(AXIS, NOMINAL.library, 10), start(NOMINAL).variant
     whole, compared = (
@@ -69,12 +71,50 @@ def test_a_record_stays_whole_where_much_of_it_would_be_left_out() -> None:
     channels = {"motor_force_N": np.zeros(1000), "position_m": reference[:, 0]}
     late = RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=channels, lap=None)
     still = dataclasses.replace(late, reference=np.zeros((1000, 3)))
-    followed = dataclasses.replace(late, reference=np.roll(reference, -500, axis=0), motion=(reference[:, 0], 1e-3))
+    followed = dataclasses.replace(late, reference=np.roll(reference, -550, axis=0), motion=(reference[:, 0], 1e-3))
     for run in (late, still, followed):
-        assert run.after_lead_in(0.1) is run
+        assert after_lead_ins([run], 0.1) == [run]
     early = dataclasses.replace(late, reference=np.roll(reference, -550, axis=0))
-    assert early.after_lead_in(0.1).n_before == 150
-    assert early.after_lead_in(1.0).n_before == 200, "no more than a fifth"
+    assert early.lead_in_samples(0.1) == 150
+    assert early.lead_in_samples(1.0) == 200, "no more than a fifth"
+
+
+def test_repeats_of_a_measured_motion_lose_as_much_as_the_first_of_them() -> None:
+    """Of a baseline, too, which is another day: where they leave their start differs by a few samples."""
+    time_s = PERIOD_S * np.arange(2000)
+    runs = []
+    for place, late_s in enumerate((0.0, 3e-4, 6e-4, 0.0)):
+        motion = 0.05 * (1.0 - np.cos((np.pi if place < 3 else 5.0) * (time_s - late_s)))
+        channels = {"motor_force_N": np.zeros(2000), "position_m": motion}
+        reference = np.column_stack((motion + 1e-3, np.gradient(motion, PERIOD_S), np.zeros(2000)))
+        run = RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=channels, lap=None)
+        runs.append(dataclasses.replace(run, motion=(motion, 1e-3)))
+    alone = [run.lead_in_samples(0.05) for run in runs]
+    assert len(set(alone)) > 1
+    baseline = after_lead_ins(runs[:1], 0.05)
+    every = after_lead_ins(runs[1:], 0.05, baseline)
+    assert [run.n_before for run in every[:2]] == [alone[0]] * 2
+    assert same_command(every[0], baseline[0])
+    assert every[2].n_before == alone[3]
+    assert [run.n_before for run in after_lead_ins(runs[1:3], 0.05)] == [alone[1]] * 2
+
+
+def test_a_transient_at_the_start_of_a_motion_that_is_followed_is_no_gap() -> None:
+    """A joint that is thrown into motion: no virtual loop follows that, and the exact model has no gap after it."""
+    whole = recorded(BEFORE[0], seed=3)
+    thrown = whole.slice(round(0.3 / PERIOD_S), whole.n_samples)
+    columns = {name: thrown[name].copy() for name in ("time_s", "motor_torque_Nm", "motor_position_m", "position_m")}
+    columns["motor_torque_Nm"][:3] += 3.0
+    nominal, (run,), _ = prepared(
+        dataclasses.replace(NOMINAL, plant=dataclasses.replace(AXIS, controller=Following())), [Record(columns)]
+    )
+    (part,) = after_lead_ins([run], settling_time_s(nominal.drive))
+    replay, variant = Replay(nominal.drive, NOMINAL.library, 10), start(nominal).variant
+    before, after = (
+        np.std(item.channels["motor_force_N"] - replay.alone(item, variant)["motor_force_N"]) for item in (run, part)
+    )
+    assert 0 < part.n_before < 0.2 * run.n_samples
+    assert after < 0.3 * before
 
 
 def test_a_loop_settles_with_its_slowest_time_constant() -> None:
