@@ -549,6 +549,8 @@ class Answer:
     shrinkage : Shrinkage
     next_experiment : Experiment or None
     warnings : tuple of str
+    assumptions : tuple of str
+        Those of the warnings that say how records were compared, and are no fault of theirs.
     parametric : Parametric
     noise_floor : mapping of str to NoiseFloor
     process_forces : tuple of ProcessForce
@@ -576,6 +578,7 @@ class Answer:
     shrinkage: Shrinkage
     next_experiment: Experiment | None
     warnings: tuple[str, ...]
+    assumptions: tuple[str, ...] = ()
     parametric: Parametric
     noise_floor: Mapping[str, NoiseFloor]
     process_forces: tuple[ProcessForce, ...] = ()

@@ -165,6 +165,7 @@ def _diagnosed(
         shrinkage=shrinkage(reductions, final, findings.artefacts, split.plain, ready.judged_on, raw),
         next_experiment=None if forecast is None else forecast.experiment(),
         warnings=tuple(map(spoken_words, ready.warnings)),
+        assumptions=tuple(map(spoken_words, ready.assumptions)),
         parametric=parametric(raw, reductions, found.calibrated, final),
         noise_floor={
             name: noise_floor(floor, spoken_unit(unit_of(name)), split.runs[0].period_s)

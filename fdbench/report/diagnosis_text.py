@@ -98,7 +98,7 @@ def wrapped(text: str) -> list[str]:
 
 def verdict(answer: Answer) -> Iterator[str]:
     """Yield the answer in one to four sentences."""
-    if answer.warnings:
+    if set(answer.warnings) - set(answer.assumptions):
         yield "Read the warnings under Doubts first: what they speak of may be what is explained here."
     yield from _other_forces(answer)
     measured = any(floor.measured_from_repeats for floor in answer.noise_floor.values())

@@ -262,6 +262,10 @@ def test_every_honest_answer_has_its_words(found: Diagnosis) -> None:
         assert words.split()[0] in summary(answer)
         others = [other for _, other in cases if other != words and other in text]
         assert [other for other in others if not other.startswith(("Cause", "Something"))] == []
+    how = "The controller seems to act 2 times between two samples of the log."
+    assumed = answered(found, warnings=(how,), assumptions=(how,)).answer
+    assert "Read the warnings" not in summary(assumed)
+    assert how in " ".join(summary(assumed).split())
 
 
 def test_doubts_are_said(found: Diagnosis) -> None:

@@ -72,7 +72,8 @@ class Aligned:
         Runs of another condition, which are in none of the rest.
     unsteady : list of RecordedRun
         Those with a force that does not repeat with the motion.
-    warnings : list of str
+    warnings, assumptions : list of str
+        Of the warnings, those that say how the records are compared.
     """
 
     nominal: Nominal
@@ -85,6 +86,11 @@ class Aligned:
     others: list[Apart]
     unsteady: list[RecordedRun]
     warnings: list[str]
+    assumptions: list[str]
+
+    def assuming(self, text: str) -> "Aligned":
+        """Return them with an assumption more."""
+        return dataclasses.replace(self, warnings=[*self.warnings, text], assumptions=[*self.assumptions, text])
 
     @property
     def only_unsteady(self) -> list[RecordedRun]:
@@ -108,7 +114,7 @@ def aligned(
         raise RecordError("no records: at least one is needed, better three repeats of several motions.")
     records, holdouts = nominal.on_the_arc(records), nominal.on_the_arc(holdouts)
     records, holdouts, copies = without_copies(records, holdouts)
-    nominal, runs, said = prepared(nominal, [*records, *holdouts], on_paper=baseline is None)
+    nominal, runs, assumed = prepared(nominal, [*records, *holdouts], on_paper=baseline is None)
     check_alike(runs)
     for run in runs if logged else ():
         check_record(run.as_read(), nominal.drive)
@@ -120,7 +126,7 @@ def aligned(
     replay, given = _replay(nominal), start(nominal)
     as_read = [run.as_read() for run in runs]
     scales = scale_warnings(as_read, drive, nominal.simulation.cycles)
-    warnings = [*copies, *said, *limits_of_forces(as_read, drive), *scales]
+    warnings = [*copies, *assumed, *limits_of_forces(as_read, drive), *scales]
     simulated = replay.on_each(runs, given.variant)
     runs, said = with_common_zeros(runs, simulated)
     every = [_beside_model(run, own, baseline) for run, own in zip(runs, simulated, strict=True)]
@@ -162,6 +168,7 @@ def aligned(
         others=others,
         unsteady=[item.run for item in every if item.is_unsteady],
         warnings=warnings,
+        assumptions=assumed,
     )
 
 

@@ -41,5 +41,4 @@ def with_likely_rates(best: Calibrated, anew: Callable[[Simulation], Aligned]) -
         'samples the model fits worse, whatever its values. Write `command_rates = "backward"` under [simulation] of '
         'the model, or `"central"` if that is wrong; or log reference_velocity_m_per_s.'
     )
-    ready = dataclasses.replace(tried.ready, warnings=[*tried.ready.warnings, said])
-    return dataclasses.replace(tried, ready=ready)
+    return dataclasses.replace(tried, ready=tried.ready.assuming(said))
