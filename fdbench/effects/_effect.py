@@ -315,6 +315,11 @@ class Effect(ABC):
         """Return a known effect with this one as a part of it, or None where it acts by itself."""
         return None
 
+    @property
+    def carried_mass_kg(self) -> float:
+        """Mass that moves with the axis as long as that is slow."""
+        return 0.0
+
     def linear_part(self) -> LinearPart | None:
         """Return what a linear model keeps of the effect; None: nothing, or the slope of its friction at speed."""
         return None

@@ -61,6 +61,10 @@ class StructuralMode(Effect):
         force = m * ((r_end - r) / h)
         return force, m * ((1.0 - (c - sigma * s)) / h), q_end, v + r_end
 
+    @property
+    def carried_mass_kg(self) -> float:
+        return self.moving_mass_kg
+
     def linear_part(self) -> LinearPart:
         omega = TURN * self.natural_frequency_Hz
         damping = 2.0 * self.damping_ratio * omega

@@ -9,6 +9,7 @@ from fdbench.diagnosis.answer import VALUE, Cause, Quantity
 from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
 from fdbench.diagnosis.judge.reduction import channel_gaps
+from fdbench.diagnosis.model.axis_parameters import Mass
 from fdbench.diagnosis.model.friction_parameters import FrictionSide, KnownAmplitude
 from fdbench.diagnosis.model.hypothesis import Hypothesis, penalty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
@@ -42,8 +43,9 @@ def deviating_parameters(
     """Return the nominal parameters that moved further than their uncertainty.
 
     A kind of value that is corrected on both sides of the screw counts once, with the sum of its changes: as far off as
-    that sum, or as the side that is further off, where the records tell the sides. The share of the gap that
-    re-calibration closes, ``recalibrated``, is divided in proportion to what each correction closes beside all others.
+    that sum, or as the side that is further off, where the records tell the sides. What a mode carries is no mass that
+    the axis lacks. The share of the gap that re-calibration closes, ``recalibrated``, is divided in proportion to what
+    each correction closes beside all others.
     """
     scale = nominal_parameters(final.nominal)
     groups: dict[str, list[int]] = {}
@@ -55,7 +57,7 @@ def deviating_parameters(
     gaps = channel_gaps(search.readings, search.split.plain, [final, *lacking])
     closed, *left = gaps.mean(axis=1).tolist()
     moves: list[tuple[str, float, float, float, str]] = []
-    on_motor = _on_motor(final)
+    on_motor, carried = _on_motor(final), sum(effect.carried_mass_kg for effect in final.effects)
     sides: dict[str, _OnMotor] = {}
     for (group, places), without in zip(groups.items(), left, strict=True):
         sizes = [scale[place].size(final.nominal.drive) for place in places]
@@ -65,6 +67,10 @@ def deviating_parameters(
         own = [abs(final.shifts[place]) for place in places]
         together = abs(change) / max(math.hypot(*sizes), 1e-30)
         distance = max(together, *own) if name else math.hypot(*own)
+        if scale[places[0]].kind == Mass.kind and change < 0.0 < carried:
+            # The mass that is known has what a mode carries in it; slowly, the axis is as heavy as both.
+            change = min(change + carried, 0.0)
+            distance = min(distance, abs(change) / max(math.hypot(*sizes), 1e-30))
         if group in on_motor:
             sides[name] = on_motor[group]
         if len(own) > 1 and sorted(own)[-2] > MODEL.far_fetched:

@@ -21,14 +21,17 @@ from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.search.refinement import Refinement
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.settings import JUDGE
+from fdbench.effects import Effect, effects
 
 PERIOD_S = 1e-3
 NOMINAL = Nominal(plant=drive(), simulation=Simulation(substeps=10))
 
 
-def deviating(**moved: float) -> Deviating:
+def deviating(*extra: Effect, **moved: float) -> Deviating:
     """Return what is said of a machine whose values are off by so many standard deviations, all of which was found."""
     found = start(NOMINAL).moved([moved.get(item.name, 0.0) for item in nominal_parameters(NOMINAL)])
+    for effect in extra:
+        found = found.with_effect(effect)
     noise_models = {"motor_force_N": white(0.1, measured=True), "position_m": white(1e-8, measured=True)}
     reference = moves((0.0, 0.06, 0.01), (0.08,), 2.0, PERIOD_S)
     still = dict.fromkeys(noise_models, np.zeros(len(reference)))
@@ -59,6 +62,17 @@ def test_a_mass_on_both_sides_is_further_off_than_on_either() -> None:
     assert 4.0 < together < 4.0 * math.sqrt(2.0) + 1e-9
     found = deviating(motor_mass=4.0, table_mass=4.0)
     assert found.features["inertia_mismatch"]["distance"] == pytest.approx(math.log(together))
+
+
+def test_what_a_mode_carries_was_in_the_mass_that_is_known() -> None:
+    """A part of the axis on a spring of its own: slowly, the axis is as heavy as the data sheet says."""
+    (size,) = (item.size(NOMINAL.drive) for item in nominal_parameters(NOMINAL) if item.name == "table_mass")
+    mode = effects.get("structural_mode").typical(moving_mass_kg=9.0 * size)
+    assert deviating(mode, table_mass=-9.5).causes == []
+    for extra, shift in (((), -9.5), ((mode,), 9.5)):
+        (cause,) = deviating(*extra, table_mass=shift).causes
+        assert cause.effect == "inertia_mismatch"
+        assert cause.parameters["change"].value == pytest.approx(shift * size)
 
 
 def test_friction_that_came_on_top_is_told_by_its_side() -> None:
