@@ -87,7 +87,8 @@ class RecordingSetup:
         """SHA-256 of all that the cases depend on: code, effects, model, motions, columns and noise."""
         kinds = [inspect.getsource(kind.declared) for kind in self.ready.nominal.library]
         model = toml_lines(table_of(self.nominal, Nominal))
-        held = [run.held.tobytes() if self.holds and run.held is not None else b"" for run in self.ready.runs]
+        every = [run.whole.held for run in self.ready.runs]
+        held = [own.tobytes() if self.holds and own is not None else b"" for own in every]
         moved = [self.command(run).tobytes() for run in self.ready.runs]
         motions = [hashlib.sha256(part).hexdigest() for part in (*moved, *held)]
         recorded = [
@@ -113,7 +114,8 @@ class RecordingSetup:
     @staticmethod
     def command(run: RecordedRun) -> FloatArray:
         """Return the command (n, 3) of a run; where it was followed, the motion that was measured."""
-        return run.reference if run.motion is None else np.column_stack((run.motion[0], run.reference[:, 1:]))
+        whole = run.whole
+        return whole.reference if whole.motion is None else np.column_stack((whole.motion[0], whole.reference[:, 1:]))
 
     @staticmethod
     def with_run_up(run: RecordedRun) -> FloatArray:
@@ -160,7 +162,7 @@ class RecordingSetup:
     def recorded(self, axis: LibraryAxis, rng: np.random.Generator) -> tuple[list[Record], list[Record]]:
         """Return what the logger writes of every motion: to fit, and to judge on."""
         found: list[Record] = []
-        for run in self.ready.runs:
+        for run in (part.whole for part in self.ready.runs):
             command = self.command(run)
             made = axis.readings(at_each_loop(self.with_run_up(run), run.period_s, self.loops), rng)
             readings = {name: values[:: self.loops][-run.n_samples :] for name, values in made.items()}

@@ -250,7 +250,7 @@ def test_a_record_of_repeated_laps_is_simulated_with_as_many_and_as_much_noise()
     # The axis is in motion from the first sample on, and no farther from its command than later.
     followed = np.abs(made[0]["position_m"] - made[0]["reference_position_m"])
     assert followed[0] < 1.2 * followed.max()
-    assert made[0]["motor_force_N"][0] == pytest.approx(setup.ready.runs[0].channels["motor_force_N"][0], rel=0.3)
+    assert made[0]["motor_force_N"][0] == pytest.approx(setup.ready.runs[0].whole.channels["motor_force_N"][0], rel=0.3)
 
 
 def test_an_axis_that_turns_stays_one_and_runs_up_to_its_speed(tmp_path: Path) -> None:

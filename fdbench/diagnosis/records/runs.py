@@ -21,7 +21,7 @@ FORCE, POSITION, DEFLECTION = "motor_force_N", "position_m", "motor_minus_table_
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeadIn:
-    """What comes before the samples that are compared: see `RecordedRun.after_lead_in`.
+    """What comes before the samples that are compared: see `RecordedRun.lead_in_samples`.
 
     Attributes
     ----------
@@ -30,11 +30,14 @@ class LeadIn:
     start : pair of float
         Position (m) and velocity (m/s) at the first sample.
     held_force_N : float
+    whole : RecordedRun
+        The run with these samples, as it was read.
     """
 
     reference: FloatArray
     start: tuple[float, float]
     held_force_N: float
+    whole: "RecordedRun"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,6 +94,11 @@ class RecordedRun:
     def n_before(self) -> int:
         """Number of samples before them."""
         return 0 if self.lead_in is None else len(self.lead_in.reference)
+
+    @property
+    def whole(self) -> "RecordedRun":
+        """The run with its lead-in."""
+        return self if self.lead_in is None else self.lead_in.whole
 
     @property
     def time_s(self) -> FloatArray:
@@ -154,7 +162,8 @@ class RecordedRun:
         """Return the run without its first samples, which are simulated, but not compared."""
         if n_before == 0:
             return self
-        lead_in = LeadIn(reference=self.reference[:n_before], start=self.start, held_force_N=self.held_force_N)
+        before = self.reference[:n_before]
+        lead_in = LeadIn(reference=before, start=self.start, held_force_N=self.held_force_N, whole=self)
         return self._part(slice(n_before, None), lead_in)
 
     def as_read(self) -> "RecordedRun":
