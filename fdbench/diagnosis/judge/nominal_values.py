@@ -65,12 +65,12 @@ def deviating_parameters(
         name = scale[places[0]].cause(final.nominal)
         # Without an effect that stands for them they are values of their own, whose changes do not add up.
         own = [abs(final.shifts[place]) for place in places]
-        together = abs(change) / max(math.hypot(*sizes), 1e-30)
-        distance = max(together, *own) if name else math.hypot(*own)
+        deviation = max(math.hypot(*sizes), 1e-30)
+        distance = max(abs(change) / deviation, *own) if name else math.hypot(*own)
         if scale[places[0]].kind == Mass.kind and change < 0.0 < carried:
             # The mass that is known has what a mode carries in it; slowly, the axis is as heavy as both.
             change = min(change + carried, 0.0)
-            distance = min(distance, abs(change) / max(math.hypot(*sizes), 1e-30))
+            distance = min(distance, abs(change) / deviation)
         if group in on_motor:
             sides[name] = on_motor[group]
         if len(own) > 1 and sorted(own)[-2] > MODEL.far_fetched:

@@ -27,16 +27,11 @@ class LeadIn:
     ----------
     reference : (n_samples, 3) array
         Commanded position, velocity, acceleration.
-    start : pair of float
-        Position (m) and velocity (m/s) at the first sample.
-    held_force_N : float
     whole : RecordedRun
         The run with these samples, as it was read.
     """
 
     reference: FloatArray
-    start: tuple[float, float]
-    held_force_N: float
     whole: "RecordedRun"
 
 
@@ -114,7 +109,7 @@ class RecordedRun:
     def start(self) -> tuple[float, float]:
         """Position (m) and velocity (m/s) where the record begins, by a line through the first few samples."""
         if self.lead_in is not None:
-            return self.lead_in.start
+            return self.whole.start
         first = self.channels[POSITION][: RECORDS.start_samples]
         slope, offset = np.polyfit(np.arange(len(first)) * self.period_s, first, 1)
         return float(offset), float(slope)
@@ -133,7 +128,7 @@ class RecordedRun:
         less what is left of a baseline, a force that builds up may seem to stand.
         """
         if self.lead_in is not None:
-            return self.lead_in.held_force_N
+            return self.whole.held_force_N
         force, moves = (self.readings or self.channels)[FORCE], np.flatnonzero(self.moves)
         standing = force[: moves[0] if len(moves) else self.n_samples]
         if len(standing) < 4 * RECORDS.start_samples:
@@ -162,9 +157,7 @@ class RecordedRun:
         """Return the run without its first samples, which are simulated, but not compared."""
         if n_before == 0:
             return self
-        before = self.reference[:n_before]
-        lead_in = LeadIn(reference=before, start=self.start, held_force_N=self.held_force_N, whole=self)
-        return self._part(slice(n_before, None), lead_in)
+        return self._part(slice(n_before, None), LeadIn(reference=self.reference[:n_before], whole=self))
 
     def as_read(self) -> "RecordedRun":
         """Return the run with its channels as they were read."""

@@ -311,8 +311,11 @@ class _Steps:
         self.promise = self.before - self.squares - weight * self.undamped.prior_penalty()
 
     def damped(self, dampings: Sequence[float]) -> list[Hypothesis]:
-        """Return the hypothesis after the step of each damping."""
-        return [self._to(self.scores.fit(self._columns, damping).coefficients) for damping in dampings]
+        """Return the hypothesis after the step of each damping, of which 0 is none."""
+        return [
+            self._to(self.scores.fit(self._columns, damping).coefficients) if damping else self.undamped
+            for damping in dampings
+        ]
 
     @property
     def _columns(self) -> range:
