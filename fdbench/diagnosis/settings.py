@@ -263,6 +263,8 @@ class SearchSettings:
         (0.03, 0.3, 3.0), "of the diagonal of the normal matrix, tried together where a step without promises too much"
     )
     further_dampings: tuple[float, ...] = number((30.0, 300.0, 3000.0), "tried where none of those falls as promised")
+    quick: int = number(2, "steps after which a fit is slow, and longer steps are tried, too")
+    lengths: tuple[float, ...] = number((2.0, 4.0), "of the best step, tried together where a fit is slow")
     tie: float = number(0.1, "log odds of a rival up to which an effect is not replaced by it")
     reviews: int = number(3, "rounds in which effects may be replaced by rivals or go")
     loops: tuple[int, ...] = number((2, 4), "cycles of the controller in a sampling time that are tried")

@@ -97,6 +97,8 @@ class Parameter:
         ``"resonance"``: of a mass on a spring that the measured motion would move as the gap's force asks (Hz).
     whole : bool
         Whether it is a whole number, which no fit moves.
+    at_least : str
+        Another parameter, declared before, that it is never below in a fit, which moves by how much it exceeds that.
     """
 
     name: str
@@ -108,6 +110,7 @@ class Parameter:
     phase: bool = False
     locate: Locate = ""
     whole: bool = False
+    at_least: str = ""
 
     @property
     def unit(self) -> str:
@@ -133,11 +136,12 @@ def parameter(
     phase: bool = False,
     locate: Locate = "",
     whole: bool = False,
+    at_least: str = "",
     default: Any = dataclasses.MISSING,
 ) -> Any:
     """Declare a parameter of an effect; see `Parameter`. One with a default may be left out of a scenario."""
     metadata = {"symbol": symbol, "low": low, "high": high, "typical": typical}
-    search = {"grid": grid, "phase": phase, "locate": locate, "whole": whole}
+    search = {"grid": grid, "phase": phase, "locate": locate, "whole": whole, "at_least": at_least}
     return dataclasses.field(default=default, metadata={**metadata, **search})
 
 
@@ -341,9 +345,14 @@ class Effect(ABC):
         return dataclasses.replace(self, **changes)  # type: ignore[type-var]
 
     def within(self, **changes: float) -> Self:
-        """Return the effect with other values of some parameters, each as far as its bounds allow."""
+        """Return the effect with other values of some parameters, each as far as its bounds allow.
+
+        What is ``at_least`` another one is raised to it.
+        """
         bounds = {item.name: item for item in self.parameters()}
-        return self.changed(**{name: bounds[name].within(value) for name, value in changes.items()})
+        effect = self.changed(**{name: bounds[name].within(value) for name, value in changes.items()})
+        floors = {item.name: getattr(effect, item.at_least) for item in self.parameters() if item.at_least}
+        return effect.changed(**{name: max(getattr(effect, name), floor) for name, floor in floors.items()})
 
     def values(self) -> tuple[float, ...]:
         """Return the parameter values in the order of the kernel's arguments."""

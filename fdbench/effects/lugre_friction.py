@@ -44,7 +44,7 @@ class LugreFriction(Effect):
     confusable_with = ("stribeck_friction", "backlash")
 
     coulomb_force_N: float = parameter("F_c", low=0.0, high=5000.0, typical=120.0)
-    static_force_N: float = parameter("F_s", low=0.0, high=8000.0, typical=150.0)
+    static_force_N: float = parameter("F_s", low=0.0, high=8000.0, typical=150.0, at_least="coulomb_force_N")
     stribeck_velocity_m_per_s: float = parameter("v_s", low=1e-4, high=0.1, typical=3e-3)
     bristle_stiffness_N_per_m: float = parameter(
         "sigma_0", low=1e3, high=1e9, typical=2e7, grid=(2e5, 1e6, 5e6, 2e7, 6e7)
@@ -62,11 +62,6 @@ class LugreFriction(Effect):
         damping = stiffness * usual.bristle_damping_N_s_per_m / usual.bristle_stiffness_N_per_m
         bristles = effect.within(bristle_stiffness_N_per_m=stiffness, bristle_damping_N_s_per_m=damping)
         return bristles.changed(coulomb_force_N=level, static_force_N=level)
-
-    def within(self, **changes: float) -> Self:
-        """Return it as far as its bounds allow; what a fit finds resists at rest as much as when it slides, or more."""
-        effect = super().within(**changes)
-        return effect.changed(static_force_N=max(effect.static_force_N, effect.coulomb_force_N))
 
     @kernel
     def kernel(t, h, x, v, u, F_c, F_s, v_s, sigma_0, sigma_1, z):

@@ -34,15 +34,18 @@ def intervals(search: Search, final: Hypothesis) -> list[dict[str, Pair]]:
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
     inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
     spread = sums.T @ sums * len(sums) / max(len(sums) - n, 1)
-    deviations = 1.96 * np.sqrt(np.diag(inverse @ (spread + np.diag(prior)) @ inverse))
+    covariance = inverse @ (spread + np.diag(prior)) @ inverse
     found, first = [], len(final.shifts)
     for effect in final.effects:
         items = adjustables(effect)
+        of_effect = covariance[first : first + len(items), first : first + len(items)]
+        lowest = {item.name: item.low for item in items}
         own: dict[str, Pair] = {}
-        for item, deviation in zip(items, deviations[first : first + len(items)].tolist(), strict=True):
-            value = float(getattr(effect, item.name))
-            half = deviation * item.step
-            own[item.name] = max(value - half, item.low), min(value + half, item.high)
+        for item in items:
+            # What is fitted is by how much a parameter exceeds another one; its interval is that of their sum.
+            parts = [other.step if other.name in (item.name, item.above) else 0.0 for other in items]
+            half, value = 1.96 * float(np.sqrt(parts @ of_effect @ parts)), float(getattr(effect, item.name))
+            own[item.name] = max(value - half, lowest.get(item.above, item.low)), min(value + half, item.high)
         found.append(own)
         first += len(items)
     return found

@@ -20,6 +20,8 @@ from fdbench.effects import Effect
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 
+Key = tuple[tuple[float, ...], tuple[Effect, ...], tuple[int, ...]]
+
 
 @dataclass(frozen=True, kw_only=True)
 class Adjustable:
@@ -35,6 +37,8 @@ class Adjustable:
         Bounds.
     prior : bool
         Whether a Gaussian prior holds it at its nominal value.
+    above : str
+        Another parameter of the effect; the number is by how much this one exceeds it.
     """
 
     name: str
@@ -42,6 +46,11 @@ class Adjustable:
     low: float
     high: float
     prior: bool
+    above: str = ""
+
+    def of(self, effect: Effect) -> float:
+        """Return the number as an effect has it."""
+        return float(getattr(effect, self.name)) - (float(getattr(effect, self.above)) if self.above else 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +71,11 @@ class Hypothesis:
     shifts: tuple[float, ...]
     effects: tuple[Effect, ...] = ()
     replaced: tuple[int, ...] = ()
+
+    @property
+    def key(self) -> Key:
+        """What tells hypotheses about one nominal model apart."""
+        return self.shifts, self.effects, self.replaced
 
     @functools.cached_property
     def variant(self) -> Variant:
@@ -310,7 +324,8 @@ def adjustables(effect: Effect, longest_s: float = math.inf) -> list[Adjustable]
         step = MODEL.phase_step_rad if item.phase else share * (abs(value) or abs(item.typical))
         low, high = (-math.inf, math.inf) if item.phase else (item.low, item.high)
         high = min(high, max(longest_s, low)) if item.unit == "s" else high
-        found.append(Adjustable(name=item.name, step=step, low=low, high=high, prior=False))
+        low = 0.0 if item.at_least else low
+        found.append(Adjustable(name=item.name, step=step, low=low, high=high, prior=False, above=item.at_least))
     return found
 
 
@@ -318,7 +333,7 @@ def at_bound(effect: Effect) -> list[str]:
     """Return the fitted parameters that lie on a bound of what the library allows; at 0 there is nothing beyond."""
     found = []
     for item in adjustables(effect):
-        value = float(getattr(effect, item.name))
+        value = item.of(effect)
         bounds = (bound for bound in (item.low, item.high) if math.isfinite(bound) and bound != 0.0)
         if any(abs(value - bound) <= MODEL.at_bound * abs(bound) for bound in bounds):
             found.append(item.name)

@@ -30,7 +30,7 @@ def parameter_vector(hypothesis: Hypothesis) -> FloatArray:
     """Return the numbers of a hypothesis in the order of `adjustables_of`."""
     values = list(hypothesis.shifts)
     for effect in hypothesis.effects:
-        values += [getattr(effect, item.name) for item in adjustables(effect)]
+        values += [item.of(effect) for item in adjustables(effect)]
     return np.array(values)
 
 
@@ -40,9 +40,10 @@ def with_parameters(hypothesis: Hypothesis, values: FloatArray) -> Hypothesis:
     place = n
     effects = []
     for effect in hypothesis.effects:
-        changes = {}
+        changes: dict[str, float] = {}
         for item in adjustables(effect, longest_s(hypothesis)):
-            changes[item.name] = float(min(max(values[place], item.low), item.high))
+            value = float(min(max(values[place], item.low), item.high))
+            changes[item.name] = value + changes.get(item.above, 0.0)
             place += 1
         phases = {item.name for item in type(effect).parameters() if item.phase}
         changes |= {name: math.remainder(changes[name], 2.0 * math.pi) for name in phases & changes.keys()}

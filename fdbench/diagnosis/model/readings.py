@@ -4,21 +4,14 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.hypothesis import Hypothesis, Key
 from fdbench.diagnosis.model.replay import Replay, Replayed, room
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import MODEL
-from fdbench.effects import Effect
 from fdbench.record import FloatArray
 
 Channels = Mapping[str, FloatArray]
-Key = tuple[tuple[float, ...], tuple[Effect, ...], tuple[int, ...]]
-
-
-def _key(hypothesis: Hypothesis) -> Key:
-    """Return what tells hypotheses about one nominal model apart."""
-    return hypothesis.shifts, hypothesis.effects, hypothesis.replaced
 
 
 class Readings:
@@ -57,9 +50,9 @@ class Readings:
 
         Arrays that are ``lent`` hold readings of a run until the next one is asked for, here or elsewhere.
         """
-        keys = [_key(item) for item in hypotheses]
+        keys = [item.key for item in hypotheses]
         first = {key: place for place, key in reversed([*enumerate(keys)])}
-        kept = {_key(item) for item in keep}
+        kept = {item.key for item in keep}
         for together in self._together(places, len(keys)):
             runs = [self.runs[place] for place in together]
             found = self.replay.memory.rooms(runs, len(keys)) if lent else [room(run, len(keys)) for run in runs]
@@ -98,17 +91,17 @@ class Readings:
 
     def alone(self, place: int, hypothesis: Hypothesis) -> Channels:
         """Return each channel of a run as one hypothesis reads it, (n_samples,), and keep that of all runs."""
-        known = self._kept.get(_key(hypothesis), {})
+        known = self._kept.get(hypothesis.key, {})
         if place not in known:
             others = [other for other in range(len(self.runs)) if other not in known]
             for _ in self.each(others, [hypothesis], keep=[hypothesis]):
                 pass
-        return self._kept[_key(hypothesis)][place]
+        return self._kept[hypothesis.key][place]
 
     def forget(self, hypotheses: Sequence[Hypothesis]) -> None:
         """Keep hypotheses no longer."""
-        for key in map(_key, hypotheses):
-            self._kept.pop(key, None)
+        for hypothesis in hypotheses:
+            self._kept.pop(hypothesis.key, None)
 
     def coarsened(self, nominal: Hypothesis, noise_models: Mapping[str, NoiseModel]) -> "Readings":
         """Return those with the fewest substeps that move no reading by a tenth of the noise within a run."""

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,6 +93,7 @@ class Refinement:
         """Fit to other readings, or to the same ones split or weighted otherwise, from now on."""
         self.readings, self.split = readings, split
         self._fitted_readings, self._fitted_split = fitted_part(readings, split)
+        self._refined: dict[Hashable, Hypothesis] = {}
 
     def calibrate(self, given: Hypothesis, *, narrow: bool = False) -> Hypothesis:
         """Fit the nominal parameters: first those that a data sheet has, then the form of friction beside them.
@@ -117,11 +118,18 @@ class Refinement:
         factors (Levenberg 1944, Marquardt 1963) are simulated together, and the best is taken. The responses to the
         numbers serve for further steps as long as steps keep what they promise (chords: Shamanskii 1967), and are
         simulated anew otherwise: to numbers moved by less where those had told too small a slope. What is to
-        predict best, and is compared with nothing, is fitted by all samples as they are, not ``tempered``.
+        predict best, and is compared with nothing, is fitted by all samples as they are, not ``tempered``. From where a
+        fit has begun before it ends where it did.
         """
+        begun = given.key, frozenset(fixed), tempered
+        if begun not in self._refined:
+            self._refined[begun] = self._descended(given, fixed, tempered)
+        return self._refined[begun]
+
+    def _descended(self, given: Hypothesis, fixed: Collection[str], tempered: bool) -> Hypothesis:
         hypothesis, tangent, kept = given, self.tangent(given), True
         moving = [place for place, item in enumerate(adjustables_of(given)) if item.name not in fixed]
-        for _ in range(SEARCH.steps):
+        for place in range(SEARCH.steps):
             probed = self._gather(hypothesis, tangent.of(moving), [*tangent.about, *tangent.moved], self.split.fitted)
             inside = ~probed.held_out
             alone = float(probed.squares(held_out=False)[0])
@@ -131,7 +139,7 @@ class Refinement:
             steps, fresh = _Steps(hypothesis, probed, moving, weight, tangent.scale), tangent.is_about(hypothesis)
             if steps.promise < enough:
                 break
-            hypothesis, fell = self._stepped(steps, given, fresh=fresh, likely=kept)
+            hypothesis, fell = self._stepped(steps, given, fresh=fresh, likely=kept, slow=place >= SEARCH.quick)
             if fresh and fell < enough:
                 break
             kept = fell >= SEARCH.kept_promise * steps.promise
@@ -145,12 +153,15 @@ class Refinement:
         self._forget(self._own(tangent, given), given, hypothesis)
         return hypothesis
 
-    def _stepped(self, steps: "_Steps", given: Hypothesis, *, fresh: bool, likely: bool) -> tuple[Hypothesis, float]:
+    def _stepped(
+        self, steps: "_Steps", given: Hypothesis, *, fresh: bool, likely: bool, slow: bool
+    ) -> tuple[Hypothesis, float]:
         """Return where the best of a step and of damped ones ends, and how far the objective falls to there.
 
         Readings of the others are forgotten, but those of what a fit was ``given``. Steps are damped no further than
         to any fall where their responses are not ``fresh``, and better ones can be simulated. Unless an undamped one is
-        ``likely`` to do, the first dampings are simulated beside it, which fills the lanes of a block.
+        ``likely`` to do, the first dampings are simulated beside it, which fills the lanes of a block. Of a ``slow``
+        fit, which creeps along a valley, the best step is tried several times as long.
         """
         hypothesis, fell = steps.hypothesis, 0.0
         tried = [steps.hypothesis]
@@ -165,6 +176,13 @@ class Refinement:
             is_damped = dampings != (0.0,)
             if fell >= SEARCH.kept_promise * steps.promise or (is_damped and (fell > 0.0 or not fresh)):
                 break
+        if slow and fell > 0.0:
+            trials = steps.longer(hypothesis)
+            after = _objectives(self._squares(steps.hypothesis, trials)[1:], trials, steps.weight)
+            best = int(np.argmin(after))
+            if steps.before - after[best] > fell:
+                hypothesis, fell = trials[best], steps.before - after[best]
+            tried += trials
         self._fitted_readings.forget([item for item in tried if item not in (given, hypothesis)])
         return hypothesis, fell
 
@@ -302,8 +320,12 @@ class _Steps:
         known = [(column, place) for column, place in enumerate(moving, 1) if self.numbers[place].prior]
         priors = [(stand / scale, own * scale**2) for stand, own in hypothesis.priors(weight)]
         room = [(low / scale, high / scale) for low, high in hypothesis.room()]
+        further = zip(self.numbers, self.values.tolist(), self.sizes.tolist(), strict=True)
+        room += [((item.low - value) / size, (item.high - value) / size) for item, value, size in further][len(room) :]
         self.scores = Scores(
-            probed, {column: priors[place] for column, place in known}, {column: room[place] for column, place in known}
+            probed,
+            {column: priors[place] for column, place in known},
+            {column: room[place] for column, place in enumerate(moving, 1)},
         )
         fit = self.scores.fit(self._columns)
         self.undamped, self.squares = self._to(fit.coefficients), fit.squares
@@ -316,6 +338,11 @@ class _Steps:
             self._to(self.scores.fit(self._columns, damping).coefficients) if damping else self.undamped
             for damping in dampings
         ]
+
+    def longer(self, stepped: Hypothesis) -> list[Hypothesis]:
+        """Return the hypothesis after steps in the direction of one, several times as long."""
+        step = parameter_vector(stepped) - self.values
+        return [with_parameters(self.hypothesis, self.values + factor * step) for factor in SEARCH.lengths]
 
     @property
     def _columns(self) -> range:

@@ -97,7 +97,7 @@ def test_a_fit_finds_no_less_friction_at_rest_than_while_sliding() -> None:
     hypothesis = start(nominal()).with_effect(effect)
     numbers = [item.name for item in adjustables_of(hypothesis)]
     values = parameter_vector(hypothesis)
-    values[numbers.index("static_force_N")] = 1.0
+    values[numbers.index("static_force_N")] = -1.0
     found: Any = with_parameters(hypothesis, values).effects[0]
     assert found.static_force_N == found.coulomb_force_N == 100.0
 
@@ -172,3 +172,19 @@ def test_a_bump_where_friction_turns_its_sign_is_no_stribeck_friction() -> None:
     assert not is_corner(stribeck.typical(**speeds))
     assert is_corner(stribeck.typical(**(speeds | {WIDTH: 2e-3})))
     assert not any(is_corner(effects.get(name).typical()) for name in ("coulomb_friction", "lugre_friction", "cogging"))
+
+
+def test_a_fit_moves_by_how_much_bristles_stick_more_than_they_slide() -> None:
+    """Then the two forces are no corner to it: with the Coulomb force the static force moves either way."""
+    effect = LUGRE.typical(coulomb_force_N=100.0, static_force_N=100.0)
+    tried = Hypothesis(nominal=nominal(), shifts=start(nominal()).shifts, effects=(effect,))
+    numbers, values = adjustables_of(tried), parameter_vector(tried)
+    place = {item.name: index for index, item in enumerate(numbers)}
+    coulomb, static = place["coulomb_force_N"], place["static_force_N"]
+    assert (values[coulomb], values[static], numbers[static].low) == (100.0, 0.0, 0.0)
+    for change, expected in ({coulomb: 7.0}, (107.0, 107.0)), ({coulomb: -7.0, static: 2.0}, (93.0, 95.0)):
+        moved = values.copy()
+        moved[[*change]] += [*change.values()]
+        (found,) = with_parameters(tried, moved).effects
+        assert (found.coulomb_force_N, found.static_force_N) == pytest.approx(expected)
+    assert effect.within(coulomb_force_N=120.0).static_force_N == 120.0

@@ -244,13 +244,14 @@ def test_what_strained_values_hide_from_a_linear_fit_is_sought_beside_them_as_gi
 
 
 def test_friction_over_velocity_is_also_fitted_without_a_free_form_of_friction() -> None:
-    """A form of friction at its limit stands in for Stribeck friction, and stays there where a fit begins beside it."""
+    """A form of friction at its limit stands in for Stribeck friction; beside it, short steps stay there."""
     true = effects.get("stribeck_friction").typical(stribeck_force_N=60.0)
     own = search(true)
     base = own.refinement.calibrate(start(NOMINAL))
     assert base.far_fetched == 0.0
     tried = base.with_effect(true.scaled(0.1))
-    found, beside_the_form = own.refined_anew(tried, base), own.refinement.refine(tried)
+    with changed({"search.quick": SEARCH.steps}):
+        found, beside_the_form = own.refined_anew(tried, base), own.refinement.refine(tried)
     assert own.refinement.better(base, [found, beside_the_form]) is found
     assert found.effects[0].values()[0] == pytest.approx(60.0, rel=0.2)
     assert beside_the_form.effects[0].values()[0] < found.effects[0].values()[0]
@@ -266,15 +267,16 @@ def test_what_is_right_on_what_is_fitted_is_refined_too() -> None:
 
 
 def test_a_load_on_the_table_is_not_left_on_the_motor() -> None:
-    """80 kg are 44 deviations of the table's mass and 23 of the motor's, where a fit stops; put over it goes on."""
+    """80 kg: 44 deviations of the table, 23 of the motor, where short steps stop; put over, they go on."""
     true = effects.get("inertia_mismatch").typical(extra_mass_kg=80.0)
     own = search(true)
     places = {item.name: place for place, item in enumerate(nominal_parameters(NOMINAL))}
-    found = own.refinement.calibrate(start(NOMINAL))
     sizes = [item.size(NOMINAL.drive) for item in nominal_parameters(NOMINAL)]
     motor, table = places["motor_mass"], places["table_mass"]
+    with changed({"search.quick": SEARCH.steps}):
+        found, stopped = own.refinement.calibrate(start(NOMINAL)), own.refinement.refine(start(NOMINAL))
     assert found.shifts[table] * sizes[table] == pytest.approx(80.0, rel=0.02)
-    assert abs(found.shifts[motor]) < 1.0 < abs(own.refinement.refine(start(NOMINAL)).shifts[motor])
+    assert abs(found.shifts[motor]) < 1.0 < abs(stopped.shifts[motor])
 
 
 def test_what_is_far_off_on_one_side_is_tried_on_either_alone() -> None:
@@ -440,11 +442,50 @@ def test_a_step_is_tried_beside_damped_ones_where_the_last_one_broke_its_promise
 
     own.refinement._squares = counted  # type: ignore[method-assign]
     (one, fell), (other, deeper) = (
-        own.refinement._stepped(steps, given, fresh=True, likely=own_) for own_ in (True, False)
+        own.refinement._stepped(steps, given, fresh=True, likely=own_, slow=False) for own_ in (True, False)
     )
     assert tried == [1, 1 + len(SEARCH.dampings)]
     assert deeper >= fell > 0.0
     assert one.effects[0].values() == pytest.approx(other.effects[0].values(), rel=0.1)
+
+
+def test_of_a_slow_fit_the_best_step_is_tried_several_times_as_long() -> None:
+    """A step that is damped to a tenth falls short of where one several times as long ends."""
+    true = effects.get("cogging").typical()
+    own = search(true)
+    given = start(NOMINAL).with_effect(true.scaled(0.7))
+    probed, _, _ = own.refinement.promise(given)
+    steps = _Steps(given, probed, range(len(Tangent.at(given).moved)), 1.0)
+    (steps.undamped,), steps.promise = steps.damped([10.0]), 0.0
+    ends = [own.refinement._stepped(steps, given, fresh=True, likely=True, slow=slow) for slow in (False, True)]
+    (_, fell), (longer, deeper) = ends
+    assert deeper > 1.3 * fell > 0.0
+    assert longer in steps.longer(steps.undamped)
+
+
+def test_a_fit_from_where_one_has_begun_before_simulates_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    refinement = search(effects.get("cogging").typical()).refinement
+    found = refinement.refine(start(NOMINAL))
+    monkeypatch.setattr(Replay, "fill", None)
+    assert refinement.refine(start(NOMINAL)) is found
+    monkeypatch.undo()
+    refinement.look_at(refinement.readings, refinement.split)
+    assert refinement.refine(start(NOMINAL)) is not found
+
+
+def test_no_step_leads_beyond_the_bounds_of_an_effect_and_what_it_promises_is_within_them() -> None:
+    """Of bristles whose static force would have to be below the Coulomb force, all other numbers are fitted."""
+    kind = effects.get("lugre_friction")
+    true = kind.typical(coulomb_force_N=40.0, static_force_N=40.0)
+    own = search(true)
+    tried = start(NOMINAL).with_effect(true.changed(coulomb_force_N=42.0, static_force_N=42.0))
+    probed, _, _ = own.refinement.promise(tried)
+    steps = _Steps(tried, probed, range(len(Tangent.at(tried).moved)), 1.0)
+    (bristles,) = steps.undamped.effects
+    assert bristles.static_force_N == pytest.approx(bristles.coulomb_force_N)
+    assert bristles.coulomb_force_N < 41.5
+    (after,) = own.refinement._squares(tried, [steps.undamped])[1:]
+    assert steps.before - after - steps.undamped.prior_penalty() == pytest.approx(steps.promise, rel=0.25)
 
 
 def test_a_step_by_smaller_steps_of_the_numbers_ends_where_that_by_whole_ones_does() -> None:
