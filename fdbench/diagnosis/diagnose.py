@@ -183,7 +183,7 @@ def _diagnosed(
             force=Quantity(value=_force_rms_N(split), ci95=None, unit=spoken_unit("N")),
         ),
         false_alarms=None if baseline else false_alarms(said.surest(), said.unknown_probability),
-        cause_set=None if baseline else cause_set(said.chances(), said.unknown_probability),
+        cause_set=None if baseline else cause_set(said.chances(), said.unknown_probability, alike=said.alike()),
         axis=nominal.axis,
     )
     return Diagnosis(

@@ -263,7 +263,8 @@ class SearchSettings:
         (0.03, 0.3, 3.0), "of the diagonal of the normal matrix, tried together where a step without promises too much"
     )
     further_dampings: tuple[float, ...] = number((30.0, 300.0, 3000.0), "tried where none of those falls as promised")
-    quick: int = number(2, "steps after which a fit is slow, and longer steps are tried, too")
+    quick: int = number(2, "steps after which a fit that creeps is slow, and longer steps are tried, too")
+    creeping: float = number(0.05, "fall of the objective, relative to it, below which a fit creeps")
     lengths: tuple[float, ...] = number((2.0, 4.0), "of the best step, tried together where a fit is slow")
     tie: float = number(0.1, "log odds of a rival up to which an effect is not replaced by it")
     reviews: int = number(3, "rounds in which effects may be replaced by rivals or go")
@@ -283,6 +284,7 @@ class SearchSettings:
     bin_m: float = number(1e-4, "of the profile over the way")
     oversampling: int = number(8, "of its spectrum")
     orders: tuple[float, ...] = number((1.0, 2.0, 6.0, 12.0, 24.0), "of a turn, where screws, couplings, poles repeat")
+    of_an_order: float = number(0.25, "waves over the travel, by which a long wave may miss a known order and be it")
     around: int = number(8, "resolved wavenumbers around a pitch that its power is compared with")
     above: float = number(3.0, "power above theirs that makes a known order worth a try")
 
@@ -318,6 +320,7 @@ class JudgeSettings:
         "between the likeliest on 620 axes of tier G (1 to 2) and on 200 of A to D (0), kept out",
     )
     enough: float = number(0.5, "share of the gap that everything named must explain to be believed")
+    worse: float = number(1.5, "times as large as without it, or as noise, is no channel's gap with what is a cause")
     unrepeated: float = number(10.0, "ratio to the floor of three repeats that one run may reach by chance")
     alike: float = number(0.9, "of what the best removes, removed by a rival that is indistinguishable", zero=1.0)
     fewest: float = number(0.01, "probability of a rival that is worth mentioning")

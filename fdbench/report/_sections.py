@@ -121,6 +121,9 @@ def noise_floors(answer: Answer) -> Html:
 
 
 def _where(answer: Answer) -> Iterator[Block]:
+    if words.is_noise_alone(answer):
+        yield paragraph("Nothing is beyond the noise.")
+        return
     yield note(
         "Shares of the mean squared gap of the re-calibrated model beyond the noise floor, all channels together, each "
         "in units of its floor. What the noise alone would give is set apart, so the shares of a figure add up to 1."

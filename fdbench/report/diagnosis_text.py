@@ -124,8 +124,8 @@ def _nothing(answer: Answer) -> Iterator[str]:
     nominal, size = answer.sizes()
     if size > JUDGE.measurable and all(floor.measured_from_repeats for floor in answer.noise_floor.values()):
         yield (
-            "Too small to attribute beside friction that is another in each run: the mean squared gap is "
-            f"{size:.2f} times what repeats differed by."
+            f"Too small to attribute: the mean squared gap is {size:.2f} times what repeats differed by, and no known "
+            "effect takes enough of it."
         )
     elif size > NOISE_ALONE:
         yield f"Too small to attribute: the mean squared gap is {size:.2f} times the noise, no more."
@@ -462,6 +462,9 @@ def _gap(answer: Answer) -> Iterator[str]:
 
 
 def _where(answer: Answer) -> Iterator[str]:
+    if is_noise_alone(answer):
+        yield "nothing beyond the noise"
+        return
     for words in PARTITIONS:
         cells = cells_of(answer, words)
         shown = sorted((cell for cell in cells if cell[1] >= SMALLEST_SHARE), key=lambda cell: -cell[1])
@@ -471,6 +474,11 @@ def _where(answer: Answer) -> Iterator[str]:
             yield f"{words}: spread evenly"
         else:
             yield f"{words}: " + ", ".join(f"{name} {percent(share)}" for name, share in shown[:MOST_CELLS])
+
+
+def is_noise_alone(answer: Answer) -> bool:
+    """Return whether a gap is noise alone, so that no place has a share of it."""
+    return answer.no_gap_probability >= LIKELY and answer.sizes()[1] <= NOISE_ALONE
 
 
 def cells_of(answer: Answer, partition: str) -> list[tuple[str, float]]:

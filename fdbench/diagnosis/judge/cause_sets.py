@@ -1,6 +1,6 @@
 """Cause sets: what an axis with one cause may have, with a guarantee that no probability has to be right for."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -37,7 +37,12 @@ def axes_with_one_cause() -> AxesWithOneCause:
     return read(AxesWithOneCause, load_toml(FILE), FILE.name)
 
 
-def cause_set(chances: Mapping[str, float], unknown: float, axes: AxesWithOneCause | None = None) -> CauseSet:
+def cause_set(
+    chances: Mapping[str, float],
+    unknown: float,
+    axes: AxesWithOneCause | None = None,
+    alike: Collection[Collection[str]] = (),
+) -> CauseSet:
     r"""Return the effects that the one cause of an axis is among.
 
     An effect is in the set unless its conformal p-value is too small:
@@ -58,6 +63,8 @@ def cause_set(chances: Mapping[str, float], unknown: float, axes: AxesWithOneCau
         Probability of an unknown cause.
     axes : AxesWithOneCause, optional
         Without, those that the package is shipped with.
+    alike : collection of collections of str
+        Effects that are not told from one another: all of them are in a set that has one.
 
     Returns
     -------
@@ -69,14 +76,18 @@ def cause_set(chances: Mapping[str, float], unknown: float, axes: AxesWithOneCau
     >>> axes = AxesWithOneCause(source="", truth=(0.2, 0.25, *[0.9] * 18), unknown=(0.1,))
     >>> cause_set({"backlash": 0.85, "dead_time": 0.15, "cogging": 0.3}, 0.0, axes).causes
     ('backlash', 'cogging')
+    >>> cause_set({"backlash": 0.85, "dead_time": 0.15}, 0.0, axes, [("backlash", "dead_time")]).causes
+    ('backlash', 'dead_time')
     """
     known = axes or axes_with_one_cause()
 
     def may_be_it(chance: float) -> bool:
         return 1 + sum(own <= chance for own in known.truth) > (1.0 - JUDGE.level) * (1 + len(known.truth))
 
+    found = {name for name, chance in chances.items() if may_be_it(chance)}
+    found |= {name for own in alike if found & {*own} for name in own}
     return CauseSet(
-        causes=tuple(sorted((name for name in chances if may_be_it(chances[name])), key=lambda name: -chances[name])),
+        causes=tuple(sorted(found, key=lambda name: (-chances.get(name, 0.0), name))),
         everything=may_be_it(0.0),
         holds=JUDGE.level,
         axes=len(known.truth),

@@ -7,6 +7,7 @@ from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.findings import Findings
 from fdbench.diagnosis.judge.look_alikes import divided, indistinguishable
 from fdbench.diagnosis.judge.probability_models import Beside, Features, ProbabilityModels
+from fdbench.diagnosis.judge.shares import Parts
 from fdbench.diagnosis.model.hypothesis import is_beyond_its_form, is_corner, is_hollow
 from fdbench.diagnosis.search.beside_the_known import Remainder
 from fdbench.diagnosis.search.stage import Stage
@@ -32,8 +33,8 @@ class Contested:
     odds : mapping of str to float
         How it is divided among the effect, those, and others that may be there instead.
     in_part : float
-        Probability that it is only a part of what it is called, see `is_hollow` and `Remainder`: then an unknown cause
-        is as probable.
+        Probability that it is only a part of what it is called, see `is_hollow`, `Remainder`, and
+        `Parts.is_worse_in_a_channel`: then an unknown cause is as probable.
     """
 
     effect: Effect
@@ -61,7 +62,7 @@ class Contested:
 
 
 def contested(
-    found: Findings, worst: float, exchanged: Mapping[str, float], models: ProbabilityModels
+    found: Findings, worst: float, exchanged: Mapping[str, float], parts: Parts, models: ProbabilityModels
 ) -> list[Contested]:
     """Return each effect of the final hypothesis beside its rivals."""
     pairs = list(zip(found.final.effects, found.contests, strict=True))
@@ -84,16 +85,17 @@ def contested(
                 features=features,
                 probability=own,
                 odds=odds,
-                in_part=_in_part(effect, found.remainder),
+                in_part=_in_part(effect, found.remainder, stands_in=parts.is_worse_in_a_channel(index)),
             )
         )
     return every
 
 
-def _in_part(effect: Effect, remainder: Remainder | None) -> float:
+def _in_part(effect: Effect, remainder: Remainder | None, *, stands_in: bool) -> float:
     if is_hollow(effect):
         return 1.0
-    return 0.0 if remainder is None or type(effect) not in remainder.kinds else remainder.odds
+    beside = 0.0 if remainder is None or type(effect) not in remainder.kinds else remainder.odds
+    return max(beside, JUDGE.named) if stands_in else beside
 
 
 def size_as_cause(effect: Effect, contest: Stage) -> float:

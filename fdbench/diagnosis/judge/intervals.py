@@ -1,5 +1,6 @@
 """Parameters of the named effects with their 95 % intervals."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -40,11 +41,13 @@ def intervals(search: Search, final: Hypothesis) -> list[dict[str, Pair]]:
         items = adjustables(effect)
         of_effect = covariance[first : first + len(items), first : first + len(items)]
         lowest = {item.name: item.low for item in items}
+        phases = {item.name for item in effect.parameters() if item.phase}
         own: dict[str, Pair] = {}
         for item in items:
             # What is fitted is by how much a parameter exceeds another one; its interval is that of their sum.
             parts = [other.step if other.name in (item.name, item.above) else 0.0 for other in items]
             half, value = 1.96 * float(np.sqrt(parts @ of_effect @ parts)), float(getattr(effect, item.name))
+            half = min(half, math.pi) if item.name in phases else half
             own[item.name] = max(value - half, lowest.get(item.above, item.low)), min(value + half, item.high)
         found.append(own)
         first += len(items)

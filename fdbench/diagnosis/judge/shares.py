@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from fdbench.diagnosis.judge.reduction import Reductions, shapley
-from fdbench.diagnosis.settings import SEARCH
+from fdbench.diagnosis.settings import JUDGE, SEARCH
 from fdbench.record import FloatArray
 
 
@@ -46,6 +46,10 @@ class Parts:
 
     def __init__(self, reductions: Reductions, shares: Shares, channels: list[str]) -> None:
         self.shares, self.channels = shares, channels
+        self.left_of_channel = [
+            dict(zip(reductions.subsets, reductions.of_channel(place).tolist(), strict=True))
+            for place in range(len(channels))
+        ]
         self.everything = reductions.subsets[-1]
         self.closed = [reductions.closed_in_channel(place) for place in range(len(channels))]
         self.parts = [shapley(own, len(self.everything)) for own in self.closed]
@@ -72,6 +76,11 @@ class Parts:
         What values that are implausible close does not count, as in `equivalent_misfit`.
         """
         return bool(self.left_by[self.everything] < self.left_by[self._without(index)])
+
+    def is_worse_in_a_channel(self, index: int) -> bool:
+        """Whether the gap of a channel is far larger with an effect than without it, and no noise."""
+        without = self._without(index)
+        return any(left[self.everything] > JUDGE.worse * max(left[without], 1.0) for left in self.left_of_channel)
 
     def _own(self, index: int) -> FloatArray:
         return np.array([part[index] for part in self.parts])

@@ -61,6 +61,10 @@ class Verdict:
         """Return the probability of each effect that is named, suspected or an alternative to one that is named."""
         return chances(self.causes, self.suspects)
 
+    def alike(self) -> list[tuple[str, ...]]:
+        """Return each cause with those that it is not told from."""
+        return [(cause.effect, *cause.indistinguishable_from, *cause.one_of) for cause in self.causes]
+
 
 def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     """Return the verdict; see the contract for the answer.
@@ -81,7 +85,8 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     corrected = of_nominal.of(np.maximum(found.as_given - recalibrated, 0.0))
     deviating, exchanged = _values(found, corrected, models)
     left = left_of(found, repaired)
-    effects = contested(found, left.worst, exchanged, models)
+    parts = Parts(reductions, shares, list(noise_models))
+    effects = contested(found, left.worst, exchanged, parts, models)
     sound = [item for item in effects if item.in_part <= JUDGE.named and not item.corner]
     readings = [
         artefact_cause(artefact, shares.of(energies(artefact, noise_models)))
@@ -112,7 +117,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         small=JUDGE.small_share * shares.of(repaired),
     )
     causes = [
-        *_effects(found, effects, credit, Parts(reductions, shares, list(noise_models))),
+        *_effects(found, effects, credit, parts),
         *(_believed(value, credit) for value in deviating.causes),
         *readings,
     ]

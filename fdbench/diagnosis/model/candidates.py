@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
-from fdbench.diagnosis.model.parameter_vector import longest_s
 from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import Effect, Port
 
@@ -163,7 +162,7 @@ def _of_kind(base: Hypothesis, kind: type[Effect], located: Mapping[str, Sequenc
         if item.locate:
             values = item.grid or (item.typical,) if located is None else located.get(item.locate, ())
         if item.locate or values:
-            high = min(item.high, longest_s(base)) if item.unit == "s" else item.high
+            high = min(item.high, base.nominal.covered.most(item.unit))
             axes.append([(item.name, value) for value in values if item.low <= value <= high])
     phase, further = phase_of(kind), kind.further_amplitudes
     known = [(index, item) for index, item in enumerate(base.nominal.drive.effects) if index not in base.replaced]

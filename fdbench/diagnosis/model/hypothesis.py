@@ -11,7 +11,7 @@ import numpy as np
 
 from fdbench.diagnosis.model.friction_parameters import FrictionForm
 from fdbench.diagnosis.model.known_effects import WIDTH, sliding_as_known, with_known, without
-from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.nominal import Covered, Nominal
 from fdbench.diagnosis.model.nominal_parameter import NominalParameter
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import Variant
@@ -309,10 +309,11 @@ def start(nominal: Nominal) -> Hypothesis:
     return Hypothesis(nominal=nominal, shifts=(0.0,) * len(nominal_parameters(nominal)))
 
 
-def adjustables(effect: Effect, longest_s: float = math.inf) -> list[Adjustable]:
+def adjustables(effect: Effect, covered: Covered | None = None) -> list[Adjustable]:
     """Return what a fit may move in an effect: its amplitude, phases, and the shape parameters that are searched.
 
-    No time that is fitted is longer than the records: what takes longer is not told from what never changes.
+    No time that is fitted is longer than the records, as what takes longer is not told from what never changes, and no
+    frequency higher than what samples show: a mode beyond is a mass.
     """
     found = []
     for item in type(effect).parameters():
@@ -323,19 +324,23 @@ def adjustables(effect: Effect, longest_s: float = math.inf) -> list[Adjustable]
         share = MODEL.line_step if item.locate else MODEL.step
         step = MODEL.phase_step_rad if item.phase else share * (abs(value) or abs(item.typical))
         low, high = (-math.inf, math.inf) if item.phase else (item.low, item.high)
-        high = min(high, max(longest_s, low)) if item.unit == "s" else high
+        high = high if covered is None or item.phase else min(high, max(covered.most(item.unit), low))
         low = 0.0 if item.at_least else low
         found.append(Adjustable(name=item.name, step=step, low=low, high=high, prior=False, above=item.at_least))
     return found
 
 
 def at_bound(effect: Effect) -> list[str]:
-    """Return the fitted parameters that lie on a bound of what the library allows; at 0 there is nothing beyond."""
+    """Return the fitted parameters that lie on a bound of what the library allows; at 0 there is nothing beyond.
+
+    The period of an effect that has next to nothing periodic of it is none of them.
+    """
     found = []
+    unseen = {item.name for item in effect.parameters() if item.locate} if _lacks_amplitude(effect) else set()
     for item in adjustables(effect):
         value = item.of(effect)
         bounds = (bound for bound in (item.low, item.high) if math.isfinite(bound) and bound != 0.0)
-        if any(abs(value - bound) <= MODEL.at_bound * abs(bound) for bound in bounds):
+        if item.name not in unseen and any(abs(value - bound) <= MODEL.at_bound * abs(bound) for bound in bounds):
             found.append(item.name)
     return found
 
@@ -349,13 +354,18 @@ def is_beyond_its_form(effect: Effect) -> bool:
 
 def is_hollow(effect: Effect) -> bool:
     """Return whether an effect that needs its amplitude has next to nothing of it: further parts stand for another."""
+    return type(effect).needs_amplitude and _lacks_amplitude(effect)
+
+
+def _lacks_amplitude(effect: Effect) -> bool:
+    """Return whether an effect has next to nothing of its amplitude beside its further ones."""
     kind = type(effect)
     typical = kind.typical()
     own, *further = (
         abs(getattr(effect, name)) / max(abs(getattr(typical, name)), 1e-30)
         for name in (kind.amplitude, *kind.further_amplitudes)
     )
-    return kind.needs_amplitude and own < MODEL.hollow * max(further, default=0.0)
+    return bool(own < MODEL.hollow * max(further, default=0.0))
 
 
 def is_corner(effect: Effect) -> bool:

@@ -98,7 +98,7 @@ class Uncertainty:
     viscous: float = positive(default=0.1)
     stiffness: float = nonnegative(default=0.05)
     known_effects: float = positive(default=0.06)
-    transition_velocity: float = nonnegative(default=1.0)
+    transition_velocity: float = nonnegative(default=2.0)
     bristle_stiffness: float = nonnegative(default=1.0)
     friction_side: float = nonnegative(default=0.3)
     friction_form: float = nonnegative(default=0.05)
@@ -129,6 +129,12 @@ class Covered:
     before: bool = False
     two_positions: bool = False
     velocity_told: bool = True
+
+    def most(self, unit: str) -> float:
+        """Return the longest time (s) or the highest frequency (Hz) that records show; in other units no limit."""
+        if unit == "Hz" and self.period_s > 0.0:
+            return MODEL.highest_of_nyquist * 0.5 / self.period_s
+        return self.longest_s if unit == "s" and self.longest_s > 0.0 else math.inf
 
 
 @dataclass(frozen=True, kw_only=True)

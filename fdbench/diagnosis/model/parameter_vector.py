@@ -17,13 +17,8 @@ def adjustables_of(hypothesis: Hypothesis) -> list[Adjustable]:
         for item in nominal_parameters(hypothesis.nominal)
     ]
     for effect in hypothesis.effects:
-        found += adjustables(effect, longest_s(hypothesis))
+        found += adjustables(effect, hypothesis.nominal.covered)
     return found
-
-
-def longest_s(hypothesis: Hypothesis) -> float:
-    """Return the longest time that the records cover, without limit where that is not known."""
-    return hypothesis.nominal.covered.longest_s or math.inf
 
 
 def parameter_vector(hypothesis: Hypothesis) -> FloatArray:
@@ -41,7 +36,7 @@ def with_parameters(hypothesis: Hypothesis, values: FloatArray) -> Hypothesis:
     effects = []
     for effect in hypothesis.effects:
         changes: dict[str, float] = {}
-        for item in adjustables(effect, longest_s(hypothesis)):
+        for item in adjustables(effect, hypothesis.nominal.covered):
             value = float(min(max(values[place], item.low), item.high))
             changes[item.name] = value + changes.get(item.above, 0.0)
             place += 1

@@ -22,7 +22,7 @@ def located(readings: Readings, split: Split, base: Hypothesis) -> Mapping[str, 
 
     Lines are sought in the residual over time; wavelengths in the inverse-dynamics residual over position, also
     multiplied by the motor force, to expose effects that are proportional to it. Pitches are the wavelengths that a
-    motor may have: no slow change along the way is one.
+    motor may have: a slow change along the way is one only at a known order of its turn.
     """
     simulated: list[dict[str, FloatArray]] = []
     for place, run in enumerate(split.runs):
@@ -45,15 +45,24 @@ def located(readings: Readings, split: Split, base: Hypothesis) -> Mapping[str, 
     turn_m, length, period_s = base.nominal.turn_m, base.nominal.scale.length, split.runs[0].period_s
     times_force = [own * run.channels["motor_force_N"][1:-2] for own, run in zip(lacking, split.runs, strict=True)]
     waves, waves_of_ratio = (_lines_in_position(own, split.runs, turn_m, length) for own in (lacking, times_force))
-    longest_m = max(length * SEARCH.longest_pitch_m, _travel(split.runs)[1] / SEARCH.long_waves)
+    travel = _travel(split.runs)[1]
+    pitches, pitches_of_ratio = (_pitches(own, travel, turn_m, length) for own in (waves, waves_of_ratio))
     return {
         "line": lines_in_time(scaled, period_s),
         "line_of_motion": lines_in_time(turned, period_s),
         "wavelength": waves,
-        "pitch": [wave for wave in waves if wave <= longest_m],
-        "pitch_of_ratio": [wave for wave in waves_of_ratio if wave <= longest_m],
+        "pitch": pitches,
+        "pitch_of_ratio": pitches_of_ratio,
         "resonance": resonances([own[-1] for own in lacking], split, base.nominal.drive),
     }
+
+
+def _pitches(waves: Sequence[float], travel: float, turn_m: float | None, length: float) -> list[float]:
+    """Return the wavelengths that a motor may have: short ones, and long ones at a known order of its turn."""
+    longest_m = max(length * SEARCH.longest_pitch_m, travel / SEARCH.long_waves)
+    orders = () if turn_m is None else [turn_m / order for order in SEARCH.orders]
+    off = SEARCH.of_an_order / travel
+    return [wave for wave in waves if wave <= longest_m or any(abs(1.0 / wave - 1.0 / own) < off for own in orders)]
 
 
 def _travel(runs: Sequence[RecordedRun]) -> tuple[float, float]:
@@ -70,7 +79,7 @@ def _lines_in_position(
     Each run and direction has a profile of its own: the loop shifts a wave by its lag, friction turns its sign. Short
     waves are sought octave by octave in what the mean over the longest of each leaves: at a steady speed samples lie a
     way apart that a slow change would be taken for a wave of; of waves that pass faster at the median speed there is
-    nothing else. Motors and screws repeat at known orders, where less is needed to be tried.
+    nothing else. Motors and screws repeat at known orders, where less is needed to be tried, and of long ones nothing.
     """
     speeds = np.concatenate([np.abs(run.reference[:, 1]) * run.period_s for run in runs])
     steps = speeds[speeds > RECORDS.resting * speeds.max()]
@@ -116,10 +125,12 @@ def _lines_in_position(
     found += [1.0 / wave for wave in _telling(peaks, parts)]
     for pitch_m in () if turn_m is None else [turn_m / order for order in SEARCH.orders]:
         near = np.abs(wavenumber - 1.0 / pitch_m) < 0.5 * wavenumber[resolved]
+        is_long = pitch_m > travel / SEARCH.long_waves
+        apart = SEARCH.of_an_order / travel if is_long else wavenumber[resolved]
         if (
             shortest_wave_m < pitch_m < travel / SEARCH.fewest_waves
-            and height[near].max(initial=0.0) > SEARCH.above
-            and all(abs(1.0 / pitch_m - 1.0 / other) > wavenumber[resolved] for other in found)
+            and (is_long or height[near].max(initial=0.0) > SEARCH.above)
+            and all(abs(1.0 / pitch_m - 1.0 / other) > apart for other in found)
         ):
             found.append(pitch_m)
     return found

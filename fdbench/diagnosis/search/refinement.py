@@ -160,8 +160,8 @@ class Refinement:
 
         Readings of the others are forgotten, but those of what a fit was ``given``. Steps are damped no further than
         to any fall where their responses are not ``fresh``, and better ones can be simulated. Unless an undamped one is
-        ``likely`` to do, the first dampings are simulated beside it, which fills the lanes of a block. Of a ``slow``
-        fit, which creeps along a valley, the best step is tried several times as long.
+        ``likely`` to do, the first dampings are simulated beside it, which fills the lanes of a block. Where a ``slow``
+        fit creeps along a valley, the best step is tried several times as long, too.
         """
         hypothesis, fell = steps.hypothesis, 0.0
         tried = [steps.hypothesis]
@@ -176,7 +176,7 @@ class Refinement:
             is_damped = dampings != (0.0,)
             if fell >= SEARCH.kept_promise * steps.promise or (is_damped and (fell > 0.0 or not fresh)):
                 break
-        if slow and fell > 0.0:
+        if slow and 0.0 < fell < SEARCH.creeping * steps.before:
             trials = steps.longer(hypothesis)
             after = _objectives(self._squares(steps.hypothesis, trials)[1:], trials, steps.weight)
             best = int(np.argmin(after))
@@ -319,9 +319,10 @@ class _Steps:
         self.sizes = scale * np.array([item.step for item in self.numbers])
         known = [(column, place) for column, place in enumerate(moving, 1) if self.numbers[place].prior]
         priors = [(stand / scale, own * scale**2) for stand, own in hypothesis.priors(weight)]
-        room = [(low / scale, high / scale) for low, high in hypothesis.room()]
-        further = zip(self.numbers, self.values.tolist(), self.sizes.tolist(), strict=True)
-        room += [((item.low - value) / size, (item.high - value) / size) for item, value, size in further][len(room) :]
+        limits = np.array([(item.low, item.high) for item in self.numbers]) - self.values[:, None]
+        room = (limits / np.where(self.sizes > 0.0, self.sizes, math.inf)[:, None]).tolist()
+        own = [(low / scale, high / scale) for low, high in hypothesis.room()]
+        room[: len(own)] = own
         self.scores = Scores(
             probed,
             {column: priors[place] for column, place in known},

@@ -103,6 +103,35 @@ def test_what_implausible_values_close_does_not_count(implausible: float, is_bet
     assert parts.is_better_with(0) is is_better
 
 
+@pytest.mark.parametrize(("with_effect", "is_worse"), [(2.0, False), (4.4, True)])
+def test_what_makes_a_channel_far_worse_stands_in_there(with_effect: float, is_worse: bool) -> None:
+    """Though it takes more of another one, and far less noise than that is none."""
+    found = Reductions(
+        subsets=[(), (0,)],
+        by_segment=np.array([[20.0, 10.0 * with_effect], [900.0, 10.0]]),
+        counts=np.array([10.0, 10.0]),
+        groups=np.array([0.0, 0.0]),
+        channel=np.array([0, 1]),
+        implausible=[0.0, 0.0],
+    )
+    gaps = np.array([found.of_channel(place)[0] for place in (0, 1)])
+    parts = Parts(found, Shares(gaps, np.zeros(2)), ["motor_force_N", "position_m"])
+    assert parts.is_better_with(0)
+    assert parts.is_worse_in_a_channel(0) is is_worse
+
+
+def test_what_stands_in_for_something_is_as_probably_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+    nominal, fitted, judged = case((effects.get("cogging").typical(),), seed=1)
+    plain = diagnosis.diagnose(nominal, fitted[2:], judged[1:]).answer
+    monkeypatch.setattr(Parts, "is_worse_in_a_channel", lambda self, index: True)
+    doubted = diagnosis.diagnose(nominal, fitted[2:], judged[1:]).answer
+    before, after = (
+        next(cause.probability for cause in answer.causes if cause.effect == "cogging") for answer in (plain, doubted)
+    )
+    assert after <= JUDGE.named < before
+    assert doubted.unknown_probability > 0.2 > plain.unknown_probability
+
+
 def test_what_the_written_model_is_no_better_with_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
     def worse(*given: Any) -> Reductions:
         found = reductions_of(*given)

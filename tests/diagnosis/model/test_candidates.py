@@ -7,7 +7,7 @@ import pytest
 from axis_lab import drive
 
 from fdbench.diagnosis.model.candidates import QUARTER_TURN, Candidate, candidates, middle_shapes
-from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.hypothesis import adjustables, at_bound, start
 from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation
 from fdbench.effects import effects
 
@@ -96,3 +96,20 @@ def test_phases_of_what_is_not_proportional_to_its_size_are_candidates_of_their_
     own = [item for item in candidates(BASE, located) if item.name == "runout_force"]
     assert [len(item.members) for item in own] == [1] * 8
     assert len({vars(item.members[0])["angle_rad"] for item in own}) == 8
+
+
+def test_no_fit_moves_a_mode_beyond_what_samples_show() -> None:
+    mode = effects.get("structural_mode").typical()
+    (free,) = [item for item in adjustables(mode) if item.name == "natural_frequency_Hz"]
+    covered = Covered(fastest_m_per_s=0.1, longest_s=5.0, period_s=5e-3)
+    (seen,) = [item for item in adjustables(mode, covered) if item.name == "natural_frequency_Hz"]
+    assert free.high > 400.0
+    assert seen.high == pytest.approx(0.8 * 100.0)
+    assert (covered.most("s"), covered.most("m"), Covered().most("Hz")) == (5.0, math.inf, math.inf)
+
+
+def test_a_period_of_nothing_is_at_no_bound() -> None:
+    """A lead that is too long all along, with next to nothing periodic, whatever the period of that is."""
+    lead = effects.get("lead_error")
+    assert at_bound(lead.typical(period_m=0.1)) == ["period_m"]
+    assert at_bound(lead.typical(period_m=0.1, periodic_error_m=1e-12)) == []

@@ -129,7 +129,8 @@ def test_an_added_friction_turns_its_sign_as_the_known_one_does() -> None:
     hypothesis = start(model).with_effect(added).with_effect(plain).moved(shifts)
     known: Any = hypothesis.variant.plant.effects[0]
     friction, other = hypothesis.variant.extra
-    assert getattr(friction, WIDTH) == getattr(known, WIDTH) == pytest.approx(math.exp(1.3) * getattr(added, WIDTH))
+    wider = math.exp(1.3 * model.uncertainty.transition_velocity)
+    assert getattr(friction, WIDTH) == getattr(known, WIDTH) == pytest.approx(wider * getattr(added, WIDTH))
     assert friction.changed(**{WIDTH: getattr(added, WIDTH)}) == added
     assert other == plain
     assert hypothesis.as_it_acts().effects == (friction, plain)

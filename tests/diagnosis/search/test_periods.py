@@ -5,7 +5,7 @@ import pytest
 
 from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.records.runs import RecordedRun
-from fdbench.diagnosis.search.periods import _lines_in_position, _telling
+from fdbench.diagnosis.search.periods import _lines_in_position, _pitches, _telling
 from fdbench.diagnosis.settings import SEARCH
 
 PERIOD_S = 1e-3
@@ -79,3 +79,15 @@ def test_a_travel_of_a_few_waves_has_long_ones_alone() -> None:
 
 def test_no_wavelength_where_the_axis_stands() -> None:
     assert _lines_in_position([np.ones((1, 997))], [run_along(np.zeros((1000, 3)))], 0.01, 1.0) == []
+
+
+def test_a_turn_of_a_pulley_is_tried_though_the_travel_has_few_of_it() -> None:
+    """Beside a slow change that is larger; other waves as long are no pitch."""
+    reference = moves((0.0, 0.5, 0.0), (0.3,), 6.0, PERIOD_S)
+    turn_m, travel = 0.1257, 0.5
+    wave = np.sin(2.0 * np.pi * reference[:, 0] / turn_m) + 3.0 * np.sin(2.0 * np.pi * reference[:, 0] / 0.4)
+    runs = [run_along(reference)]
+    found = _pitches(_lines_in_position([wave[None, 1:-2]], runs, turn_m, 1.0), travel, turn_m, 1.0)
+    assert min(abs(own / turn_m - 1.0) for own in found) < 0.03
+    assert all(own < 0.14 for own in found)
+    assert min(_pitches([0.4, turn_m], travel, None, 1.0), default=None) is None

@@ -457,7 +457,8 @@ def test_of_a_slow_fit_the_best_step_is_tried_several_times_as_long() -> None:
     probed, _, _ = own.refinement.promise(given)
     steps = _Steps(given, probed, range(len(Tangent.at(given).moved)), 1.0)
     (steps.undamped,), steps.promise = steps.damped([10.0]), 0.0
-    ends = [own.refinement._stepped(steps, given, fresh=True, likely=True, slow=slow) for slow in (False, True)]
+    with changed({"search.creeping": 1.0}):
+        ends = [own.refinement._stepped(steps, given, fresh=True, likely=True, slow=slow) for slow in (False, True)]
     (_, fell), (longer, deeper) = ends
     assert deeper > 1.3 * fell > 0.0
     assert longer in steps.longer(steps.undamped)
