@@ -102,10 +102,28 @@ def leads(one: FloatArray, other: FloatArray, step_s: float) -> tuple[bool, str]
     return roughness(one) < roughness(other), "it is smoother"
 
 
+def levels(values: FloatArray) -> int:
+    """Return how many different values a column has, or 0 where some are no numbers."""
+    return len(np.unique(values)) if np.isfinite(values).all() else 0
+
+
 def is_signal(values: FloatArray) -> bool:
     """Return whether a column is more than a constant, a switch or a counter."""
     is_counter = bool((np.diff(values) == 1.0).all())
-    return bool(np.isfinite(values).all()) and len(np.unique(values)) > FEWEST_LEVELS and not is_counter
+    return levels(values) > FEWEST_LEVELS and not is_counter
+
+
+def is_copy(one: FloatArray, other: FloatArray) -> bool:
+    """Return whether two columns differ, but for gain and offset, by no more than the steps of the coarser one.
+
+    >>> place = np.sin(np.arange(100.0))
+    >>> is_copy(np.round(place, 2), 3.0 * place), is_copy(place + 0.1 * np.sign(np.cos(np.arange(100.0))), place)
+    (True, False)
+    """
+    factor, _ = slope(one, other)
+    apart = one - one.mean() - factor * (other - other.mean())
+    steps = np.diff(np.unique(one)).min(), abs(factor) * np.diff(np.unique(other)).min()
+    return float(np.std(apart)) <= float(max(steps))
 
 
 def longest_whole(columns: Sequence[NDArray[np.float64]], times: FloatArray | None, gaps: Sequence[int]) -> range:

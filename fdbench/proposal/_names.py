@@ -31,7 +31,8 @@ _QUANTITIES = {
         "couple|courant|coppia|corrente|corriente|转矩|扭矩|トルク|电流|電流"
     ),
     "position": (
-        r"\b(q|x|y|z|pos|posn)\b|position|lage|winkel|angle|\bweg\b|displacement|encoder|scale|posizione|posici[oó]n|位置"
+        r"\b(q|x|y|z|pos|posn|phi|theta)\b|position|lage|winkel|angle|angolo|[aá]ngulo|\bweg\b|displacement|encoder|"
+        "scale|posizione|posici[oó]n|位置|角度"
     ),
 }
 _SIDES = {
@@ -42,6 +43,12 @@ _REFERENCE = (
     r"\b(set\w*|cmd\w*|comm?and\w*|ref\w*|desired|target|demand|goal|input|nominal|soll\w*|consign[ea]|riferimento)\b|"
     "soll|setpoint|指令|目标|目標"
 )
+# The SI unit that words speak of; A, B and C before another word are rotary axes (ISO 841).
+_SPOKEN_UNITS = {
+    "A": r"\b(i|iq|curr)\b|current|strom|courant|corri?ente|电流|電流",
+    "V": r"\bu\b|voltage|spannung",
+    "rad": r"\b(phi|theta)\b|winkel|angle|angolo|[aá]ngulo|角度|^[abc] \w",
+}
 _BRACKETS = re.compile(r"^(.*?)\s*(?:[\[({<]([^\])}>]*)[\])}>]|(?:\s(?:in|/)\s|,\s*)(\S+))\s*$")
 # A last word of two letters or more; the least of a value is no time in minutes.
 _LAST_WORD = re.compile(r"^(.+?)(?:_|\s+)(?!min$)([A-Za-z°/]{2,}(?:_per_[a-z]+2?)?)$")
@@ -66,6 +73,7 @@ class LogColumn:
     """A column of a log and what its name says.
 
     ``unit`` is one of ours or empty, ``why`` says where it is from; ``foreign_unit`` is one that is not known here.
+    ``spoken_unit`` is the SI unit that the words speak of, such as rad of an angle, or empty.
     """
 
     name: str
@@ -77,6 +85,7 @@ class LogColumn:
     why: str
     clock: str
     foreign_unit: str = ""
+    spoken_unit: str = ""
 
 
 def column(name: str, values: FloatArray, unit: str, label: str, clock: str) -> LogColumn:
@@ -105,7 +114,8 @@ def column(name: str, values: FloatArray, unit: str, label: str, clock: str) -> 
     side = next((key for key, pattern in _SIDES.items() if re.search(pattern, said)), "")
     is_reference = re.search(_REFERENCE, said) is not None
     foreign = "" if known else unit.strip()
-    return LogColumn(name, values, quantity, side, is_reference, known, why if known else "", clock, foreign)
+    spoken = next((si for si, pattern in _SPOKEN_UNITS.items() if re.search(pattern, said)), "")
+    return LogColumn(name, values, quantity, side, is_reference, known, why if known else "", clock, foreign, spoken)
 
 
 def turns(unit: str) -> bool:

@@ -12,9 +12,10 @@ from fdbench.documents import toml_tables
 from fdbench.errors import FdbenchError, RecordError, printable
 from fdbench.json_text import toml_value
 from fdbench.proposal._clock import Clock
-from fdbench.proposal._data import balance, is_signal
+from fdbench.proposal._data import balance, is_signal, levels
 from fdbench.proposal._names import LogColumn, column, turns
 from fdbench.proposal._roles import Role, roles
+from fdbench.proposal._sides import position_entry, second_position
 from fdbench.proposal._units import output, position_unit, speed_unit
 from fdbench.reading import read_mapped, read_record
 from fdbench.reading.formats import Format
@@ -130,6 +131,7 @@ def propose(file: Path, kind: type[Format], mapping: Path, sampling_time_s: floa
         for name, values in clock.columns.items()
     ]
     found = roles(columns, clock.step_s)
+    found |= second_position(columns, found, clock.step_s)
     proposal = Proposal(found=[*clock.found, *raw.notes], to_do=[*clock.to_do], format=kind.name)
     settings: dict[str, object] = {"file": os.path.relpath(file, mapping.parent), "format": kind.name}
     if dataclasses.is_dataclass(reader):
@@ -173,7 +175,9 @@ def _columns(found: dict[str, Role], step_s: float, kind: type[Format], proposal
     if "position" not in found:
         return lines
     position = found["position"].column
-    speeds = [found[key].column for key in ("velocity", "reference_velocity") if key in found]
+    command = found.get("reference_position", found["position"]).column
+    places = {"reference_velocity": command, "velocity": position}
+    speeds = [(found[key].column, place) for key, place in places.items() if key in found]
     unit = position_unit(position, speeds, step_s, kind.usual_position_unit)
     proposal.axis = ROTARY if turns(unit.name) else LINEAR
     if unit.is_guess:
@@ -182,24 +186,25 @@ def _columns(found: dict[str, Role], step_s: float, kind: type[Format], proposal
             f"{'rad' if proposal.axis == ROTARY else 'm'}, in place of unit."
         )
 
-    def add(target: str, role: Role, keys: str, why: str) -> None:
+    def add(target: str, role: Role, keys: str, why: str, check: str = "") -> None:
         name = rotary_name(target) if proposal.axis == ROTARY else target
         lines.append(f"{name} = {{ from = {toml_value(role.column.name)}, {keys} }}")
         proposal.found.append(f"{name} is '{role.column.name}': {role.why}; {why}")
         if role.why.startswith("GUESS"):
             reason = role.why.removeprefix("GUESS: ").split(";")[0]
             proposal.to_do.append(f"CHECK {name}: {reason} is a guess.")
+        proposal.to_do += [f"CHECK {name}: {check}"] if check else []
 
     for key in ("reference_position", "position", "motor_position", "table_position"):
         if key in found:
-            own = found[key].column
-            name, why = (own.unit, own.why) if own.unit and turns(own.unit) == turns(unit.name) else unit[:2]
-            add(f"{key}_m", found[key], f'unit = "{name}"', f"in {name}: {why}")
-    for key in ("reference_velocity", "velocity"):
+            add(f"{key}_m", found[key], *position_entry(key, found, unit))
+    for key, place in places.items():
         if key in found:
-            speed = speed_unit(found[key].column, position, unit.name, step_s)
-            if speed is None:
-                proposal.left_out.append(f"'{found[key].column.name}': no unit makes it the position's derivative")
+            speed = speed_unit(found[key].column, place, place.unit or unit.name, step_s)
+            if speed is None or turns(speed.name) != turns(unit.name):
+                proposal.left_out.append(
+                    f"'{found[key].column.name}': no unit makes it the derivative of '{place.name}'"
+                )
             else:
                 add(f"{key}_m_per_s", found[key], f'unit = "{speed.name}"', f"in {speed.name}: {speed.why}")
     if "output" in found:
@@ -219,6 +224,8 @@ def _unused(item: LogColumn) -> str:
         "error": "a following error, which position and command contain",
         "": "its name says nothing that is needed",
     }
+    if item.quantity == "output" and levels(item.values) > 1 and not is_signal(item.values):
+        return f"'{item.name}': a few values, as of a switch or a mode, which mass and friction do not explain"
     if item.quantity in NEEDED and not is_signal(item.values):
         return f"'{item.name}': in the part that is whole, {len(item.values)} samples, it hardly changes"
     return f"'{item.name}': {words.get(item.quantity, f'another {item.quantity}, not needed')}"

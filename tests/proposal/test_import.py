@@ -134,7 +134,7 @@ def test_the_sign_of_the_output_and_the_unit_of_speeds_are_seen(record: Record, 
     result = run(tmp_path / "a.csv")
     assert "only with gain = -1.0 does mass resist acceleration" in result.output
     assert "velocity_m_per_s is 'Actual velocity': its name says velocity" in result.output
-    assert re.search(r"in mm/min: it is (60|59\.9\d|60\.0\d) times the derivative of the position", result.output)
+    assert re.search(r"in mm/min: it is (60|59\.9\d|60\.0\d) times the derivative of 'Actual position", result.output)
     read = read_record(tmp_path / "a.toml")
     np.testing.assert_allclose(read["motor_force_N"], record["motor_torque_Nm"], rtol=0.0, atol=RESOLUTION_NM)
 
