@@ -82,17 +82,18 @@ class Hypothesis:
         """The drive that is simulated."""
         drive = self.nominal.drive
         offsets: tuple[Effect, ...] = ()
-        apart_m = 0.0
+        apart_m = late_s = 0.0
         for calibration, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True):
             if shift != 0.0 and not calibration.gone_with(self.replaced):
                 drive, extra = calibration.apply(drive, shift)
                 offsets += extra
                 apart_m += calibration.zeros_apart_m(shift)
+                late_s += calibration.force_read_late_s(shift)
         for index in self.replaced:
             drive = without(drive, index)
         drive, apart = joined(drive, merged(offsets, self.effects))
         extra = tuple(sliding_as_known(drive, effect) for effect in apart)
-        return Variant(plant=drive, extra=extra, zeros_apart_m=apart_m)
+        return Variant(plant=drive, extra=extra, zeros_apart_m=apart_m, force_read_late_s=late_s)
 
     def as_it_acts(self) -> "Hypothesis":
         """Return it with its effects as they act, whose friction turns its sign as the known one does."""
@@ -214,8 +215,12 @@ class Hypothesis:
     @property
     def at_limits(self) -> int:
         """How many values of the loop are at the limit of what drives are off by, beyond which is a cause."""
-        scale = zip(nominal_parameters(self.nominal), self.shifts, strict=True)
-        return sum(item.limited and abs(shift) >= (1.0 - MODEL.at_bound) * item.room[1] for item, shift in scale)
+        found = 0
+        for item, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True):
+            low, high = item.room
+            bound = high if shift > 0.0 else max(high, -low)
+            found += item.limited and abs(shift) >= (1.0 - MODEL.at_bound) * bound
+        return found
 
     def on_one_side(self) -> "list[Hypothesis]":
         """Return it with a far-fetched change on both sides of a screw put on either side alone, if there is one.

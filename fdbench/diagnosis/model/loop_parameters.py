@@ -107,7 +107,9 @@ class LoopLag(NominalParameter):
     """Time by which the force follows its command, carried by ``effect``; its deviation is in seconds.
 
     Sampling, computing and switching take a part of the sampling time on every drive, and no data sheet says which,
-    whatever it says of the current loop: beside a lag that is known, the force is late by a dead time.
+    whatever it says of the current loop: beside a lag that is known, the force is late by a dead time. Below 0 the
+    force is read after the position: a logger may take either first, and a simulator that moves by the speed at the end
+    of a step is half a step ahead of its force.
     """
 
     kind = "loop_lag"
@@ -134,7 +136,7 @@ class LoopLag(NominalParameter):
 
     @property
     def room(self) -> tuple[float, float]:
-        return 0.0, MODEL.most_lag
+        return -MODEL.most_early, MODEL.most_lag
 
     def apply(self, drive: FeedDrive, shift: float) -> Changed:
         return drive, (with_amplitude(self.effect, self.lag_s(shift)),)
@@ -143,8 +145,11 @@ class LoopLag(NominalParameter):
         """Return by how much the force is late (s); it is never early."""
         return max(shift, 0.0) * self.deviation
 
+    def force_read_late_s(self, shift: float) -> float:
+        return max(-shift, 0.0) * self.deviation
+
     def text(self, drive: FeedDrive, shift: float) -> str:
-        return si_text(self.lag_s(shift), self.unit)
+        return si_text(shift * self.deviation, self.unit)
 
 
 @final

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.diagnosis.model.commands import LoopCommands
-from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
+from fdbench.diagnosis.records.runs import DEFLECTION, FORCE, RecordedRun
 from fdbench.effects import Effect
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
@@ -35,12 +35,14 @@ APART = PIECE + 8  # from lane to lane: rows a power of two apart would push eac
 class Variant:
     """One lane: a plant, perhaps re-calibrated, with effects that the nominal model lacks.
 
-    At the same place the motor's reading is ``zeros_apart_m`` ahead of the table's.
+    At the same place the motor's reading is ``zeros_apart_m`` ahead of the table's. The force is read
+    ``force_read_late_s`` after the position, a part of a sampling time.
     """
 
     plant: FeedDrive
     extra: tuple[Effect, ...] = field(default=())
     zeros_apart_m: float = 0.0
+    force_read_late_s: float = 0.0
 
     def kinds(self) -> frozenset[type[Effect]]:
         """Return the classes of the extra effects."""
@@ -262,8 +264,10 @@ class Replay:
                         apart_m = lane.variant.zeros_apart_m if name == DEFLECTION else 0.0
                         before = min(max(-first, 0), n)
                         lane.channels[name][first + before : first + n] = found[place][before:] + apart_m
-            for place in working:
+            for place, lane in working.items():
                 left[place] -= until_next
+                if left[place] == 0:
+                    lane.read_late()
 
 
 def _parts(lanes: Sequence["_ReplayLane"]) -> list[Sequence["_ReplayLane"]]:
@@ -282,6 +286,13 @@ class _ReplayLane:
     variant: Variant
     run: RecordedRun
     channels: Mapping[str, FloatArray]
+
+    def read_late(self) -> None:
+        """Move the force, in place, to when it is read."""
+        share = self.variant.force_read_late_s / self.run.period_s
+        if share != 0.0:
+            force = self.channels[FORCE]
+            force[1:] -= share * np.diff(force)
 
     def held(self) -> dict[str, float]:
         """Return the integral of the controller and the stretch of the screw that hold what the run begins with."""

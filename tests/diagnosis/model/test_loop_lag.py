@@ -3,6 +3,7 @@
 import dataclasses
 
 import axis_lab
+import numpy as np
 import pytest
 
 from fdbench.diagnosis.diagnose import diagnose
@@ -12,6 +13,7 @@ from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncert
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import effects
+from fdbench.record import Record
 
 LAG, DEAD_TIME = effects.get("current_loop_lag"), effects.get("dead_time")
 COVERED = Covered(fastest_m_per_s=0.1, longest_s=5.0, force_N=100.0, period_s=1e-3)
@@ -46,8 +48,9 @@ def test_a_lag_is_bounded_and_one_that_is_excluded_is_not_moved() -> None:
     model = nominal().beside(COVERED)
     (own,) = lags(model)
     assert own.deviation == pytest.approx(0.05e-3)
-    assert own.room == (0.0, MODEL.most_lag)
-    assert own.lag_s(-1.0) == 0.0
+    assert own.room == (-MODEL.most_early, MODEL.most_lag)
+    assert (own.lag_s(-1.0), own.force_read_late_s(-1.0)) == (0.0, own.deviation)
+    assert (own.lag_s(1.0), own.force_read_late_s(1.0)) == (own.deviation, 0.0)
     assert start(model).variant.extra == ()
     assert own.apply(model.drive, 2.0)[1][0].time_constant_s == pytest.approx(0.1e-3)
     assert lags(nominal()) == [], "no sampling time is known"
@@ -68,3 +71,28 @@ def test_a_lag_of_every_day_beside_the_longest_one_is_the_longest_one() -> None:
     shifts = [2.0 * float(isinstance(item, LoopLag)) for item in nominal_parameters(model)]
     longest = LAG.typical(time_constant_s=20e-3)
     assert start(model).moved(shifts).with_effect(longest).variant.extra == (longest,)
+
+
+def test_a_force_that_is_read_after_the_position_is_no_cause() -> None:
+    """As of a simulator that is half a step ahead: 0.1 of a sample, which had been a mode or a mass."""
+    axis = axis_lab.as_built(2)
+    fitted, judged = axis_lab.repeated(axis)
+
+    def read_late(record: Record) -> Record:
+        torque = record["motor_torque_Nm"].copy()
+        torque[1:] -= 0.1 * np.diff(torque)
+        return Record({**record, "motor_torque_Nm": torque})
+
+    found = diagnose(nominal(), *([read_late(item) for item in own] for own in (fitted, judged)))
+    (own,) = lags(found.calibrated.nominal)
+    shift = found.calibrated.shifts[nominal_parameters(found.calibrated.nominal).index(own)]
+    assert own.force_read_late_s(shift) == pytest.approx(1e-4, rel=0.25)
+    assert [cause.effect for cause in found.answer.causes if cause.probability > 0.5] == []
+    assert found.answer.no_gap_probability > 0.5 > found.answer.unknown_probability
+
+
+def test_a_value_of_the_loop_is_at_its_limit_on_either_side() -> None:
+    model = nominal().beside(COVERED)
+    own = np.array([float(isinstance(item, LoopLag)) for item in nominal_parameters(model)])
+    far = {shift: start(model).moved(shift * own).at_limits for shift in (-10.0, -3.5, 2.0, 3.0)}
+    assert far == {-10.0: 1, -3.5: 0, 2.0: 0, 3.0: 1}
