@@ -191,7 +191,7 @@ class EvidenceSettings:
     unanswered: float = number(0.5, "probability of one of which the position would show no answer")
     held_moves: float = number(5.0, "times the noise that the model moves by where a repeated sample is no coincidence")
     grid_fewest: int = number(40, "differences of readings that show a grid")
-    grid_nearest: float = number(0.5, "steps of a grid: smallest differences of readings that are looked at")
+    grid_nearest: float = number(0.25, "steps of a grid: smallest differences of readings that are looked at")
     grid_furthest: float = number(3.5, "steps of a grid: largest differences of readings that are looked at")
     grid_coarsest_m: float = number(1e-4, "coarsest step of an encoder that is tried")
     grid_ratio: float = number(1.015, "of neighbouring steps that are tried; bounds of the one found", zero=1.0)

@@ -19,7 +19,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.known_effects import silent
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
-from fdbench.diagnosis.records.runs import COMMAND, DEFLECTION, SIDES, RecordedRun
+from fdbench.diagnosis.records.runs import COMMAND, DEFLECTION, SIDES, RecordedRun, same_force
 from fdbench.diagnosis.repaired import table_of, toml_lines
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.errors import SpecError
@@ -135,6 +135,13 @@ class RecordingSetup:
         acceleration = speed / RUN_UP_S * 6.0 * share * (1.0 - share)
         return np.concatenate((np.column_stack((command[0, 0] + way, velocity, acceleration)), command))
 
+    def moving_as(self, run: RecordedRun) -> RecordedRun:
+        """Return the run whose motion is that of a virtual run, too.
+
+        Under the same force an axis in open loop moves apart, but a virtual machine is moved: its repeats move alike.
+        """
+        return next(other for other in self.ready.runs if other is run or same_force(other, run))
+
     @cached_property
     def visibility(self) -> Visibility:
         """How far effects show in the motions."""
@@ -162,7 +169,8 @@ class RecordingSetup:
     def recorded(self, axis: LibraryAxis, rng: np.random.Generator) -> tuple[list[Record], list[Record]]:
         """Return what the logger writes of every motion: to fit, and to judge on."""
         found: list[Record] = []
-        for run in (part.whole for part in self.ready.runs):
+        for own in self.ready.runs:
+            run = self.moving_as(own).whole
             command = self.command(run)
             made = axis.readings(at_each_loop(self.with_run_up(run), run.period_s, self.loops), rng)
             readings = {name: values[:: self.loops][-run.n_samples :] for name, values in made.items()}
@@ -174,7 +182,7 @@ class RecordingSetup:
                 rates = ("reference_velocity_m_per_s", "reference_acceleration_m_per_s2")
                 columns |= {name: command[:, place] for place, name in enumerate((COMMAND, *rates))}
             columns["time_s"] = np.arange(run.n_samples, dtype=np.float64) * run.period_s
-            record = Record(columns, source=run.name)
+            record = Record(columns, source=own.name)
             found.append(record if self.nominal.axis == LINEAR else record_of_rotary(record))
         return found[: self.ready.n_fitted], found[self.ready.n_fitted :]
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import open_loop
 import pytest
 from axis_lab import case, drive
 from conftest import REPOSITORY, shared_file
@@ -251,6 +252,19 @@ def test_a_record_of_repeated_laps_is_simulated_with_as_many_and_as_much_noise()
     followed = np.abs(made[0]["position_m"] - made[0]["reference_position_m"])
     assert followed[0] < 1.2 * followed.max()
     assert made[0]["motor_force_N"][0] == pytest.approx(setup.ready.runs[0].whole.channels["motor_force_N"][0], rel=0.3)
+
+
+def test_repeats_in_open_loop_are_repeats_on_a_virtual_machine() -> None:
+    """Each moves it apart from the others; a virtual machine that followed each motion would repeat none."""
+    frictions = enumerate((30.0, 33.0, 36.0))
+    setup = recording_setup.recording_setup(
+        open_loop.NOMINAL, [open_loop.recorded(open_loop.STAIRS, friction, seed) for seed, friction in frictions], ()
+    )
+    given = setup.visibility.given
+    records, _ = setup.recorded(setup.axis(given, recording_setup.SILENT), np.random.default_rng(0))
+    assert [item.source for item in records] == ["run 0", "run 1", "run 2"]
+    for item in records[1:]:
+        np.testing.assert_array_equal(item["position_m"], records[0]["position_m"])
 
 
 def test_an_axis_that_turns_stays_one_and_runs_up_to_its_speed(tmp_path: Path) -> None:

@@ -174,6 +174,7 @@ def _shadow(run: RecordedRun, found: Prediction) -> RecordedRun:
         channels=found.measured,
         left={name: values - found.predicted[name] for name, values in found.measured.items()},
         motion=(own[inside], share),
+        given_force=None if run.given_force is None else run.given_force[inside],
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, beyond
 from fdbench.diagnosis.records.noise_model import NoiseModel
-from fdbench.diagnosis.records.runs import RecordedRun, same_command
+from fdbench.diagnosis.records.runs import RecordedRun, same_motion
 from fdbench.record import FloatArray
 
 
@@ -36,7 +36,7 @@ class Baseline:
     def of(self, run: RecordedRun) -> tuple[RecordedRun, Mapping[str, FloatArray]] | None:
         """Return the baseline of a run's command and its residuals, if there is one."""
         pairs = zip(self.runs, self.residuals, strict=True)
-        return next((pair for pair in pairs if same_command(pair[0], run)), None)
+        return next((pair for pair in pairs if same_motion(pair[0], run)), None)
 
     def corrected(self, run: RecordedRun) -> RecordedRun:
         """Return a run less what the model leaves of its baseline; as it is where its command has none."""

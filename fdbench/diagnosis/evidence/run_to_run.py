@@ -15,7 +15,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import PIECE, Replay
 from fdbench.diagnosis.records.noise_model import SMALLEST, NoiseModel, noise_models, spectrum_of
-from fdbench.diagnosis.records.runs import RecordedRun, deviations, repeated, same_command
+from fdbench.diagnosis.records.runs import RecordedRun, deviations, repeated, same_motion
 from fdbench.diagnosis.settings import EVIDENCE, RECORDS
 from fdbench.record import FloatArray
 
@@ -165,7 +165,7 @@ class Repeatability:
         return [np.tensordot(self._root.T, self._responses(run), 1) for run in runs]
 
     def _responses(self, run: RecordedRun) -> FloatArray:
-        known = next((found for other, found in self._known if same_command(run, other)), None)
+        known = next((found for other, found in self._known if same_motion(run, other)), None)
         if known is None:
             known = responses(self._replay, self._model, run)
             self._known.append((run, known))

@@ -180,7 +180,7 @@ def _coarsest_grid(kind: type[Effect], differences: FloatArray, coarsest_m: floa
     nearest, furthest, n_cells = EVIDENCE.grid_nearest, EVIDENCE.grid_furthest, EVIDENCE.grid_cells
     anything = np.linspace(nearest, furthest, int((furthest - nearest) * n_cells))
     found: tuple[float, Effect] | None = None
-    for step in steps[steps > differences[0]].tolist() if len(differences) else []:
+    for step in steps[steps > differences[0] / EVIDENCE.grid_ratio].tolist() if len(differences) else []:
         first, last = np.searchsorted(differences, (nearest * step, furthest * step))
         if last - first < EVIDENCE.grid_fewest:
             continue
@@ -189,8 +189,9 @@ def _coarsest_grid(kind: type[Effect], differences: FloatArray, coarsest_m: floa
         if np.abs(_after(effect, moved) - moved).max() > EVIDENCE.grid_exact * step:
             return None
         edges = (np.arange(round(nearest * n_cells), round(furthest * n_cells) + 2) - 0.5) * (step / n_cells)
-        cells = 0.5 * (edges[1:] + edges[:-1])[np.diff(np.searchsorted(differences[first:last], edges)) > 0]
-        distance = _median(_after(effect, cells) - cells) / _median(moved - anything * step)
+        starts = np.searchsorted(differences, edges)
+        of_each_cell = differences[starts[:-1][np.diff(starts) > 0]]
+        distance = _mean(_after(effect, of_each_cell) - of_each_cell) / _mean(moved - anything * step)
         if distance < (EVIDENCE.on_grid if found is None else found[0]):
             found = distance, effect
         elif found is not None:
@@ -220,8 +221,8 @@ def _each_reading(kind: type[Effect]) -> Callable[[FloatArray, tuple[float, ...]
     return each  # type: ignore[no-any-return]
 
 
-def _median(values: FloatArray) -> float:
-    return float(np.median(np.abs(values)))
+def _mean(values: FloatArray) -> float:
+    return float(np.mean(np.abs(values)))
 
 
 def changed_by(effect: Effect, run: RecordedRun, replay: Replay) -> dict[str, FloatArray]:

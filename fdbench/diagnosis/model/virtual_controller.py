@@ -199,7 +199,8 @@ def follow(record: Record, drive: FeedDrive, cycles: int) -> RecordedRun:
     if not isinstance(controller, Following):
         raise SpecError("plant.controller: a motion is followed with a controller of kind following.")
     readings = channels_of(record, drive, _column(record, drive, controller))
-    readings["motor_force_N"] = acting(readings["motor_force_N"], cycles)
+    logged_force = readings["motor_force_N"]
+    readings["motor_force_N"] = acting(logged_force, cycles)
     held = held_samples(record)
     channels = {
         name: _smoothed_as(_interpolated(values, held), controller, period) for name, values in readings.items()
@@ -227,7 +228,13 @@ def follow(record: Record, drive: FeedDrive, cycles: int) -> RecordedRun:
     reference[:, 0] = position + lead / controller.position_gain_per_s
     command = record.get(COMMAND)
     own, same = (motion[:, 0], RECORDS.same_motion) if command is None else (command, RECORDS.same_command)
-    return dataclasses.replace(run, reference=reference, lap=lap_length(own, period, same), motion=(own, same))
+    return dataclasses.replace(
+        run,
+        reference=reference,
+        lap=lap_length(own, period, same),
+        motion=(own, same),
+        given_force=logged_force if command is None else None,
+    )
 
 
 def acting(force: FloatArray, cycles: int) -> FloatArray:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fdbench.diagnosis.records.damage import stretches
-from fdbench.diagnosis.records.runs import FORCE, RecordedRun
+from fdbench.diagnosis.records.runs import FORCE, RecordedRun, same_force
 from fdbench.diagnosis.settings import PLAUSIBLE
 from fdbench.plants.feed_drive import Cascade, FeedDrive
 from fdbench.record import FloatArray
@@ -25,7 +25,7 @@ def limits_of_forces(runs: Sequence[RecordedRun], drive: FeedDrive) -> list[str]
     drive : FeedDrive
         The nominal model, whose force limit is known.
     """
-    coarse = [(run, text) for run in runs if (text := _coarse(run))]
+    coarse = [(run, text) for run in runs if (text := _coarse(run)) and not _in_commanded_steps(run, runs)]
     cut = [(run, text) for run in runs if (text := _cut_off(run, drive))]
     return [*_told_once(coarse), *_told_once(cut)]
 
@@ -39,7 +39,7 @@ def _told_once(said: Sequence[tuple[RecordedRun, str]]) -> list[str]:
 
 
 def _coarse(run: RecordedRun) -> str:
-    force = run.channels[FORCE]
+    force = run.channels[FORCE] if run.given_force is None else run.given_force
     step = step_of(force)
     if step == 0.0:
         return ""
@@ -47,6 +47,21 @@ def _coarse(run: RecordedRun) -> str:
         f"{FORCE} is written in steps of {step:.3g} N, {np.ptp(force) / step:.0f} of them in its range. What is "
         "smaller shows in the position alone: log it with more digits."
     )
+
+
+def _in_commanded_steps(run: RecordedRun, runs: Sequence[RecordedRun]) -> bool:
+    """Return whether the steps of a force are its command: it was given again, or it stands and jumps over steps.
+
+    A force that is only written in steps goes from one to the next, or changes at every sample.
+    """
+    if run.given_force is None:
+        return False
+    if any(other is not run and same_force(run, other) for other in runs):
+        return True
+    changes = np.diff(run.given_force)
+    places = np.flatnonzero(changes)
+    jumps = np.abs(changes[places]) / step_of(run.given_force)
+    return bool(np.median(np.diff(places)) > 1.0 and round(float(np.median(jumps))) > 1)
 
 
 def _cut_off(run: RecordedRun, drive: FeedDrive) -> str:

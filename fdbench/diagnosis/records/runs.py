@@ -57,6 +57,9 @@ class RecordedRun:
     motion : pair of (n_samples,) array and float, or None
         Where the reference is made from the measured motion (`fdbench.diagnosis.model.virtual_controller`): the
         position by which repeats are recognised, and how far it may differ between them, relative to its range.
+    given_force : (n_samples,) array or None
+        Where no motion is commanded: the force as it was logged, by which repeats are recognised, too. An axis in open
+        loop moves a little differently under the same force.
     left : mapping of str to (n_samples,) array or None
         What the nominal model leaves of the channels, once it has been simulated.
     condition : str or None
@@ -75,6 +78,7 @@ class RecordedRun:
     held: NDArray[np.bool_] | None = None
     repeats: int = 1
     motion: tuple[FloatArray, float] | None = None
+    given_force: FloatArray | None = None
     left: Mapping[str, FloatArray] | None = None
     condition: str | None = None
     readings: Mapping[str, FloatArray] | None = None
@@ -177,6 +181,7 @@ class RecordedRun:
             channels=part(self.channels),
             held=None if self.held is None else self.held[samples],
             motion=None if self.motion is None else (self.motion[0][samples], self.motion[1]),
+            given_force=None if self.given_force is None else self.given_force[samples],
             left=None if self.left is None else part(self.left),
             readings=None if self.readings is None else part(self.readings),
             lead_in=lead_in,
@@ -336,10 +341,35 @@ def lap_length(position: FloatArray, period_s: float, same: float) -> int | None
 
 
 def same_command(a: RecordedRun, b: RecordedRun) -> bool:
-    """Return whether two runs are repeats of one command."""
-    if a.n_samples != b.n_samples or a.period_s != b.period_s:
+    """Return whether two runs are repeats of one command, be it of a motion or of a force."""
+    return same_motion(a, b) or same_force(a, b)
+
+
+def same_motion(a: RecordedRun, b: RecordedRun) -> bool:
+    """Return whether two runs are of one motion, so that they may be averaged sample by sample."""
+    if not _as_long(a, b):
         return False
     (own, share), (other, _) = (run.motion or (run.reference[:, 0], RECORDS.same_command) for run in (a, b))
+    return _differ_by_at_most(share, own, other)
+
+
+def same_force(a: RecordedRun, b: RecordedRun) -> bool:
+    """Return whether the same force was given in two runs without a commanded motion.
+
+    No loop asks for the same force twice, as it reacts to noise. A force that never changes tells nothing.
+    """
+    own, other = a.given_force, b.given_force
+    if own is None or other is None or not _as_long(a, b) or np.ptp(own) == 0.0:
+        return False
+    return _differ_by_at_most(RECORDS.same_command, own, other)
+
+
+def _as_long(a: RecordedRun, b: RecordedRun) -> bool:
+    return a.n_samples == b.n_samples and a.period_s == b.period_s
+
+
+def _differ_by_at_most(share: float, own: FloatArray, other: FloatArray) -> bool:
+    """Return whether two signals are the same up to a share of the range."""
     return bool(np.max(np.abs(own - other)) <= share * max(float(np.ptp(own)), 1e-12))
 
 
@@ -375,11 +405,13 @@ def deviations(run: RecordedRun, channel: str) -> FloatArray:
     return run.channels[channel] if run.left is None or run.motion is None else run.left[channel]
 
 
-def by_command(runs: Sequence[RecordedRun]) -> list[list[RecordedRun]]:
+def by_command(
+    runs: Sequence[RecordedRun], alike: Callable[[RecordedRun, RecordedRun], bool] = same_command
+) -> list[list[RecordedRun]]:
     """Return the repeats of each command, in the order in which the commands come first."""
     groups: list[list[RecordedRun]] = []
     for run in runs:
-        group = next((group for group in groups if same_command(group[0], run)), None)
+        group = next((group for group in groups if alike(group[0], run)), None)
         if group is None:
             groups.append([run])
         else:
@@ -388,8 +420,8 @@ def by_command(runs: Sequence[RecordedRun]) -> list[list[RecordedRun]]:
 
 
 def merged(runs: Sequence[RecordedRun]) -> list[RecordedRun]:
-    """Return one run for each command, the mean of its repeats; their noise is lower by the root of their number."""
-    return [_mean(group) for group in by_command(runs)]
+    """Return one run for each motion, the mean of its repeats; their noise is lower by the root of their number."""
+    return [_mean(group) for group in by_command(runs, same_motion)]
 
 
 def _mean(group: Sequence[RecordedRun]) -> RecordedRun:

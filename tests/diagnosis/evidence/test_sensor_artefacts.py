@@ -74,6 +74,29 @@ def test_a_grid_of_readings_is_recognised(step_m: float) -> None:
     assert found.probability > 0.9
 
 
+@pytest.mark.parametrize(("fastest_in_steps", "of_the_text"), [(1.3, 1e-9), (4.0, 1e-9), (10.0, 0.0041), (10.0, 0.03)])
+def test_a_grid_is_not_taken_for_one_of_twice_its_step(fastest_in_steps: float, of_the_text: float) -> None:
+    """Half of the readings lie between those of twice the step, however slow the axis is or the log is rounded."""
+    replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
+    step_m = 1e-6
+    smooth = step_m / PERIOD_S * fastest_in_steps * (0.5 * np.sin(2.0 * TIME_S) + 0.006 * np.sin(17.0 * TIME_S))
+    readings, digit_m = np.round(smooth / step_m) * step_m, of_the_text * step_m
+    found = grid_artefact([run_of(np.round(readings / digit_m) * digit_m)], replay, 1.0)
+    assert found is not None
+    assert found.value == pytest.approx(step_m, rel=0.02)
+
+
+def test_the_step_of_an_axis_that_creeps_is_found_as_precisely() -> None:
+    replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
+    noise = 0.12 * np.random.default_rng(3).standard_normal(N)
+    for step_m in np.geomspace(1e-6, 2e-6, 20).tolist():
+        steps = np.round(35.0 * np.sin(2.0 * TIME_S) + noise)
+        found = grid_artefact([run_of(steps * step_m)], replay, 1.0)
+        assert found is not None
+        assert found.low < step_m < found.high
+        assert found.value == pytest.approx(step_m, rel=0.01)
+
+
 @pytest.mark.parametrize(("known_m", "is_named"), [(1e-6, False), (2e-6, False), (3e-7, True)])
 def test_a_grid_that_the_model_knows_is_no_cause_and_a_coarser_one_is(known_m: float, is_named: bool) -> None:
     kind = effects.get("encoder_quantisation")

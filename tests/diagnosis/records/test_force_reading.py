@@ -37,6 +37,40 @@ def test_coarse_steps_are_told_once() -> None:
     assert said.startswith("record 0 and 1 more: motor_force_N is written in steps of 100 N, ")
 
 
+def in_open_loop(n: int, force: np.ndarray, given: bool = True) -> list[RecordedRun]:
+    """Return runs without a commanded motion; a force that is not ``given`` differs by a step somewhere."""
+    found = []
+    for place, run in enumerate(runs(n)):
+        own = np.resize(force, run.n_samples)
+        own[500] += 0.0 if given else 0.1 * place
+        found.append(dataclasses.replace(with_force(run, own), given_force=own))
+    return found
+
+
+STAIRS = np.repeat([0.0, 1.2, 0.6, -1.0, -0.5, 1.4, 0.4, 0.0], 300)
+
+
+@pytest.mark.parametrize(
+    ("n", "force", "is_told"),
+    [
+        (1, STAIRS, False),  # jumps over steps
+        (2, np.repeat([0.0, 0.5, 1.0, 0.5, 0.0, -0.5], 300), False),  # goes from step to step, but twice alike
+        (1, np.repeat([0.0, 0.5, 1.0, 0.5, 0.0, -0.5], 300), True),
+        (1, np.round(np.random.default_rng(0).standard_normal(2000) / 0.2) * 0.2, True),  # changes at every sample
+    ],
+)
+def test_steps_of_a_force_that_was_commanded_so_are_no_few_digits(n: int, force: np.ndarray, is_told: bool) -> None:
+    drive = dataclasses.replace(axis_lab.drive(), controller=Following())
+    assert bool(limits_of_forces(in_open_loop(n, force), drive)) is is_told
+
+
+def test_a_force_with_few_digits_is_never_the_same_twice() -> None:
+    force = np.round(np.cumsum(np.random.default_rng(0).standard_normal(2000)) / 10.0) * 0.1
+    drive = dataclasses.replace(axis_lab.drive(), controller=Following())
+    (said,) = limits_of_forces(in_open_loop(2, force, given=False), drive)
+    assert "is written in steps of 0.1 N" in said
+
+
 def test_what_is_cut_off_is_told_unless_the_model_says_so() -> None:
     drive = axis_lab.drive()
     (run,) = runs(1)
