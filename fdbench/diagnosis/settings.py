@@ -121,7 +121,9 @@ class ModelSettings:
         "between axes without a cause and with Stribeck friction, of 195 opened ones of tier G",
     )
     most_stiffness: float = number(1.5, "deviations by which the stiffness of a screw may be off, and no more")
-    most_early: float = number(10.0, "deviations by which the position may be read before the force: half a sample")
+    most_early: float = number(
+        10.0, "deviations by which the position may be read before the force, half a sample, without a controller"
+    )
     most_lag: float = number(3.0, "deviations by which the force may follow its command late, and no more")
     most_filter: float = number(2.0, "deviations by which the filter of the velocity may be slower, and no more")
     most_delay: float = number(2.0, "deviations by which the velocity's reference may be late or early, and no more")

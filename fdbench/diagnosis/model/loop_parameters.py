@@ -9,7 +9,7 @@ from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.nominal_parameter import Changed, NominalParameter
 from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import Effect
-from fdbench.plants.feed_drive import Cascade, FeedDrive
+from fdbench.plants.feed_drive import Cascade, FeedDrive, Following
 from fdbench.units import unit_of
 from fdbench.wording import si_text
 
@@ -109,7 +109,8 @@ class LoopLag(NominalParameter):
     Sampling, computing and switching take a part of the sampling time on every drive, and no data sheet says which,
     whatever it says of the current loop: beside a lag that is known, the force is late by a dead time. Below 0 the
     force is read after the position: a logger may take either first, and a simulator that moves by the speed at the end
-    of a step is half a step ahead of its force.
+    of a step is half a step ahead of its force. A controller that is known reads one and writes the other, so that they
+    are less apart there; a filter behind it is no reading.
     """
 
     kind = "loop_lag"
@@ -119,13 +120,15 @@ class LoopLag(NominalParameter):
     limited = True
     changes_from_run_to_run = False
     effect: Effect
+    most_early: float
 
     @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
         late, deviation = cls.unknown(nominal), nominal.uncertainty.loop_lag * nominal.covered.period_s
         if late is None or deviation == 0.0:
             return []
-        return [cls(name=cls.kind, deviation=deviation, effect=silent(late))]
+        most_early = MODEL.most_early if isinstance(nominal.drive.controller, Following) else MODEL.most_lag
+        return [cls(name=cls.kind, deviation=deviation, effect=silent(late), most_early=most_early)]
 
     @classmethod
     def unknown(cls, nominal: Nominal) -> type[Effect] | None:
@@ -136,7 +139,7 @@ class LoopLag(NominalParameter):
 
     @property
     def room(self) -> tuple[float, float]:
-        return -MODEL.most_early, MODEL.most_lag
+        return -self.most_early, MODEL.most_lag
 
     def apply(self, drive: FeedDrive, shift: float) -> Changed:
         return drive, (with_amplitude(self.effect, self.lag_s(shift)),)

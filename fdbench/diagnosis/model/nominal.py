@@ -89,7 +89,7 @@ class Uncertainty:
         Of the time constant of a cascade's filter of the velocity, in sampling times.
     loop_lag : float
         Of the time by which the force follows its command, in sampling times; beside a lag that is known, of a dead
-        time. Below 0 it is the time by which the force is read after the position, up to half a sample.
+        time. Below 0 it is the time by which the force is read after the position.
     force_offset_N : float or None
         Of a constant force. Without it in proportion to the forces of the axis: 2 N at 150 N root mean square.
     """

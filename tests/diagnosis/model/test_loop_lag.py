@@ -13,6 +13,7 @@ from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncert
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import effects
+from fdbench.plants.feed_drive import Following
 from fdbench.record import Record
 
 LAG, DEAD_TIME = effects.get("current_loop_lag"), effects.get("dead_time")
@@ -48,7 +49,7 @@ def test_a_lag_is_bounded_and_one_that_is_excluded_is_not_moved() -> None:
     model = nominal().beside(COVERED)
     (own,) = lags(model)
     assert own.deviation == pytest.approx(0.05e-3)
-    assert own.room == (-MODEL.most_early, MODEL.most_lag)
+    assert own.room == (-MODEL.most_lag, MODEL.most_lag)
     assert (own.lag_s(-1.0), own.force_read_late_s(-1.0)) == (0.0, own.deviation)
     assert (own.lag_s(1.0), own.force_read_late_s(1.0)) == (own.deviation, 0.0)
     assert start(model).variant.extra == ()
@@ -94,5 +95,11 @@ def test_a_force_that_is_read_after_the_position_is_no_cause() -> None:
 def test_a_value_of_the_loop_is_at_its_limit_on_either_side() -> None:
     model = nominal().beside(COVERED)
     own = np.array([float(isinstance(item, LoopLag)) for item in nominal_parameters(model)])
-    far = {shift: start(model).moved(shift * own).at_limits for shift in (-10.0, -3.5, 2.0, 3.0)}
-    assert far == {-10.0: 1, -3.5: 0, 2.0: 0, 3.0: 1}
+    far = {shift: start(model).moved(shift * own).at_limits for shift in (-3.0, -2.0, 2.0, 3.0)}
+    assert far == {-3.0: 1, -2.0: 0, 2.0: 0, 3.0: 1}
+    plant = dataclasses.replace(model.drive, controller=Following(bandwidth_Hz=50.0))
+    followed = dataclasses.replace(nominal(), plant=plant).beside(COVERED)
+    (lag,) = lags(followed)
+    assert lag.room == (-MODEL.most_early, MODEL.most_lag)
+    shifts = [-5.0 * float(isinstance(item, LoopLag)) for item in nominal_parameters(followed)]
+    assert start(followed).moved(shifts).at_limits == 0
