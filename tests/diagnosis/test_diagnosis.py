@@ -130,4 +130,4 @@ def test_what_a_milling_scenario_withholds_is_found() -> None:
     depth = causes["tooth_passing_force"].parameters["axial_depth_m"].value
     runout = causes["runout_force"].parameters["radial_runout_m"].value
     assert depth == pytest.approx(1.5e-3, rel=0.06)
-    assert runout == pytest.approx(1e-5, rel=0.12)
+    assert runout == pytest.approx(1e-5, rel=0.15)

@@ -160,8 +160,12 @@ class _InNoDataSheet(_OfAKnownEffect):
 
     def apply(self, drive: FeedDrive, shift: float) -> Changed:
         known = self.known(drive)
-        value = getattr(known, self.parameter) * math.exp(shift * self.deviation)
+        value = getattr(known, self.parameter) * math.exp(self.stretched(shift) * self.deviation)
         return with_known(drive, self.index, known.within(**{self.parameter: value})), ()
+
+    def stretched(self, shift: float) -> float:
+        """Return by how many deviations the logarithm is moved."""
+        return shift
 
     def text(self, drive: FeedDrive, shift: float) -> str:
         return si_text(getattr(self.known(self.apply(drive, shift)[0]), self.parameter), unit_of(self.parameter))
@@ -170,11 +174,20 @@ class _InNoDataSheet(_OfAKnownEffect):
 @final
 @dataclass(frozen=True, kw_only=True)
 class TransitionVelocity(_InNoDataSheet):
-    """Speed over which a known friction turns its sign."""
+    r"""Speed over which a known friction turns its sign.
+
+    .. math:: v = v_0 e^{\sigma s} \quad (s \ge 0), \qquad v = v_0 e^{\sigma (s - s^2 / 2)} \quad (s < 0)
+
+    with the shift s in deviations :math:`\sigma`: down to exact Coulomb friction, which none of them is far from, it is
+    a number of simulations alone.
+    """
 
     kind = "width"
     parameter = WIDTH
     in_doubt = "transition_velocity"
+
+    def stretched(self, shift: float) -> float:
+        return shift if shift >= 0.0 else shift - 0.5 * shift**2
 
 
 @final

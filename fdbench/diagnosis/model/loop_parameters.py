@@ -109,8 +109,8 @@ class LoopLag(NominalParameter):
     Sampling, computing and switching take a part of the sampling time on every drive, and no data sheet says which,
     whatever it says of the current loop: beside a lag that is known, the force is late by a dead time. Below 0 the
     force is read after the position: a logger may take either first, and a simulator that moves by the speed at the end
-    of a step is half a step ahead of its force. A controller that is known reads one and writes the other, so that they
-    are less apart there; a filter behind it is no reading.
+    of a step is half a step ahead of its force. A controller that is known reads one and writes the other: there it is
+    never below 0.
     """
 
     kind = "loop_lag"
@@ -127,7 +127,7 @@ class LoopLag(NominalParameter):
         late, deviation = cls.unknown(nominal), nominal.uncertainty.loop_lag * nominal.covered.period_s
         if late is None or deviation == 0.0:
             return []
-        most_early = MODEL.most_early if isinstance(nominal.drive.controller, Following) else MODEL.most_lag
+        most_early = MODEL.most_early if isinstance(nominal.drive.controller, Following) else 0.0
         return [cls(name=cls.kind, deviation=deviation, effect=silent(late), most_early=most_early)]
 
     @classmethod

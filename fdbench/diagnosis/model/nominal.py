@@ -98,7 +98,7 @@ class Uncertainty:
     viscous: float = positive(default=0.1)
     stiffness: float = nonnegative(default=0.05)
     known_effects: float = positive(default=0.06)
-    transition_velocity: float = nonnegative(default=2.0)
+    transition_velocity: float = nonnegative(default=1.0)
     bristle_stiffness: float = nonnegative(default=1.0)
     friction_side: float = nonnegative(default=0.3)
     friction_form: float = nonnegative(default=0.05)

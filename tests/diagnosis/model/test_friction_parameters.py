@@ -129,8 +129,7 @@ def test_an_added_friction_turns_its_sign_as_the_known_one_does() -> None:
     hypothesis = start(model).with_effect(added).with_effect(plain).moved(shifts)
     known: Any = hypothesis.variant.plant.effects[0]
     friction, other = hypothesis.variant.extra
-    wider = math.exp(1.3 * model.uncertainty.transition_velocity)
-    assert getattr(friction, WIDTH) == getattr(known, WIDTH) == pytest.approx(wider * getattr(added, WIDTH))
+    assert getattr(friction, WIDTH) == getattr(known, WIDTH) == pytest.approx(math.exp(1.3) * getattr(added, WIDTH))
     assert friction.changed(**{WIDTH: getattr(added, WIDTH)}) == added
     assert other == plain
     assert hypothesis.as_it_acts().effects == (friction, plain)
@@ -189,3 +188,17 @@ def test_a_fit_moves_by_how_much_bristles_stick_more_than_they_slide() -> None:
         (found,) = with_parameters(tried, moved).effects
         assert (found.coulomb_force_N, found.static_force_N) == pytest.approx(expected)
     assert effect.within(coulomb_force_N=120.0).static_force_N == 120.0
+
+
+def test_friction_turns_its_sign_over_next_to_nothing_within_a_few_deviations() -> None:
+    """As exact Coulomb friction does; wider, and near what is on paper, a deviation is a factor of e."""
+    model = Nominal(plant=axis_lab.drive(), simulation=Simulation(substeps=10))
+    (own,) = [item for item in nominal_parameters(model) if item.kind == "width"]
+    paper: Any = model.drive.effects[0]
+    ratios = {}
+    for shift in (-2.0, -1e-3, 1e-3, 1.0):
+        known: Any = own.apply(model.drive, shift)[0].effects[0]
+        ratios[shift] = getattr(known, WIDTH) / getattr(paper, WIDTH)
+    assert ratios[1.0] == pytest.approx(math.e)
+    assert ratios[1e-3] * ratios[-1e-3] == pytest.approx(1.0, abs=1e-6)
+    assert ratios[-2.0] < 0.02

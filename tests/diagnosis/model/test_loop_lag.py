@@ -49,7 +49,7 @@ def test_a_lag_is_bounded_and_one_that_is_excluded_is_not_moved() -> None:
     model = nominal().beside(COVERED)
     (own,) = lags(model)
     assert own.deviation == pytest.approx(0.05e-3)
-    assert own.room == (-MODEL.most_lag, MODEL.most_lag)
+    assert own.room == (0.0, MODEL.most_lag)
     assert (own.lag_s(-1.0), own.force_read_late_s(-1.0)) == (0.0, own.deviation)
     assert (own.lag_s(1.0), own.force_read_late_s(1.0)) == (own.deviation, 0.0)
     assert start(model).variant.extra == ()
@@ -75,31 +75,36 @@ def test_a_lag_of_every_day_beside_the_longest_one_is_the_longest_one() -> None:
 
 
 def test_a_force_that_is_read_after_the_position_is_no_cause() -> None:
-    """As of a simulator that is half a step ahead: 0.1 of a sample, which had been a mode or a mass."""
-    axis = axis_lab.as_built(2)
-    fitted, judged = axis_lab.repeated(axis)
+    """As of a simulator that is half a step ahead: 0.1 of a sample, which had been a mode or a mass.
+
+    The virtual loop is made with the force as it is read, so that very quiet positions are left with a gap.
+    """
+    fitted, judged = axis_lab.repeated(axis_lab.as_built(2))
+    blind = dataclasses.replace(nominal(), plant=dataclasses.replace(axis_lab.drive(), controller=Following()))
 
     def read_late(record: Record) -> Record:
         torque = record["motor_torque_Nm"].copy()
         torque[1:] -= 0.1 * np.diff(torque)
         return Record({**record, "motor_torque_Nm": torque})
 
-    found = diagnose(nominal(), *([read_late(item) for item in own] for own in (fitted, judged)))
+    found = diagnose(blind, *([read_late(item) for item in own] for own in (fitted, judged)))
     (own,) = lags(found.calibrated.nominal)
     shift = found.calibrated.shifts[nominal_parameters(found.calibrated.nominal).index(own)]
-    assert own.force_read_late_s(shift) == pytest.approx(1e-4, rel=0.25)
+    assert own.force_read_late_s(shift) == pytest.approx(1e-4, rel=0.3)
     assert [cause.effect for cause in found.answer.causes if cause.probability > 0.5] == []
-    assert found.answer.no_gap_probability > 0.5 > found.answer.unknown_probability
 
 
 def test_a_value_of_the_loop_is_at_its_limit_on_either_side() -> None:
     model = nominal().beside(COVERED)
     own = np.array([float(isinstance(item, LoopLag)) for item in nominal_parameters(model)])
-    far = {shift: start(model).moved(shift * own).at_limits for shift in (-3.0, -2.0, 2.0, 3.0)}
-    assert far == {-3.0: 1, -2.0: 0, 2.0: 0, 3.0: 1}
+    assert {shift: start(model).moved(shift * own).at_limits for shift in (0.0, 2.0, 3.0)} == {0.0: 0, 2.0: 0, 3.0: 1}
     plant = dataclasses.replace(model.drive, controller=Following(bandwidth_Hz=50.0))
     followed = dataclasses.replace(nominal(), plant=plant).beside(COVERED)
     (lag,) = lags(followed)
     assert lag.room == (-MODEL.most_early, MODEL.most_lag)
-    shifts = [-5.0 * float(isinstance(item, LoopLag)) for item in nominal_parameters(followed)]
-    assert start(followed).moved(shifts).at_limits == 0
+    own = np.array([float(isinstance(item, LoopLag)) for item in nominal_parameters(followed)])
+    assert {shift: start(followed).moved(shift * own).at_limits for shift in (-10.0, -5.0, 3.0)} == {
+        -10.0: 1,
+        -5.0: 0,
+        3.0: 1,
+    }
