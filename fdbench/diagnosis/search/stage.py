@@ -206,7 +206,7 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
     rivals, own = list(stage.rivals), [stage.evidence_of(rival) for rival in stage.rivals]
     alike = [rivals.index(rival) for rival in look_alikes(stage)]
     if len(alike) > 1 and len(squares) > 1:
-        within = [place for place in alike if not at_bound(rivals[place].hypothesis.effects[-1])]
+        within = [place for place in alike if not any(map(at_bound, rivals[place].hypothesis.effects[-1:]))]
         behind = squares[:, alike] - squares[:, (within or alike)[:1]]
         scatter = np.sqrt(len(squares)) * behind.std(axis=0, ddof=1)
         scores = np.divide(behind.sum(axis=0), scatter, out=np.zeros(len(alike)), where=scatter > 0.0)

@@ -20,7 +20,7 @@ from fdbench.diagnosis.search.refinement import Tangent, _Steps
 from fdbench.diagnosis.search.search import foremost
 from fdbench.diagnosis.search.stage import Rival, Stage, ranked
 from fdbench.diagnosis.settings import MODEL, SEARCH, changed
-from fdbench.effects import effects
+from fdbench.effects import Effect, effects
 
 
 def test_the_effect_that_is_there_comes_first() -> None:
@@ -144,6 +144,19 @@ def test_a_look_alike_on_a_bound_of_its_form_is_no_closer_for_it(
     assert stage.rivals[0].kind.name == first
     closer, behind = map(stage.evidence_of, stage.rivals)
     assert closer - behind == pytest.approx(odds) if odds else closer - behind > 5.0
+
+
+def test_two_fits_without_an_effect_are_compared_as_any_others() -> None:
+    """What is left of a gap is judged beside both the search's end and the written model, which may have none."""
+    base = start(NOMINAL)
+    ends = [base.moved([shift]) for shift in (0.1, 0.2)]
+    rivals = tuple(
+        Rival(kind=Effect, hypothesis=item, misfit=1.0, penalty=0.0, refined=True, size=1.0, own_size=1.0)
+        for item in ends
+    )
+    squares = np.column_stack((np.ones(40), 1.0 + np.random.default_rng(0).uniform(0.1, 0.3, 40)))
+    stage = ranked(Stage(base=base, misfit=5.0, penalty=0.0, test_count=1e3, rivals=rivals), squares)
+    assert [rival.hypothesis for rival in stage.rivals] == ends
 
 
 def test_a_number_more_is_no_argument_on_held_out_stretches() -> None:
