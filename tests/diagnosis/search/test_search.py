@@ -149,7 +149,7 @@ def test_a_look_alike_on_a_bound_of_its_form_is_no_closer_for_it(
 def test_two_fits_without_an_effect_are_compared_as_any_others() -> None:
     """What is left of a gap is judged beside both the search's end and the written model, which may have none."""
     base = start(NOMINAL)
-    ends = [base.moved([shift]) for shift in (0.1, 0.2)]
+    ends = [base.moved(shift * np.eye(len(base.shifts))[0]) for shift in (0.1, 0.2)]
     rivals = tuple(
         Rival(kind=Effect, hypothesis=item, misfit=1.0, penalty=0.0, refined=True, size=1.0, own_size=1.0)
         for item in ends
