@@ -8,7 +8,8 @@ import numpy as np
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import Trajectory, from_position, moves, multisine
 from fdbench.diagnosis.model.nominal import Nominal
-from fdbench.diagnosis.settings import EXPERIMENT, MODEL
+from fdbench.diagnosis.records.spectral_lines import highest_Hz
+from fdbench.diagnosis.settings import EXPERIMENT
 from fdbench.plants.feed_drive import FeedDrive, Following
 from fdbench.record import FloatArray
 from fdbench.wording import si_text
@@ -78,10 +79,10 @@ def menu(limits: Limits, period_s: float, scale: float = 1.0) -> list[Trajectory
         reference = moves(stops, (speed,), gentle, period_s)
         add("nested reversals", f"within {si_text(stroke, 'm')} at {si_text(speed, 'm/s')}", reference)
 
-    highest_Hz = MODEL.highest_of_nyquist * 0.5 / period_s
+    shown_Hz = highest_Hz(period_s)
 
     def wave(low_Hz: float, high_Hz: float, part: float) -> tuple[str, FloatArray]:
-        seen_Hz = min(high_Hz, highest_Hz)
+        seen_Hz = min(high_Hz, shown_Hz)
         band_Hz = min(low_Hz, 0.5 * seen_Hz), seen_Hz
         _, speed, acceleration = multisine(0.0, 1.0, band_Hz, 5.0, period_s).std(axis=0)
         rms = min(part * fastest / speed, part * hardest / acceleration, 0.2 * length)
@@ -89,7 +90,7 @@ def menu(limits: Limits, period_s: float, scale: float = 1.0) -> list[Trajectory
         return words, multisine(middle, rms, band_Hz, 5.0, period_s)
 
     for low_Hz, high_Hz, part in ((0.5, 10.0, 0.3), (1.0, 60.0, 0.1), (1.0, 60.0, 0.3), (10.0, 150.0, 0.1)):
-        if low_Hz < 0.5 * highest_Hz:
+        if low_Hz < 0.5 * shown_Hz:
             add("multisine", *wave(low_Hz, high_Hz, part))
     stops = [x + length * share for share in (0.0, 0.6, 0.1, 0.4, 0.0, 0.5)]
     strokes = moves(stops, (fastest,), 0.8 * hardest, period_s)

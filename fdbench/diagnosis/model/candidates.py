@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
+from fdbench.diagnosis.records.spectral_lines import highest_Hz
 from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import Effect, Port
 
@@ -116,7 +117,7 @@ def candidates(
     present = {effect.declared for effect in base.effects}
     covered = {item.cause(base.nominal) for item in nominal_parameters(base.nominal)}
     found: list[Candidate] = []
-    highest_Hz = math.inf if period_s is None else MODEL.highest_of_nyquist * 0.5 / period_s
+    shown_Hz = math.inf if period_s is None else highest_Hz(period_s)
     for kind in base.nominal.library:
         unseen = drive.screw is None and (kind.port is Port.TABLE_SCALE or kind.needs_screw)
         known = [effect for effect in drive.effects if effect.declared is kind.declared]
@@ -126,8 +127,7 @@ def candidates(
         found += [
             item
             for item in _of_kind(base, kind, located)
-            if _fastest_Hz(item.members[0]) <= highest_Hz
-            and all(_is_another(item.members[0], other) for other in known)
+            if _fastest_Hz(item.members[0]) <= shown_Hz and all(_is_another(item.members[0], other) for other in known)
         ]
     return found
 

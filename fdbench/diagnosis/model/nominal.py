@@ -11,6 +11,7 @@ from fdbench.catalogue import scenario_folder, scenario_ids
 from fdbench.diagnosis.model.rotary_axis import LINEAR_COLUMNS, plant_on_the_arc, record_on_the_arc
 from fdbench.diagnosis.records.noise_model import Way
 from fdbench.diagnosis.records.runs import COMMAND_RATES
+from fdbench.diagnosis.records.spectral_lines import highest_Hz
 from fdbench.diagnosis.settings import MODEL, RECORDS
 from fdbench.effects import Effect, Scale, at_scale, effects
 from fdbench.errors import RecordError, SpecError, UnknownName, did_you_mean
@@ -133,7 +134,7 @@ class Covered:
     def most(self, unit: str) -> float:
         """Return the longest time (s) or the highest frequency (Hz) that records show; in other units no limit."""
         if unit == "Hz" and self.period_s > 0.0:
-            return MODEL.highest_of_nyquist * 0.5 / self.period_s
+            return highest_Hz(self.period_s)
         return self.longest_s if unit == "s" and self.longest_s > 0.0 else math.inf
 
 

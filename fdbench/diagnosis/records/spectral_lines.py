@@ -14,6 +14,11 @@ from fdbench.record import FloatArray
 ComplexArray = NDArray[np.complex128]
 
 
+def highest_Hz(period_s: float) -> float:
+    """Return the highest frequency of a mode or line that samples still show."""
+    return MODEL.highest_of_nyquist * 0.5 / period_s
+
+
 def lines_in_time(signals: Sequence[FloatArray], period_s: float) -> list[float]:
     """Return the lines (Hz) that stand out of the spectrum of any signal, (n_channels, n) each, the sharpest first.
 

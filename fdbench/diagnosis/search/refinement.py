@@ -168,23 +168,23 @@ class Refinement:
         rounds = [(0.0,), SEARCH.dampings] if likely else [(0.0, *SEARCH.dampings)]
         for dampings in (*rounds, SEARCH.further_dampings):
             trials = steps.damped(dampings)
-            after = _objectives(self._squares(steps.hypothesis, trials)[1:], trials, steps.weight)
-            best = int(np.argmin(after))
-            if steps.before - after[best] > fell:
-                hypothesis, fell = trials[best], steps.before - after[best]
+            hypothesis, fell = max((hypothesis, fell), self._deepest(steps, trials), key=lambda end: end[1])
             tried += trials
             is_damped = dampings != (0.0,)
             if fell >= SEARCH.kept_promise * steps.promise or (is_damped and (fell > 0.0 or not fresh)):
                 break
         if slow and 0.0 < fell < SEARCH.creeping * steps.before:
             trials = steps.longer(hypothesis)
-            after = _objectives(self._squares(steps.hypothesis, trials)[1:], trials, steps.weight)
-            best = int(np.argmin(after))
-            if steps.before - after[best] > fell:
-                hypothesis, fell = trials[best], steps.before - after[best]
+            hypothesis, fell = max((hypothesis, fell), self._deepest(steps, trials), key=lambda end: end[1])
             tried += trials
         self._fitted_readings.forget([item for item in tried if item not in (given, hypothesis)])
         return hypothesis, fell
+
+    def _deepest(self, steps: "_Steps", trials: Sequence[Hypothesis]) -> tuple[Hypothesis, float]:
+        """Return the trial at which the objective is lowest, and how far it falls to there."""
+        after = _objectives(self._squares(steps.hypothesis, trials)[1:], trials, steps.weight)
+        best = int(np.argmin(after))
+        return trials[best], steps.before - after[best]
 
     def _own(self, tangent: Tangent, given: Hypothesis) -> Tangent:
         """Return the part of a tangent that serves no other fit."""
@@ -321,8 +321,7 @@ class _Steps:
         priors = [(stand / scale, own * scale**2) for stand, own in hypothesis.priors(weight)]
         limits = np.array([(item.low, item.high) for item in self.numbers]) - self.values[:, None]
         room = (limits / np.where(self.sizes > 0.0, self.sizes, math.inf)[:, None]).tolist()
-        own = [(low / scale, high / scale) for low, high in hypothesis.room()]
-        room[: len(own)] = own
+        room[: len(hypothesis.shifts)] = [(low / scale, high / scale) for low, high in hypothesis.room()]
         self.scores = Scores(
             probed,
             {column: priors[place] for column, place in known},

@@ -8,7 +8,8 @@ from scipy.fft import next_fast_len
 
 from fdbench.diagnosis.evidence.inverse_dynamics import inertia_and_drag, table_position
 from fdbench.diagnosis.evidence.split import Split
-from fdbench.diagnosis.settings import MODEL, SEARCH
+from fdbench.diagnosis.records.spectral_lines import highest_Hz
+from fdbench.diagnosis.settings import SEARCH
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 
@@ -37,7 +38,7 @@ def resonances(lacking: Sequence[FloatArray], split: Split, drive: FeedDrive) ->
     split : Split
     drive : FeedDrive
     """
-    fastest_Hz = MODEL.highest_of_nyquist * 0.5 / max(run.period_s for run in split.runs)
+    fastest_Hz = highest_Hz(max(run.period_s for run in split.runs))
     if fastest_Hz <= SEARCH.lowest_line_Hz:
         return []
     n_tried = int(np.log(fastest_Hz / SEARCH.lowest_line_Hz) / np.log(SPACING))
