@@ -458,7 +458,8 @@ def test_a_step_is_tried_beside_damped_ones_where_the_last_one_broke_its_promise
         own.refinement._stepped(steps, given, fresh=True, likely=own_, slow=False) for own_ in (True, False)
     )
     assert tried == [1, 1 + len(SEARCH.dampings)]
-    assert deeper >= fell > 0.0
+    assert fell > 0.0
+    assert other is one or deeper > fell
     assert one.effects[0].values() == pytest.approx(other.effects[0].values(), rel=0.1)
 
 
