@@ -312,16 +312,6 @@ class JudgeSettings:
     beyond_doubt: float = number(1.5, "standard deviations of a nominal parameter below which it is no cause")
     small_share: float = number(0.1, "of what is left: an effect that explains no more may be a part of another cause")
     named: float = number(0.5, "probability above which causes stand first", "more likely than not")
-    sharpness: float = number(
-        1.15,
-        "factor on log odds of what is said, which composed are too moderate",
-        "between the likeliest on 360 axes of tier G (1.35) and on 200 of A to D (0.85), kept out",
-    )
-    stand_in: float = number(
-        0.5,
-        "log odds that what is known loses where a cause is surely unknown",
-        "between the likeliest on 620 axes of tier G (1 to 2) and on 200 of A to D (0), kept out",
-    )
     enough: float = number(0.5, "share of the gap that everything named must explain to be believed")
     worse: float = number(1.5, "times as large as without it, or as noise, is no channel's gap with what is a cause")
     unrepeated: float = number(10.0, "ratio to the floor of three repeats that one run may reach by chance")

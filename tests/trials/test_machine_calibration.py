@@ -18,7 +18,6 @@ from fdbench.diagnosis.answer import VALUE, from_json
 from fdbench.diagnosis.diagnose import diagnose, judged
 from fdbench.diagnosis.evidence.prepare import aligned
 from fdbench.diagnosis.judge import probability_models as confidence
-from fdbench.diagnosis.judge.composed import said
 from fdbench.diagnosis.judge.probability_models import ProbabilityModel
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, load_nominal
 from fdbench.effects import effects
@@ -196,8 +195,7 @@ def test_the_answer_is_drawn_from_the_models_that_are_given(given: Records) -> N
         confidence.models(), unknown=even, value=even, source="machine-specific calibration, of a test"
     )
     found = diagnose(*given, models=models)
-    even_beside = pytest.approx(said(0.5, found.answer.unknown_probability))
-    assert [cause.probability for cause in found.answer.causes if cause.kind == VALUE] == [even_beside]
+    assert [cause.probability for cause in found.answer.causes if cause.kind == VALUE] == [pytest.approx(0.5)]
     assert found.answer.unknown_probability <= 0.5
     assert found.answer.probabilities_from == "machine-specific calibration, of a test"
     assert "machine-specific calibration, of a test" in " ".join(summary(found.answer).split())

@@ -19,7 +19,6 @@ from fdbench.diagnosis.evidence.least_squares import solved
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import Trajectory
 from fdbench.diagnosis.judge import probability_models as confidence
-from fdbench.diagnosis.judge.composed import said
 from fdbench.diagnosis.judge.look_alikes import divided, indistinguishable
 from fdbench.diagnosis.judge.probability_models import Beside, ProbabilityModels
 from fdbench.diagnosis.model.candidates import candidates, middle_shapes
@@ -65,7 +64,7 @@ class VerdictReader:
             same = []
             features = confidence.effect_features(stage, kind, beside)
             chance = min(self.models.suspect.probability(features, [kind.name]), own[best])
-        found = {name: said(p, self.unknown) for name, p in divided(stage, kind, same, chance).items()}
+        found = divided(stage, kind, same, chance)
         most = 1.0 if stage.base.effects else 1.0 - self.unknown
         return {**found, NOTHING: min(none, most, 1.0 - sum(found.values()))}
 

@@ -24,23 +24,6 @@ def nothing(causes: Sequence[Cause], suspects: Sequence[Suspect], unknown: float
     return math.prod(1.0 - chance for chance in chances)
 
 
-def said(chance: float, unknown: float = 0.0) -> float:
-    r"""Return the probability that is said of what is composed to be p, beside the probability u of an unknown cause.
-
-    .. math:: \frac{p^k}{p^k + (1 - p)^k e^{c u}}
-
-    What is composed of several comes out too moderate, k = ``JUDGE.sharpness``; what is known may stand in for what is
-    unknown, c = ``JUDGE.stand_in``. Source: Guo, Pleiss, Sun, Weinberger (2017), On Calibration of Modern Neural
-    Networks, section 4.2 and, with a shift of the log odds, Platt (1999), Probabilistic Outputs for Support Vector
-    Machines, section 2.
-
-    >>> said(0.5), said(0.0), round(said(0.2) + said(0.8), 12), round(said(0.5, unknown=1.0), 3)
-    (0.5, 0.0, 1.0, 0.378)
-    """
-    own, other = (math.pow(p, JUDGE.sharpness) for p in (chance, 1.0 - chance))
-    return own / (own + other * math.exp(JUDGE.stand_in * unknown))
-
-
 @dataclass(frozen=True, kw_only=True)
 class Credit:
     """How far what is named is believed beside what is left of the gap.
@@ -49,20 +32,15 @@ class Credit:
     ----------
     discount : float
         See `plausibility_discount`.
-    doubt, unknown : float
-        Probability of an unknown cause, as it is composed and as it is said.
+    doubt : float
+        Probability of an unknown cause, whatever the gap is beside what repeats differ by.
     small : float
         Share of the gap that is small beside what is left.
     """
 
     discount: float
     doubt: float
-    unknown: float
     small: float
-
-    def of(self, chance: float) -> float:
-        """Return the probability that is said of what is as probable as a chance where all of the gap is explained."""
-        return said(self.discount * chance, self.unknown)
 
     def of_share(self, share: float) -> float:
         """Return the factor on the probability of what explains a share of the gap.

@@ -10,7 +10,7 @@ import numpy as np
 from fdbench.diagnosis.answer import READING, Cause, Pair, Quantity, RivalReduction, Suspect, chances
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, energies
 from fdbench.diagnosis.judge import probability_models as confidence
-from fdbench.diagnosis.judge.composed import Credit, noise_alone, nothing, plausibility_discount, said
+from fdbench.diagnosis.judge.composed import Credit, noise_alone, nothing, plausibility_discount
 from fdbench.diagnosis.judge.contested import Contested, contested
 from fdbench.diagnosis.judge.findings import Findings
 from fdbench.diagnosis.judge.force_balance_check import force_balances_removed
@@ -110,20 +110,16 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     stand_ins = math.prod(1.0 - item.in_part * item.probability for item in effects)
     known = (1.0 - models.unknown.probability(unknown)) * (1.0 - deviating.nameless) * stand_ins
     doubt = max(1.0 - known, 1.0 - discount)
-    credit = Credit(
-        discount=discount,
-        doubt=doubt,
-        unknown=said(min(doubt, 1.0 - within_repeats(found, recalibrated))),
-        small=JUDGE.small_share * shares.of(repaired),
-    )
+    credit = Credit(discount=discount, doubt=doubt, small=JUDGE.small_share * shares.of(repaired))
+    unknown_probability = min(doubt, 1.0 - within_repeats(found, recalibrated))
     causes = [
         *_effects(found, effects, credit, parts),
-        *(_believed(value, credit) for value in deviating.causes),
+        *(dataclasses.replace(value, probability=discount * value.probability) for value in deviating.causes),
         *readings,
     ]
     causes.sort(key=lambda cause: (cause.probability <= JUDGE.named, -cause.share))
     beside = Beside(largest=max((item.own_size for item in effects), default=0.0), worst=left.worst)
-    suspects, suspect_features_of = suspected(found, models, beside, credit, chances(causes, ()))
+    suspects, suspect_features_of = suspected(found, models, beside, discount, chances(causes, ()))
     effect_features_of = {OR.join((item.effect.name, *item.same)): item.features for item in sound}
     claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": deviating.features}
     within_noise = noise_alone(max(float(reductions.mean()[0]), float(found.where_fitted.mean())))
@@ -131,8 +127,8 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
         causes=tuple(causes),
         suspects=tuple(suspects),
         nearest=nearest(found),
-        unknown_probability=credit.unknown,
-        no_gap_probability=min(within_noise, nothing(causes, suspects, credit.unknown)),
+        unknown_probability=unknown_probability,
+        no_gap_probability=min(within_noise, nothing(causes, suspects, unknown_probability)),
         features={**claims, "unknown": {"unknown": unknown}},
         worst=left.worst,
     )
@@ -146,7 +142,7 @@ def _effects(found: Findings, items: Sequence[Contested], credit: Credit, parts:
             continue
         most = item.most(parts.is_better_with(index))
         believed = credit.of_share(parts.share(index)) * (1.0 - item.in_part)
-        odds = {name: said(min(believed * p, most), credit.unknown) for name, p in item.odds.items()}
+        odds = {name: min(believed * p, most) for name, p in item.odds.items()}
         yield _named(found, item, odds, parts, index, bounds[index])
 
 
@@ -179,12 +175,6 @@ def _named(
         typical=tuple(not_fitted(effect)),
         at_bound=tuple(at_bound(effect)),
     )
-
-
-def _believed(value: Cause, credit: Credit) -> Cause:
-    """Return a value that is off as it is said beside what the gap leaves."""
-    alternatives = {name: said(chance, credit.unknown) for name, chance in value.alternatives.items()}
-    return dataclasses.replace(value, probability=credit.of(value.probability), alternatives=alternatives)
 
 
 def _values(found: Findings, corrected: float, models: ProbabilityModels) -> tuple[Deviating, dict[str, float]]:
@@ -229,7 +219,7 @@ def artefact_cause(artefact: Artefact, share: float) -> Cause:
 
 
 def suspected(
-    found: Findings, models: ProbabilityModels, beside: Beside, credit: Credit, taken: Collection[str]
+    found: Findings, models: ProbabilityModels, beside: Beside, discount: float, taken: Collection[str]
 ) -> tuple[list[Suspect], dict[str, Features]]:
     """Return the effects that were not added when the search ended, most probable first, and their features.
 
@@ -241,7 +231,7 @@ def suspected(
     if last is not None:
         features = {kind.name: confidence.effect_features(last, kind, beside) for kind in kinds}
     suspects = [
-        Suspect(effect=name, probability=credit.of(min(models.suspect.probability(own, [name]), JUDGE.named)))
+        Suspect(effect=name, probability=discount * min(models.suspect.probability(own, [name]), JUDGE.named))
         for name, own in features.items()
     ]
     return sorted(suspects, key=lambda suspect: -suspect.probability), features
