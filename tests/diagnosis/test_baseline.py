@@ -49,7 +49,7 @@ def test_a_weight_that_came_on_top_is_named() -> None:
     """Alone it is within what this model has in doubt."""
     axis = as_built(1)
     loaded = dataclasses.replace(
-        axis, effects=(*axis.effects, effects.get("constant_force").typical(constant_force_N=8.0))
+        axis, effects=(*axis.effects, effects.get("constant_force").typical(constant_force_N=10.0))
     )
     now = records(loaded, seed=200)
     uncertainty = Uncertainty(force_offset_N=4.0)
@@ -57,7 +57,7 @@ def test_a_weight_that_came_on_top_is_named() -> None:
     assert named(diagnose(nominal, now).answer) == []
     answer = diagnose(nominal, now, baseline=records(axis, seed=100)).answer
     assert named(answer) == ["constant_force"]
-    assert answer.causes[0].parameters["change"].value == pytest.approx(8.0, rel=0.1)
+    assert answer.causes[0].parameters["change"].value == pytest.approx(10.0, rel=0.1)
 
 
 @pytest.mark.parametrize(
