@@ -115,3 +115,18 @@ def trial_learn(
     for kind in KINDS:
         own = [claim.right for claim in found.claims if claim.kind == kind]
         say(f"{kind}: {len(own)} claims, {sum(own)} right")
+
+
+@trial.command("guarantees")
+def trial_guarantees(
+    folder: Trial,
+    answers: Annotated[Path, typer.Argument(help="JSON file of answers; its .sha256 lies beside it.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the two files, made if needed.")],
+    key: Annotated[Path, typer.Option(help="File of the key.")],
+) -> None:
+    """Write the axes that cause sets and false alarms rest on, from a trial of tier G that was not learned from."""
+    from fdbench.trials.guarantees import guarantees, write_guarantees
+
+    single, empty = guarantees(folder, answers, key)
+    write_guarantees(single, empty, output)
+    say(f"{len(single.truth)} axes with one cause and {len(empty.surest)} without any: {output}")

@@ -195,8 +195,25 @@ QUANTITIES: Mapping[str, tuple[str, Callable[[AnswerTable], float]]] = {
 }
 
 
-def score(folder: Path, answers: Path, key: Path) -> dict[str, Any]:
-    """Return the score sheet of answers as JSON.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OpenedTrial:
+    """A trial whose key is opened, and the answers to it.
+
+    Attributes
+    ----------
+    manifest, key, answers : mapping
+        As they are read from their files.
+    table : AnswerTable
+    """
+
+    manifest: Mapping[str, Any]
+    key: Mapping[str, Any]
+    answers: Mapping[str, Any]
+    table: AnswerTable
+
+
+def open_trial(folder: Path, answers: Path, key: Path) -> OpenedTrial:
+    """Open the key of a trial and check every seal.
 
     Raises
     ------
@@ -204,15 +221,22 @@ def score(folder: Path, answers: Path, key: Path) -> dict[str, Any]:
         If a file changed after it was sealed, the key is not that of the trial, or the probabilities do not vary.
     """
     manifest = read_manifest(folder)
-    opened = seal.read_json(key, "the key of a trial")
+    own_key = seal.read_json(key, "the key of a trial")
     given = seal.read_json(answers, "answers to a trial")
-    check_key(folder, manifest, opened, key)
+    check_key(folder, manifest, own_key, key)
     seal.check_digest(answers)
     forms.check_answers(given, f"{answers}: not answers to a trial")
     if given.get("manifest_sha256") != seal.file_digest(folder / MANIFEST):
         raise SpecError(f"{answers}: answers to another trial than the one in {folder}.")
-    table = table_of(manifest, opened, given, answers)
+    table = table_of(manifest, own_key, given, answers)
     check_varies(table, bool(given.get("constant")), answers)
+    return OpenedTrial(manifest=manifest, key=own_key, answers=given, table=table)
+
+
+def score(folder: Path, answers: Path, key: Path) -> dict[str, Any]:
+    """Return the score sheet of answers as JSON; it raises what `open_trial` does."""
+    trial = open_trial(folder, answers, key)
+    manifest, given, table = trial.manifest, trial.answers, trial.table
     cases = given["cases"].values()
     return {
         "diagnoser": str(given.get("diagnoser", answers.stem)),
@@ -221,13 +245,13 @@ def score(folder: Path, answers: Path, key: Path) -> dict[str, Any]:
         "cases": len(table.none),
         "failed": sum(case.get("status") == FAILED for case in cases),
         "seconds_per_case": float(np.median([case.get("seconds", np.nan) for case in cases])),
-        "nonce": opened["nonce"],
+        "nonce": trial.key["nonce"],
         "made_by_commit": manifest["commit"],
         "answered_by_commit": given.get("commit", ""),
         "quantities": sheet(table),
         "effects": per_effect(table),
-        "unlisted": per_unlisted(table, manifest, opened),
-        "kinds": per_kind(table, manifest, opened),
+        "unlisted": per_unlisted(table, manifest, trial.key),
+        "kinds": per_kind(table, manifest, trial.key),
     }
 
 
