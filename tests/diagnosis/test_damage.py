@@ -2,6 +2,8 @@
 
 import functools
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import axis_lab
 import numpy as np
@@ -9,9 +11,10 @@ import pytest
 
 from fdbench.diagnosis.evidence.prepare import aligned
 from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.records import damage
 from fdbench.diagnosis.records.damage import check_damage
 from fdbench.diagnosis.records.plausibility import noise_estimate
-from fdbench.diagnosis.records.runs import prepare
+from fdbench.diagnosis.records.runs import FORCE, prepare
 from fdbench.effects import effects
 from fdbench.errors import RecordError
 from fdbench.record import Record
@@ -166,3 +169,14 @@ def test_no_effect_passes_for_a_foreign_column(name: str) -> None:
     motion, duration_s = axis_lab.protocol(1.0)["fast"]
     record = axis_lab.record(axis_lab.drive(), (effect,), motion, duration_s, seed=7)
     assert aligned(nominal, [record], []).runs
+
+
+@pytest.mark.parametrize(("share", "doubt", "refused"), [(-1.0, 0.4, False), (0.0, 0.05, True)])
+def test_few_parts_of_a_record_have_to_speak_plainly_for_a_force_of_another_axis(
+    monkeypatch: pytest.MonkeyPatch, share: float, doubt: float, refused: bool
+) -> None:
+    """Three standard errors that eight parts tell are no more sure than two that many would."""
+    monkeypatch.setattr(damage, "_share_of", lambda asked, force: (share, doubt, 8))
+    run = SimpleNamespace(name="a.csv", channels={FORCE: np.linspace(-1.0, 1.0, 100)})
+    with pytest.raises(RecordError, match="not the force that moved the axis") if refused else nullcontext():
+        damage.check_force_is_own(run, np.zeros(100))  # type: ignore[arg-type]

@@ -108,7 +108,8 @@ def aligned(
 ) -> Aligned:
     """Return records as they are compared with their model; see `diagnose` for parameters and errors.
 
-    What no logger wrote is not checked for damage: a simulation without noise repeats itself to the last digit.
+    What no logger wrote is not checked for damage, nor for being of this axis: a simulation without noise repeats
+    itself to the last digit, and one with much noise hides its force.
     """
     if not records:
         raise RecordError("no records: at least one is needed, better three repeats of several motions.")
@@ -129,6 +130,8 @@ def aligned(
     warnings = [*copies, *assumed, *limits_of_forces(as_read, drive), *scales]
     simulated = replay.on_each(runs, given.variant)
     runs, said = with_common_zeros(runs, simulated)
+    if logged:
+        said += [text for run, own in zip(runs, simulated, strict=True) for text in check_alignment(run, own)]
     every = [_beside_model(run, own, baseline) for run, own in zip(runs, simulated, strict=True)]
     warnings += [*said, *(text for item in every for text in item.warnings)]
     others = apart([item.run for item in every])
@@ -206,7 +209,7 @@ class _BesideModel:
 
 def _beside_model(read: RecordedRun, as_nominal: Mapping[str, FloatArray], baseline: Baseline | None) -> _BesideModel:
     """Return a run beside what the nominal model has, less what a baseline has of it already."""
-    warnings = [*check_alignment(read, as_nominal)]
+    warnings = []
     bridged, n_held = interpolated(read, as_nominal)
     run = bridged
     if baseline is not None:

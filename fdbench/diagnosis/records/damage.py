@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr, stdtrit
 
 from fdbench.diagnosis.records.runs import COMMAND, FORCE, POSITION, RecordedRun
 from fdbench.diagnosis.settings import PLAUSIBLE
@@ -173,8 +174,9 @@ def check_force_is_own(run: RecordedRun, simulated: FloatArray) -> None:
     """
     force = run.channels[FORCE]
     limited = np.abs(force) > PLAUSIBLE.greatest_force * float(np.abs(force).max())
-    share, doubt = _share_of(simulated, force)
-    if limited.mean() < PLAUSIBLE.limited_force and share + PLAUSIBLE.sure_foreign * doubt < PLAUSIBLE.foreign_force:
+    share, doubt, parts = _share_of(simulated, force)
+    most = share + float(stdtrit(parts - 1, ndtr(PLAUSIBLE.sure_foreign))) * doubt
+    if limited.mean() < PLAUSIBLE.limited_force and most < PLAUSIBLE.foreign_force:
         raise RecordError(
             f"{run.name}: {FORCE} has {share:.0%} of the force that this motion asks of the model, give or take "
             f"{doubt:.0%}. It is not the force that moved the axis: another column or axis, another recording, or "
@@ -200,8 +202,11 @@ def check_force_is_alive(run: RecordedRun, simulated: FloatArray) -> None:
             )
 
 
-def _share_of(asked: FloatArray, force: FloatArray) -> tuple[float, float]:
-    """Return the slope of one force over another and its standard error, by the slopes of parts of the record."""
+def _share_of(asked: FloatArray, force: FloatArray) -> tuple[float, float, int]:
+    """Return the slope of one force over another, its standard error, and of how many parts the slopes tell it.
+
+    Of so few parts the error is itself in doubt (Student 1908, Biometrika 6(1)).
+    """
     slopes, n_parts = [], PLAUSIBLE.force_parts
     for own, other in zip(np.array_split(asked, n_parts), np.array_split(force, n_parts), strict=True):
         centred = own - asked.mean()
@@ -209,5 +214,5 @@ def _share_of(asked: FloatArray, force: FloatArray) -> tuple[float, float]:
         if squares > 0.1 * len(own) * float(asked.var()):
             slopes.append(float(centred @ (other - force.mean())) / squares)
     if len(slopes) < 3:
-        return 1.0, math.inf
-    return float(np.mean(slopes)), float(np.std(slopes, ddof=1)) / math.sqrt(len(slopes))
+        return 1.0, math.inf, n_parts
+    return float(np.mean(slopes)), float(np.std(slopes, ddof=1)) / math.sqrt(len(slopes)), len(slopes)
