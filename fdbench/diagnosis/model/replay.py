@@ -258,8 +258,7 @@ class Replay:
                 n = min(PIECE // self.loops, until_next - start)
                 self._stepper.advance(blocks.flat, 0, n * self.loops, *settings, *self._no_noise, out)
                 for name in lanes[0].channels:
-                    with np.errstate(invalid="ignore"):  # places without a lane hold anything
-                        found = (motor - scale)[:, :n] if name == DEFLECTION else read_from[name][:, :n]
+                    found = motor[:, :n] - scale[:, :n] if name == DEFLECTION else read_from[name][:, :n]
                     for place, lane in working.items():
                         first = lane.run.n_samples - left[place] + start
                         apart_m = lane.variant.zeros_apart_m if name == DEFLECTION else 0.0

@@ -1,6 +1,7 @@
 """Lanes of different runs side by side read what each reads alone, and what is kept is not simulated again."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,6 +49,22 @@ def test_runs_side_by_side_read_what_they_read_alone() -> None:
             np.testing.assert_array_equal(found[name][1], alone[name][0])
             np.testing.assert_array_equal(found[name][3], found[name][0])
             assert not np.array_equal(found[name][0], found[name][1])
+
+
+def test_what_memory_held_before_is_never_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that is shorter than a piece fills a part of it."""
+    empty = np.empty
+
+    def worst(*given: Any, **further: Any) -> np.ndarray:
+        found = empty(*given, **further)
+        if found.dtype == np.float64:
+            found.fill(np.inf)
+        return found
+
+    monkeypatch.setattr(np, "empty", worst)
+    run, replay = run_of((0.0, 0.06, 0.01)), Replay(NOMINAL.drive, NOMINAL.library, 4)
+    found = replay.simulate(run, [start(NOMINAL).variant])
+    assert all(np.isfinite(found[name]).all() for name in CHANNELS)
 
 
 @pytest.mark.parametrize("loops", [2, 3])
