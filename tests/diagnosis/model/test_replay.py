@@ -62,9 +62,10 @@ def test_what_memory_held_before_is_never_read(monkeypatch: pytest.MonkeyPatch) 
         return found
 
     monkeypatch.setattr(np, "empty", worst)
-    run, replay = run_of((0.0, 0.06, 0.01)), Replay(NOMINAL.drive, NOMINAL.library, 4)
-    found = replay.simulate(run, [start(NOMINAL).variant])
-    assert all(np.isfinite(found[name]).all() for name in CHANNELS)
+    runs = [run_of((0.0, 0.06, 0.01)), run_of((0.02, 0.05))]
+    replay = Replay(NOMINAL.drive, NOMINAL.library, 4)
+    for found in Readings(replay, runs).each(range(2), [start(NOMINAL)] * 2):
+        assert all(np.isfinite(found[name]).all() for name in CHANNELS)
 
 
 @pytest.mark.parametrize("loops", [2, 3])
