@@ -201,14 +201,13 @@ def _coarsest_grid(kind: type[Effect], differences: FloatArray, coarsest_m: floa
 
 def _after(effect: Effect, readings: FloatArray) -> FloatArray:
     """Return readings as they leave an encoder with an effect."""
-    found: FloatArray = _each_reading(type(effect))(readings, effect.values())
+    found: FloatArray = _each_reading(type(effect).kernel)(readings, effect.values())
     return found
 
 
 @functools.cache
-def _each_reading(kind: type[Effect]) -> Callable[[FloatArray, tuple[float, ...]], FloatArray]:
+def _each_reading(kernel: Callable[..., tuple[float, ...]]) -> Callable[[FloatArray, tuple[float, ...]], FloatArray]:
     """Return the compiled kernel of an effect over an array of readings."""
-    kernel = kind.kernel
 
     @kept
     @njit(error_model="numpy")
