@@ -317,7 +317,9 @@ def calibrated_on(
     # The gains are those that are set, whatever the model had on paper: another day changes none, and no stiffness.
     of_a_day = dataclasses.asdict(BASELINE)
     offset_N = of_a_day.pop("force_offset") * ready.nominal.force_offset_N
-    doubt = Uncertainty(**of_a_day, force_offset_N=offset_N, stiffness=0.0, controller_gains=0.0, loop_lag=0.0)
+    doubt = Uncertainty(
+        **of_a_day, force_offset_N=offset_N, known_phase=0.0, stiffness=0.0, controller_gains=0.0, loop_lag=0.0
+    )
     known = dataclasses.replace(as_nominal(model), uncertainty=doubt)
     return known, Baseline(runs=runs, residuals=residuals, artefacts=ready.artefacts)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from fdbench.compilation import kept
 from fdbench.diagnosis.model.replay import Replay, Variant
@@ -63,16 +64,17 @@ class Artefact:
 def interpolated(run: RecordedRun, simulated: Mapping[str, FloatArray]) -> tuple[RecordedRun, int]:
     """Return the run with repeated samples replaced, and how many there were.
 
-    A sample counts as repeated where the model moves by far more than the noise while every channel is as before. The
-    gap to the model is interpolated over it.
+    A sample counts as repeated where the model moves by far more than the noise while every channel is as before, and
+    where a channel then catches up with the model: what stands still repeats itself, too. The gap to the model is
+    interpolated over it.
     """
     if run.held is None or not run.held.any():
         return run, 0
-    rough = {name: float(np.median(np.abs(np.diff(values, 2)))) / 1.65 for name, values in run.channels.items()}
+    least = {name: _least_move(run, name) for name in run.channels}
     moving = np.zeros(run.n_samples, dtype=np.bool_)
     for name, values in simulated.items():
-        moving[1:] |= np.abs(np.diff(values)) > EVIDENCE.held_moves * rough[name]
-    held = run.held & moving
+        moving[1:] |= np.abs(np.diff(values)) > least[name]
+    held = run.held & moving & _caught_up(run, simulated, least)
     if not held.any():
         return run, 0
     time, fresh = np.arange(run.n_samples), ~held
@@ -81,6 +83,34 @@ def interpolated(run: RecordedRun, simulated: Mapping[str, FloatArray]) -> tuple
         for name, values in run.channels.items()
     }
     return dataclasses.replace(run, channels=channels, held=held), int(held.sum())
+
+
+def _least_move(run: RecordedRun, name: str) -> float:
+    """Return by how much a channel has to move for a repeated reading of it to be no coincidence.
+
+    A force that is commanded, as without a loop, is no reading; no reading moves by less than a step of its grid.
+    """
+    if name == FORCE and run.given_force is not None:
+        return math.inf
+    steps = np.abs(np.diff(run.channels[name]))
+    noise = float(np.median(np.abs(np.diff(run.channels[name], 2)))) / 1.65
+    return max(EVIDENCE.held_moves * noise, float(np.min(steps[steps > 0.0], initial=math.inf)))
+
+
+def _caught_up(run: RecordedRun, simulated: Mapping[str, FloatArray], least: Mapping[str, float]) -> NDArray[np.bool_]:
+    """Return where repeated samples end in a jump, in each channel, of half of what the model moved by, or more.
+
+    A channel does not count in which the model moved by less than the least that tells.
+    """
+    found, held = np.zeros(run.n_samples, dtype=np.bool_), np.asarray(run.held)
+    edges = np.flatnonzero(np.diff(held.astype(np.int8), prepend=0))
+    for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=False):
+        ends = [max(first - 1, 0), after]
+        moves = [
+            (*np.diff(simulated[name][ends]), *np.diff(own[ends]), least[name]) for name, own in run.channels.items()
+        ]
+        found[first:after] = all(own / model > 0.5 for model, own, enough in moves if abs(model) > enough)
+    return found
 
 
 def held_artefact(raw: Sequence[RecordedRun], mended: Sequence[RecordedRun], counts: Sequence[int]) -> Artefact | None:

@@ -140,6 +140,41 @@ class KnownFurtherAmplitude(_OfAKnownEffect):
         return unit_of(self.amplitude)
 
 
+@final
+@dataclass(frozen=True, kw_only=True)
+class KnownPhase(_OfAKnownEffect):
+    """Phase of a known effect over the way, such as gravity of a joint; its deviation is in radians.
+
+    A zero of the encoder that is set by hand, or a centre of mass beside the line of a link, shifts it.
+    """
+
+    kind = "known_phase"
+    unit = "rad"
+    nuisance = True
+    changes_from_run_to_run = False
+    phase: str
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        deviation = nominal.uncertainty.known_phase
+        return [
+            cls(name=f"known_{item.name}_{own.name}", index=index, deviation=deviation, phase=own.name)
+            for index, item in enumerate(nominal.drive.effects)
+            for own in item.parameters()
+            if own.phase and deviation > 0.0 and any(other.locate and other.unit == "m" for other in item.parameters())
+        ]
+
+    def value(self, drive: FeedDrive, shift: float) -> float:
+        """Return the phase, within half a turn of zero."""
+        return math.remainder(getattr(self.known(drive), self.phase) + shift * self.deviation, 2.0 * math.pi)
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        return with_known(drive, self.index, self.known(drive).within(**{self.phase: self.value(drive, shift)})), ()
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        return si_text(self.value(drive, shift), self.unit)
+
+
 @dataclass(frozen=True, kw_only=True)
 class _InNoDataSheet(_OfAKnownEffect):
     """Parameter of a known friction beside its size; its deviation is that of the natural logarithm."""

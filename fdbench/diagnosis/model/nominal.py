@@ -72,6 +72,8 @@ class Uncertainty:
         Of the stiffness of a screw or shaft, relative; it moves by one and a half of it at most.
     known_effects : float
         Of the size of each effect that the model knows, relative.
+    known_phase : float
+        Of the phase of each known effect that repeats over the way, such as gravity of a joint, in radians.
     transition_velocity : float
         Of the natural logarithm of the speed over which friction turns its sign, which no data sheet says.
     bristle_stiffness : float
@@ -99,6 +101,7 @@ class Uncertainty:
     viscous: float = positive(default=0.1)
     stiffness: float = nonnegative(default=0.05)
     known_effects: float = positive(default=0.06)
+    known_phase: float = nonnegative(default=0.05)
     transition_velocity: float = nonnegative(default=1.0)
     bristle_stiffness: float = nonnegative(default=1.0)
     friction_side: float = nonnegative(default=0.3)

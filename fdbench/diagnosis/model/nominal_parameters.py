@@ -10,6 +10,7 @@ from fdbench.diagnosis.model.friction_parameters import (
     FrictionSide,
     KnownAmplitude,
     KnownFurtherAmplitude,
+    KnownPhase,
     TransitionVelocity,
 )
 from fdbench.diagnosis.model.loop_parameters import ControllerGain, LoopLag, ReferenceDelay, VelocityFilter
@@ -22,6 +23,7 @@ KINDS: Sequence[type[NominalParameter]] = (
     Stiffness,
     KnownAmplitude,
     KnownFurtherAmplitude,
+    KnownPhase,
     TransitionVelocity,
     BristleStiffness,
     ForceOffset,

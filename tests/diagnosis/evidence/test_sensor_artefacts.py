@@ -63,6 +63,18 @@ def test_a_sample_that_repeats_while_nothing_moves_is_no_artefact() -> None:
     assert interpolated(run, {name: np.zeros(N) for name in run.channels}) == (run, 0)
 
 
+def test_an_axis_that_sticks_where_the_model_creeps_repeats_its_reading_and_drops_none() -> None:
+    position = 0.01 * np.sin(3.0 * TIME_S)
+    position[600:700] = position[600]
+    position[700:] += position[599] - position[700]
+    held = np.zeros(N, dtype=np.bool_)
+    held[601:700] = True
+    run = run_of(position, held)
+    run.channels["motor_force_N"][600:700] = run.channels["motor_force_N"][600]
+    model = {"motor_force_N": 50.0 * np.cos(3.0 * TIME_S), "position_m": 0.01 * np.sin(3.0 * TIME_S)}
+    assert interpolated(run, model) == (run, 0)
+
+
 @pytest.mark.parametrize("step_m", [1e-6, 2e-7])
 def test_a_grid_of_readings_is_recognised(step_m: float) -> None:
     replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
