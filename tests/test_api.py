@@ -92,6 +92,21 @@ def test_a_diagnosis_is_that_of_the_command(found: DiagnosisResult, records: lis
     assert text == f"{found}\n"
 
 
+def test_a_model_that_is_refused_costs_no_answer(
+    found: DiagnosisResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise FdbenchError("worse.toml: not written: it predicts worse.")
+
+    monkeypatch.setattr(fdbench.api, "diagnose", lambda *_, **__: found)
+    monkeypatch.setattr(DiagnosisResult, "write_model", refused)
+    words = ["diagnose", "a.csv", "--model", AXIS, "--write-model", "worse.toml", "--json", str(tmp_path / "a.json")]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code != 0
+    assert done.stdout == f"{found}\n"
+    assert json.loads((tmp_path / "a.json").read_text("utf-8")) == json.loads(json.dumps(found.answer.as_json()))
+
+
 def test_tables_of_a_diagnosis_are_its_answer(found: DiagnosisResult) -> None:
     causes, parameters, gap = found.causes(), found.parameters(), found.gap()
     assert causes["effect"].tolist() == [cause.effect for cause in found.answer.causes] != []

@@ -67,10 +67,6 @@ def diagnose(
             progress=status.update,
             jobs=jobs,
         )
-    if write_model is not None:
-        found.write_model(write_model)
-        if not found.diagnosis.final.effects:
-            say(f"fdbench: no cause was named: {write_model} is the re-calibrated model.", is_aside=True)
     if next_experiment is not None:
         found = found.write_experiment(next_experiment)
         if found.answer.next_experiment is None:
@@ -83,3 +79,7 @@ def diagnose(
         echo_json(found.answer.as_json())
     else:
         say(str(found))
+    if write_model is not None:  # last: a model that is refused costs no answer
+        found.write_model(write_model)
+        if not found.diagnosis.final.effects:
+            say(f"fdbench: no cause was named: {write_model} is the re-calibrated model.", is_aside=True)

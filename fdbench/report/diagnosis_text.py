@@ -133,6 +133,8 @@ def _nothing(answer: Answer) -> Iterator[str]:
         yield "No gap beyond the noise once the nominal parameters are re-calibrated: no effect is missing."
     else:
         yield "No gap beyond the noise: these records show nothing that the model lacks."
+    values = [cause for cause in answer.causes if cause.parametric and cause.probability >= WORTH_SAYING]
+    yield from (_named(cause, answer.recorded) for cause in values)
     if answer.causes:
         yield f"No cause is named: what was fitted, {_names(answer.causes)}, is less probable than that."
 

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from fdbench import diagnose
+from fdbench.diagnosis.model.as_nominal import as_nominal
 from fdbench.diagnosis.model.nominal import load_nominal
 from fdbench.diagnosis.model.rotary_axis import plant_of_rotary, plant_on_the_arc
 from fdbench.errors import RecordError, SpecError
@@ -87,6 +88,43 @@ def test_cogging_of_a_torque_motor_is_named_in_its_own_units(tmp_path: Path) -> 
     again = load_nominal(tmp_path / "repaired.toml").drive
     assert again == load_nominal(tmp_path / "repaired.toml").drive
     assert next(item for item in again.effects if item.name == "cogging").values()[0] == pytest.approx(0.15, rel=0.1)
+
+
+GRAVITY = """
+[[plant.effects]]
+kind = "cogging"
+cogging_force_Nm = 3.0
+pitch_rad = 6.2831853
+phase_rad = 0.0
+"""
+
+
+def swinging(seed: int) -> pd.DataFrame:
+    """Return a record of a joint whose centre of mass lies 0.06 rad beside the line of its link."""
+    random, time = np.random.default_rng(seed), np.arange(0.0, 8.0, PERIOD_S)
+    slow, fast = 2.0 * math.pi * 0.25, 2.0 * math.pi * 1.0
+    position = 1.2 * (1.0 - np.cos(slow * time)) - 1.0 + 0.1 * (1.0 - np.cos(fast * time))
+    speed = 1.2 * slow * np.sin(slow * time) + 0.1 * fast * np.sin(fast * time)
+    acceleration = 1.2 * slow**2 * np.cos(slow * time) + 0.1 * fast**2 * np.cos(fast * time)
+    torque = 0.02 * acceleration + 0.01 * speed + 0.4 * np.tanh(speed / 0.05) + 3.0 * np.sin(position + 0.06)
+    return pd.DataFrame(
+        {
+            "time_s": time,
+            "position_rad": position + 1e-6 * random.standard_normal(len(time)),
+            "motor_torque_Nm": torque + 2e-3 * random.standard_normal(len(time)),
+        }
+    )
+
+
+def test_gravity_that_is_off_by_an_angle_is_no_cause(tmp_path: Path) -> None:
+    text = MODEL.replace("\n[simulation]", f"{GRAVITY}\n[simulation]")
+    records = [swinging(seed) for seed in range(3)]
+    found = diagnose(model(tmp_path, text), records)
+    assert max(found.answer.chances().values(), default=0.0) < 0.5
+    phase = next(item for item in as_nominal(found.diagnosis.calibrated).drive.effects if item.name == "cogging")
+    assert phase.values()[2] == pytest.approx(0.06, abs=0.01)
+    exact = text.replace("[uncertainty]", "[uncertainty]\nknown_phase = 0.0")
+    assert max(diagnose(model(tmp_path, exact), records).answer.chances().values()) > 0.5
 
 
 def test_the_plant_comes_back_from_its_arc() -> None:
