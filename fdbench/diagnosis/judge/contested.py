@@ -1,5 +1,6 @@
 """Contested: each effect of the final hypothesis beside the rivals that might be in its place."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -8,7 +9,10 @@ from fdbench.diagnosis.judge.findings import Findings
 from fdbench.diagnosis.judge.look_alikes import divided, indistinguishable
 from fdbench.diagnosis.judge.probability_models import Beside, Features, ProbabilityModels
 from fdbench.diagnosis.judge.shares import Parts
-from fdbench.diagnosis.model.hypothesis import is_beyond_its_form, is_corner, is_hollow
+from fdbench.diagnosis.model.friction_parameters import KnownAmplitude
+from fdbench.diagnosis.model.hypothesis import Hypothesis, is_beyond_its_form, is_corner, is_hollow
+from fdbench.diagnosis.model.known_effects import amplitude_of
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.search.beside_the_known import Remainder
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import JUDGE
@@ -26,7 +30,7 @@ class Contested:
     same : list of str
         Names of the rivals that are indistinguishable from it.
     own_size : float
-        See `fdbench.diagnosis.search.stage.Rival`; 0 of a corner.
+        See `fdbench.diagnosis.search.stage.Rival`; 0 of what is no cause.
     features : mapping of str to float
     probability : float
         That it is one of them, as though no cause could be unknown.
@@ -35,6 +39,8 @@ class Contested:
     in_part : float
         Probability that it is only a part of what it is called, see `is_hollow`, `Remainder`, and
         `Parts.is_worse_in_a_channel`: then an unknown cause is as probable.
+    no_cause : bool
+        Whether it says no more than how a known friction turns its sign, or than how large that may be.
     """
 
     effect: Effect
@@ -45,18 +51,14 @@ class Contested:
     probability: float
     odds: Mapping[str, float]
     in_part: float
-
-    @property
-    def corner(self) -> bool:
-        """Whether it says no more than how a known friction turns its sign, which is no cause."""
-        return is_corner(self.effect)
+    no_cause: bool
 
     def most(self, is_better_with: bool) -> float:
         """Return the highest probability that it may have.
 
         What the written model is no better with, beside all others, is not named, nor what is at a bound of its form.
         """
-        if self.corner:
+        if self.no_cause:
             return JUDGE.fewest
         return 1.0 if is_better_with and not is_beyond_its_form(self.effect) else JUDGE.named
 
@@ -66,7 +68,7 @@ def contested(
 ) -> list[Contested]:
     """Return each effect of the final hypothesis beside its rivals."""
     pairs = list(zip(found.final.effects, found.contests, strict=True))
-    sizes = [size_as_cause(effect, contest) for effect, contest in pairs]
+    sizes = [size_as_cause(effect, contest, found.final) for effect, contest in pairs]
     every = []
     for index, ((effect, contest), own_size) in enumerate(zip(pairs, sizes, strict=True)):
         same = indistinguishable(contest, type(effect))
@@ -86,6 +88,7 @@ def contested(
                 probability=own,
                 odds=odds,
                 in_part=_in_part(effect, found.remainder, stands_in=parts.is_worse_in_a_channel(index)),
+                no_cause=is_no_cause(effect, found.final),
             )
         )
     return every
@@ -98,8 +101,24 @@ def _in_part(effect: Effect, remainder: Remainder | None, *, stands_in: bool) ->
     return max(beside, JUDGE.named) if stands_in else beside
 
 
-def size_as_cause(effect: Effect, contest: Stage) -> float:
+def is_no_cause(effect: Effect, final: Hypothesis) -> bool:
+    """Return whether an effect says how a known friction turns its sign, or no more than what that is in doubt of.
+
+    Such is friction of another law on top of the known one, where both together are as large as that may be: within
+    what is no cause of a friction of the same law either.
+    """
+    if effect.calibrates != KnownAmplitude.kind:
+        return is_corner(effect)
+    drive, scale = final.nominal.drive, zip(nominal_parameters(final.nominal), final.shifts, strict=True)
+    known = [
+        (item.size(drive), shift) for item, shift in scale if isinstance(item, KnownAmplitude) and item.is_friction
+    ]
+    change = amplitude_of(effect) + sum(size * shift for size, shift in known)
+    return abs(change) <= JUDGE.beyond_doubt * math.hypot(*(size for size, _ in known))
+
+
+def size_as_cause(effect: Effect, contest: Stage, final: Hypothesis) -> float:
     """Return the size of an effect of the final hypothesis; what is no cause is no large one that others are beside."""
-    if is_corner(effect):
+    if is_no_cause(effect, final):
         return 0.0
     return next(rival.own_size for rival in contest.rivals if rival.kind is type(effect))

@@ -87,7 +87,7 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     left = left_of(found, repaired)
     parts = Parts(reductions, shares, list(noise_models))
     effects = contested(found, left.worst, exchanged, parts, models)
-    sound = [item for item in effects if item.in_part <= JUDGE.named and not item.corner]
+    sound = [item for item in effects if item.in_part <= JUDGE.named and not item.no_cause]
     readings = [
         artefact_cause(artefact, shares.of(energies(artefact, noise_models)))
         for artefact in found.artefacts

@@ -1,15 +1,18 @@
 """Probabilities of look-alikes: one claim, divided as the misfits have it."""
 
+import dataclasses
+
 import pytest
 from axis_lab import as_built, drive, other_friction, protocol, record
 
 from fdbench.diagnosis import answer
 from fdbench.diagnosis.answer import ForceBalances
 from fdbench.diagnosis.diagnose import diagnose
-from fdbench.diagnosis.judge.contested import size_as_cause
+from fdbench.diagnosis.judge.contested import is_no_cause, size_as_cause
 from fdbench.diagnosis.judge.look_alikes import divided, force_balances
 from fdbench.diagnosis.model.hypothesis import start
-from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.search.stage import Rival, Stage
 from fdbench.effects import effects
 from fdbench.record import Record
@@ -60,7 +63,26 @@ def test_the_corner_of_a_known_friction_is_no_cause_that_others_are_small_beside
     width = 1e-3
     for speed, size in ((1.5 * width, 0.0), (3.0 * width, 1.0)):
         effect = falling.typical(stribeck_velocity_m_per_s=speed, transition_velocity_m_per_s=width)
-        assert size_as_cause(effect, stage(3.0, stribeck_friction=1.1, cogging=1.2)) == size
+        contest = stage(3.0, stribeck_friction=1.1, cogging=1.2)
+        assert size_as_cause(effect, contest, contest.base) == size
+
+
+@pytest.mark.parametrize(
+    ("added_N", "known_moved", "no_cause"), [(40.0, 0.0, True), (60.0, -0.6, True), (60.0, 0.0, False)]
+)
+def test_friction_of_another_law_is_no_cause_within_the_doubt_of_the_known_one(
+    added_N: float, known_moved: float, no_cause: bool
+) -> None:
+    """100 N of known LuGre friction are in doubt by 30 N; up to 45 N are none where the law is the same, either."""
+    known = effects.get("lugre_friction").typical(coulomb_force_N=100.0, static_force_N=100.0)
+    model = Nominal(
+        plant=dataclasses.replace(drive(), effects=(known,)),
+        simulation=Simulation(substeps=10),
+        uncertainty=Uncertainty(known_effects=0.3),
+    )
+    moved = [known_moved if item.kind == "known_effects" else 0.0 for item in nominal_parameters(model)]
+    added = effects.get("coulomb_friction").typical(coulomb_force_N=added_N)
+    assert is_no_cause(added, start(model).moved(moved).with_effect(added)) is no_cause
 
 
 def test_another_friction_in_what_is_judged_on_is_no_unknown_cause() -> None:
