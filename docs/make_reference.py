@@ -95,6 +95,7 @@ def effect(name: str) -> str:
     facts += ["a process force, to be estimated"] if cls.disturbance else []
     facts += ["the drive's own, and part of the disturbance to be estimated"] if cls.counts_as_disturbance else []
     facts += ["property of an elastic screw"] if cls.needs_screw else []
+    facts += ["of an axis that turns"] if cls.needs_turn else []
     if cls.confusable_with:
         facts += [f"easily taken for {', '.join(f'[`{item}`](#{item})' for item in cls.confusable_with)}"]
     rows = (

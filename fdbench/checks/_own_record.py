@@ -41,7 +41,8 @@ def is_named_first(kind: type[Effect]) -> None:
         and kind not in (item.declared for item in nominal.library)
         and not kind.same_signal_as
     ):
-        what = "random" if kind.random else "a process force of unknown course"
+        unfit = "that of an axis that turns, and this one is linear" if kind.needs_turn else ""
+        what = "random" if kind.random else unfit or "a process force of unknown course"
         raise NotApplicable(f"a diagnosis does not look for it: it is {what}")
     answer = diagnose(nominal, *recorded(kind, nominal)).answer
     named = [cause for cause in answer.causes if cause.probability > NAMED]

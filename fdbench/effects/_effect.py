@@ -213,6 +213,8 @@ class Effect(ABC):
         Place in the chain of its port, low first; equal ranks act in the order of the scenario.
     needs_screw : bool
         Whether the effect is a property of an elastic screw, so that a rigid axis has none of it.
+    needs_turn : bool
+        Whether the effect is a property of an axis that turns, over its angle, so that a linear axis has none of it.
     confusable_with : tuple of str
         Effects that leave nearly the same signature in ordinary runs.
     same_signal_as : str
@@ -247,6 +249,7 @@ class Effect(ABC):
     further_amplitudes: ClassVar[tuple[str, ...]] = ()
     rank: ClassVar[int] = 0
     needs_screw: ClassVar[bool] = False
+    needs_turn: ClassVar[bool] = False
     confusable_with: ClassVar[tuple[str, ...]] = ()
     same_signal_as: ClassVar[str] = ""
     calibrates: ClassVar[str] = ""

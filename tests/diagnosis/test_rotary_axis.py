@@ -16,6 +16,7 @@ from fdbench.errors import RecordError, SpecError
 from fdbench.plants.feed_drive import RotaryMotor
 from fdbench.reading import read_record
 from fdbench.record import Record
+from fdbench.scenario import scenario_folder
 
 PERIOD_S = 1e-3
 MODEL = """
@@ -92,9 +93,8 @@ def test_cogging_of_a_torque_motor_is_named_in_its_own_units(tmp_path: Path) -> 
 
 GRAVITY = """
 [[plant.effects]]
-kind = "cogging"
-cogging_force_Nm = 3.0
-pitch_rad = 6.2831853
+kind = "link_gravity"
+gravity_force_Nm = 3.0
 phase_rad = 0.0
 """
 
@@ -121,10 +121,25 @@ def test_gravity_that_is_off_by_an_angle_is_no_cause(tmp_path: Path) -> None:
     records = [swinging(seed) for seed in range(3)]
     found = diagnose(model(tmp_path, text), records)
     assert max(found.answer.chances().values(), default=0.0) < 0.5
-    phase = next(item for item in as_nominal(found.diagnosis.calibrated).drive.effects if item.name == "cogging")
-    assert phase.values()[2] == pytest.approx(0.06, abs=0.01)
+    phase = next(item for item in as_nominal(found.diagnosis.calibrated).drive.effects if item.name == "link_gravity")
+    assert phase.values()[1] == pytest.approx(0.06, abs=0.01)
     exact = text.replace("[uncertainty]", "[uncertainty]\nknown_phase = 0.0")
     assert max(diagnose(model(tmp_path, exact), records).answer.chances().values()) > 0.5
+
+
+def test_gravity_that_the_model_lacks_is_named(tmp_path: Path) -> None:
+    found = diagnose(model(tmp_path), [swinging(seed) for seed in range(3)])
+    cause = found.answer.causes[0]
+    assert cause.effect == "link_gravity"
+    assert cause.probability > 0.5
+    assert cause.parameters["gravity_force_N"].value == pytest.approx(3.0, rel=0.05)
+    assert cause.parameters["phase_rad"].value == pytest.approx(0.06, abs=0.03)
+
+
+def test_a_linear_axis_has_no_gravity_over_an_angle(tmp_path: Path) -> None:
+    linear = load_nominal(scenario_folder() / "EMPS-v0.toml")
+    assert "link_gravity" not in {kind.name for kind in linear.library}
+    assert "link_gravity" in {kind.name for kind in load_nominal(model(tmp_path)).library}
 
 
 def test_the_plant_comes_back_from_its_arc() -> None:

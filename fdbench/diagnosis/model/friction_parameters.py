@@ -161,7 +161,7 @@ class KnownPhase(_OfAKnownEffect):
             cls(name=f"known_{item.name}_{own.name}", index=index, deviation=deviation, phase=own.name)
             for index, item in enumerate(nominal.drive.effects)
             for own in item.parameters()
-            if own.phase and deviation > 0.0 and any(other.locate and other.unit == "m" for other in item.parameters())
+            if own.phase and deviation > 0.0 and _is_over_the_way(item)
         ]
 
     def value(self, drive: FeedDrive, shift: float) -> float:
@@ -173,6 +173,10 @@ class KnownPhase(_OfAKnownEffect):
 
     def text(self, drive: FeedDrive, shift: float) -> str:
         return si_text(self.value(drive, shift), self.unit)
+
+
+def _is_over_the_way(effect: Effect) -> bool:
+    return effect.needs_turn or any(item.locate and item.unit == "m" for item in effect.parameters())
 
 
 @dataclass(frozen=True, kw_only=True)

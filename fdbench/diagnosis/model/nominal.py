@@ -202,13 +202,14 @@ class Nominal:
 
     @cached_property
     def library(self) -> tuple[type[Effect], ...]:
-        """Every registered effect to search for: it can be simulated, is not random, and no force of unknown course.
+        """Every registered effect to search for: the axis can have it, it is not random, and of no unknown course.
 
         Of effects that give the same signal there is one.
         """
         names = [name for name in effects.names() if name not in (*self.exclude, *self.covered.seen)]
         known = [effects.get(name) for name in names if effects.get(name).same_signal_as not in names]
-        searched = [kind for kind in known if not kind.random and (not kind.disturbance or _is_located(kind))]
+        able = [kind for kind in known if not kind.needs_turn or self.axis == ROTARY]
+        searched = [kind for kind in able if not kind.random and (not kind.disturbance or _is_located(kind))]
         return tuple(at_scale(kind, self.scale) for kind in searched)
 
     def with_equivalents(self, names: Sequence[str]) -> list[str]:
