@@ -65,8 +65,8 @@ def interpolated(run: RecordedRun, simulated: Mapping[str, FloatArray]) -> tuple
     """Return the run with repeated samples replaced, and how many there were.
 
     A sample counts as repeated where the model moves by far more than the noise while every channel is as before, and
-    where a channel then catches up with the model: what stands still repeats itself, too. The gap to the model is
-    interpolated over it.
+    where each channel of which it does then catches up with it: what stands still repeats itself, too. The gap to the
+    model is interpolated over it.
     """
     if run.held is None or not run.held.any():
         return run, 0
@@ -92,8 +92,8 @@ def _least_move(run: RecordedRun, name: str) -> float:
     """
     if name == FORCE and run.given_force is not None:
         return math.inf
-    steps = np.abs(np.diff(run.channels[name]))
-    noise = float(np.median(np.abs(np.diff(run.channels[name], 2)))) / 1.65
+    moves = np.diff(run.channels[name])
+    noise, steps = float(np.median(np.abs(np.diff(moves)))) / 1.65, np.abs(moves)
     return max(EVIDENCE.held_moves * noise, float(np.min(steps[steps > 0.0], initial=math.inf)))
 
 

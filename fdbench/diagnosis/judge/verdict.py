@@ -11,7 +11,7 @@ from fdbench.diagnosis.answer import READING, Cause, Pair, Quantity, RivalReduct
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, energies
 from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.composed import Credit, noise_alone, nothing, plausibility_discount
-from fdbench.diagnosis.judge.contested import Contested, contested
+from fdbench.diagnosis.judge.contested import Contested, contested, is_no_cause
 from fdbench.diagnosis.judge.findings import Findings
 from fdbench.diagnosis.judge.force_balance_check import force_balances_removed
 from fdbench.diagnosis.judge.intervals import intervals, not_fitted, parameters
@@ -20,7 +20,7 @@ from fdbench.diagnosis.judge.look_alikes import force_balances, instead, one_of
 from fdbench.diagnosis.judge.nominal_values import Deviating, deviating_parameters
 from fdbench.diagnosis.judge.probability_models import Beside, Features, ProbabilityModels
 from fdbench.diagnosis.judge.shares import Parts, Shares
-from fdbench.diagnosis.model.hypothesis import at_bound, is_corner
+from fdbench.diagnosis.model.hypothesis import at_bound
 from fdbench.diagnosis.search.stage import Rival
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.rotary import spoken_unit
@@ -238,8 +238,9 @@ def suspected(
 
 
 def _is_suspect(rival: Rival, taken: Collection[str]) -> bool:
-    own = next(item for item in rival.hypothesis.as_it_acts().effects if type(item) is rival.kind)
-    return rival.kind.name not in taken and not is_corner(own)
+    acting = rival.hypothesis.as_it_acts()
+    own = next(item for item in acting.effects if type(item) is rival.kind)
+    return rival.kind.name not in taken and not is_no_cause(own, acting)
 
 
 def nearest(found: Findings) -> RivalReduction | None:

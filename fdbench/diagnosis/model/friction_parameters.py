@@ -1,6 +1,7 @@
 """Nominal parameters of effects that a drive is known to have: their size, and friction's width, form and side."""
 
 import math
+from abc import abstractmethod
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self, final
@@ -99,24 +100,42 @@ class KnownAmplitude(_OfAKnownEffect):
         return self.known(nominal.drive).name
 
 
+@dataclass(frozen=True, kw_only=True)
+class _BesideItsSize(_OfAKnownEffect):
+    """Value of one ``parameter`` of a known effect, within its bounds."""
+
+    nuisance = True
+    changes_from_run_to_run = False
+    parameter: str
+
+    @abstractmethod
+    def value(self, drive: FeedDrive, shift: float) -> float:
+        """Return the value at a shift, perhaps beyond the bounds."""
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        moved = self.known(drive).within(**{self.parameter: self.value(drive, shift)})
+        return with_known(drive, self.index, moved), ()
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        moved = self.known(self.apply(drive, shift)[0])
+        return si_text(getattr(moved, self.parameter), unit_of(self.parameter))
+
+
 @final
 @dataclass(frozen=True, kw_only=True)
-class KnownFurtherAmplitude(_OfAKnownEffect):
+class KnownFurtherAmplitude(_BesideItsSize):
     """Another size of a known effect, in another unit than its own, such as the friction in a cable chain's spring.
 
     Its deviation is relative. What is in one unit is of one size together, such as the forces of a friction.
     """
 
     kind = "known_further_amplitude"
-    nuisance = True
-    changes_from_run_to_run = False
-    amplitude: str
 
     @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
         deviation = nominal.uncertainty.known_effects
         return [
-            cls(name=f"known_{item.name}_{name}", index=index, deviation=deviation, amplitude=name)
+            cls(name=f"known_{item.name}_{name}", index=index, deviation=deviation, parameter=name)
             for index, item in enumerate(nominal.drive.effects)
             for name in type(item).further_amplitudes
             if deviation > 0.0 and getattr(item, name) != 0.0 and unit_of(name) != unit_of(type(item).amplitude)
@@ -124,25 +143,18 @@ class KnownFurtherAmplitude(_OfAKnownEffect):
 
     def value(self, drive: FeedDrive, shift: float) -> float:
         """Return the size, which never turns its sign."""
-        return float(getattr(self.known(drive), self.amplitude)) * max(1.0 + shift * self.deviation, 0.0)
-
-    def apply(self, drive: FeedDrive, shift: float) -> Changed:
-        moved = self.known(drive).within(**{self.amplitude: self.value(drive, shift)})
-        return with_known(drive, self.index, moved), ()
-
-    def text(self, drive: FeedDrive, shift: float) -> str:
-        return si_text(self.value(drive, shift), unit_of(self.amplitude))
+        return float(getattr(self.known(drive), self.parameter)) * max(1.0 + shift * self.deviation, 0.0)
 
     def size(self, drive: FeedDrive) -> float:
-        return abs(float(getattr(self.known(drive), self.amplitude))) * self.deviation
+        return abs(float(getattr(self.known(drive), self.parameter))) * self.deviation
 
     def unit_on(self, drive: FeedDrive) -> str:
-        return unit_of(self.amplitude)
+        return unit_of(self.parameter)
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class KnownPhase(_OfAKnownEffect):
+class KnownPhase(_BesideItsSize):
     """Phase of a known effect over the way, such as gravity of a joint; its deviation is in radians.
 
     A zero of the encoder that is set by hand, or a centre of mass beside the line of a link, shifts it.
@@ -150,15 +162,12 @@ class KnownPhase(_OfAKnownEffect):
 
     kind = "known_phase"
     unit = "rad"
-    nuisance = True
-    changes_from_run_to_run = False
-    phase: str
 
     @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
         deviation = nominal.uncertainty.known_phase
         return [
-            cls(name=f"known_{item.name}_{own.name}", index=index, deviation=deviation, phase=own.name)
+            cls(name=f"known_{item.name}_{own.name}", index=index, deviation=deviation, parameter=own.name)
             for index, item in enumerate(nominal.drive.effects)
             for own in item.parameters()
             if own.phase and deviation > 0.0 and _is_over_the_way(item)
@@ -166,13 +175,7 @@ class KnownPhase(_OfAKnownEffect):
 
     def value(self, drive: FeedDrive, shift: float) -> float:
         """Return the phase, within half a turn of zero."""
-        return math.remainder(getattr(self.known(drive), self.phase) + shift * self.deviation, 2.0 * math.pi)
-
-    def apply(self, drive: FeedDrive, shift: float) -> Changed:
-        return with_known(drive, self.index, self.known(drive).within(**{self.phase: self.value(drive, shift)})), ()
-
-    def text(self, drive: FeedDrive, shift: float) -> str:
-        return si_text(self.value(drive, shift), self.unit)
+        return math.remainder(getattr(self.known(drive), self.parameter) + shift * self.deviation, 2.0 * math.pi)
 
 
 def _is_over_the_way(effect: Effect) -> bool:
@@ -180,34 +183,29 @@ def _is_over_the_way(effect: Effect) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _InNoDataSheet(_OfAKnownEffect):
+class _InNoDataSheet(_BesideItsSize):
     """Parameter of a known friction beside its size; its deviation is that of the natural logarithm."""
 
     unit = ""
     stated = False
-    nuisance = True
-    changes_from_run_to_run = False
-    parameter: ClassVar[str]
+    of_friction: ClassVar[str]  # name of the parameter
     in_doubt: ClassVar[str]  # name of the uncertainty
 
     @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
         deviation = getattr(nominal.uncertainty, cls.in_doubt)
-        known = enumerate(nominal.drive.effects)
-        in_doubt = [(index, item.name) for index, item in known if hasattr(item, cls.parameter) and deviation > 0.0]
-        return [cls(name=f"{cls.kind}_{name}", index=index, deviation=deviation) for index, name in in_doubt]
+        return [
+            cls(name=f"{cls.kind}_{item.name}", index=index, deviation=deviation, parameter=cls.of_friction)
+            for index, item in enumerate(nominal.drive.effects)
+            if hasattr(item, cls.of_friction) and deviation > 0.0
+        ]
 
-    def apply(self, drive: FeedDrive, shift: float) -> Changed:
-        known = self.known(drive)
-        value = getattr(known, self.parameter) * math.exp(self.stretched(shift) * self.deviation)
-        return with_known(drive, self.index, known.within(**{self.parameter: value})), ()
+    def value(self, drive: FeedDrive, shift: float) -> float:
+        return float(getattr(self.known(drive), self.parameter)) * math.exp(self.stretched(shift) * self.deviation)
 
     def stretched(self, shift: float) -> float:
         """Return by how many deviations the logarithm is moved."""
         return shift
-
-    def text(self, drive: FeedDrive, shift: float) -> str:
-        return si_text(getattr(self.known(self.apply(drive, shift)[0]), self.parameter), unit_of(self.parameter))
 
 
 @final
@@ -222,7 +220,7 @@ class TransitionVelocity(_InNoDataSheet):
     """
 
     kind = "width"
-    parameter = WIDTH
+    of_friction = WIDTH
     in_doubt = "transition_velocity"
 
     def stretched(self, shift: float) -> float:
@@ -235,7 +233,7 @@ class BristleStiffness(_InNoDataSheet):
     """Stiffness of a known friction's bristles, and so the way over which they bend before it slides."""
 
     kind = "bristles"
-    parameter = STIFFNESS
+    of_friction = STIFFNESS
     in_doubt = "bristle_stiffness"
 
 
