@@ -36,12 +36,12 @@ def probability_text(probability: float) -> str:
 def percent(share: float) -> str:
     """Return a share in per cent; only a whole is 100 %.
 
-    >>> percent(0.447), percent(0.004), percent(0.0), percent(0.9999)
-    ('45 %', '0.4 %', '0 %', 'above 99 %')
+    >>> percent(0.447), percent(0.004), percent(0.0), percent(-1e-16), percent(0.9999)
+    ('45 %', '0.4 %', '0 %', '0 %', 'above 99 %')
     """
     if 0.995 <= share < 1.0:
         return "above 99 %"
-    return f"{100.0 * share:.1g} %" if 0.0 < abs(share) < 0.01 else f"{100.0 * share:.0f} %"
+    return f"{100.0 * share:.1g} %" if 5e-6 <= abs(share) < 0.01 else f"{round(100.0 * share)} %"
 
 
 def less(reduction: float) -> str:

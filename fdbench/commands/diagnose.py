@@ -82,4 +82,4 @@ def diagnose(
     if write_model is not None:  # last: a model that is refused costs no answer
         found.write_model(write_model)
         if not found.diagnosis.final.effects:
-            say(f"fdbench: no cause was named: {write_model} is the re-calibrated model.", is_aside=True)
+            say(f"fdbench: no effect was added: {write_model} is the re-calibrated model.", is_aside=True)

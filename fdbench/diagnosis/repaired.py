@@ -72,7 +72,7 @@ def _history(found: Diagnosis) -> Iterator[str]:
     if found.final.effects:
         yield "Repaired by fdbench diagnose: the nominal model, re-calibrated, with the effects that were named."
     else:
-        yield "Written by fdbench diagnose: the nominal model, re-calibrated, without effects: no cause was named."
+        yield "Written by fdbench diagnose: the nominal model, re-calibrated; no effect was added."
     yield f"Prediction error, root mean square on {shrinkage.judged_on_words}:"
     for name, gap in found.answer.gap.channels.items():
         errors = (("nominal", gap.before), ("re-calibrated", gap.recalibrated), ("repaired", gap.repaired))

@@ -121,6 +121,7 @@ class ModelSettings:
         "between axes without a cause and with Stribeck friction, of 195 opened ones of tier G",
     )
     most_stiffness: float = number(1.5, "deviations by which the stiffness of a screw may be off, and no more")
+    most_damping: float = number(4.0, "deviations by which its damping may be off, and no more")
     most_early: float = number(
         10.0, "deviations by which the position may be read before the force, half a sample, without a controller"
     )

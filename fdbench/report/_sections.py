@@ -34,7 +34,7 @@ def lead(answer: Answer) -> Iterator[Html]:
 
 def _causes_in_short(answer: Answer) -> Iterator[Html]:
     """Yield what is most probable: causes with their values, the type of cause where the effect is in doubt."""
-    named = [cause for cause in answer.causes if cause.probability >= words.LIKELY]
+    named = [cause for cause in answer.causes if cause.probability > words.LIKELY]
     for cause in named:
         names = Html(" or ").join(map(breakable, [cause.effect, *cause.indistinguishable_from]))
         values = [

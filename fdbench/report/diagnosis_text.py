@@ -38,6 +38,7 @@ from fdbench.wording import (
 
 WIDTH = 100
 LIKELY = 0.5
+MOSTLY = 0.5  # share of the noise within a run that is most of it
 WORTH_SAYING = 0.1  # probability of a cause that is worth a sentence
 UNEXPLAINED = 0.2  # share of the gap that is worth a sentence
 DISSENT = 0.1  # by which the force balances must prefer another effect
@@ -141,7 +142,7 @@ def _nothing(answer: Answer) -> Iterator[str]:
 
 def _named(cause: Cause, recorded: Recorded | None) -> str:
     """Return what is said of a cause, and of what its share is."""
-    chance, likely = f"probability {probability_text(cause.probability)}", cause.probability >= LIKELY
+    chance, likely = f"probability {probability_text(cause.probability)}", cause.probability > LIKELY
     if cause.parametric:
         said = f"{_wrong(cause, likely)}, {chance}; its correction removes {percent(cause.share)} of the {NOMINAL}."
         others = sorted(cause.alternatives.items(), key=lambda item: -item[1])
@@ -324,6 +325,7 @@ def _doubts(answer: Answer) -> Iterator[str]:
             f"The noise floor of {', '.join(assumed)} is assumed, from what the model leaves all the time: nothing was "
             "repeated. All sizes and probabilities depend on it; record each motion three times."
         )
+    yield from _other_times(answer)
     if answer.shrinkage.judged_on != "held-out":
         words = answer.shrinkage.judged_on_words
         yield f"Judged on {words}: nothing is shown for other motions; give a record of one with --holdout."
@@ -367,7 +369,7 @@ def _doubts(answer: Answer) -> Iterator[str]:
         tiers = sorted(set(re.findall(r"\btier ([A-Z])\b", source)))
         known = f"of tiers {', '.join(tiers)}" if tiers else f"({source})"
         yield f"Probabilities were learned on simulated axes {known}."
-    if answer.false_alarms and any(cause.probability >= LIKELY for cause in answer.causes):
+    if answer.false_alarms and any(cause.probability > LIKELY for cause in answer.causes):
         yield _as_sure(answer.false_alarms)
     if answer.cause_set and answer.chances():
         yield _among(answer.cause_set)
@@ -390,16 +392,35 @@ def _once(warnings: Sequence[str]) -> Iterator[str]:
         yield first + (f" The same of {n} other record{'s' if n > 1 else ''}." if others else "")
 
 
+def _other_times(answer: Answer) -> Iterator[str]:
+    """Yield where noise is mostly slow within the runs: sensors and loops have little of it there."""
+    floor = answer.noise_floor.get("motor_force_N")
+    if floor is None or not floor.measured_from_repeats or not floor.frequency:
+        return
+    slow, within, between = floor.frequency[0], floor.within_a_run or 0.0, floor.from_run_to_run or 0.0
+    if slow.value**2 - between**2 > MOSTLY * within**2:
+        yield (
+            f"Most of what repeats of motor_force_N differ by is slower than {slow.band_Hz[1]:g} Hz: something acts at "
+            "other times in each, such as a brake, a process or another axis, and counts as noise here. Records in "
+            "which it acts at the same time would show it."
+        )
+
+
 def _moved(answer: Answer) -> Iterator[str]:
-    """Yield which nominal parameters moved far; in their units where a baseline leaves hardly any deviation."""
-    moved = answer.parametric.moved_in_standard_deviations
+    """Yield which nominal parameters moved far; in their units where a baseline leaves hardly any deviation.
+
+    Beside what is named, if there is anything: alone they may stand in for it.
+    """
+    beside = answer.parametric.moved_beside_effects
+    is_named = any(cause.kind == EFFECT and cause.probability > LIKELY for cause in answer.causes)
+    moved = beside if is_named and beside else answer.parametric.moved_in_standard_deviations
     since = answer.recorded is not None and answer.recorded.baseline > 0
     far = [name for name, shift in moved.items() if since and abs(shift) > COUNTED]
     counted = [f"{name} by {shift:+.1f}" for name, shift in moved.items() if abs(shift) > MOVED and name not in far]
     if counted:
         yield (
-            f"Re-calibration moved {', '.join(counted)} standard deviations: the nominal value or its "
-            "[uncertainty] is doubtful."
+            f"Re-calibration {'beside the effects ' if moved is beside else ''}moved {', '.join(counted)} standard "
+            "deviations: the nominal value or its [uncertainty] is doubtful."
         )
     if far:
         changes = ", ".join(f"{name} by {_change(answer.parametric.changes.get(name))}" for name in far)

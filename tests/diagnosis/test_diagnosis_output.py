@@ -412,7 +412,7 @@ def test_a_model_that_predicts_worse_is_not_written(found: Diagnosis, tmp_path: 
     assert not path.exists()
     alone = replace(worse, final=found.calibrated)
     write_repaired(alone, path)
-    assert "without effects: no cause was named" in path.read_text("utf-8")
+    assert "re-calibrated; no effect was added" in path.read_text("utf-8")
     assert load_nominal(path) == as_nominal(found.calibrated)
 
 

@@ -17,7 +17,7 @@ from fdbench.diagnosis.evidence.run_to_run import Repeatability
 from fdbench.diagnosis.evidence.sensor_artefacts import (
     Artefact,
     beside_known,
-    grid_artefact,
+    grid_artefacts,
     held_artefact,
     interpolated,
     mean_energy,
@@ -129,11 +129,12 @@ def aligned(
     scales = scale_warnings(as_read, drive, nominal.simulation.cycles)
     warnings = [*copies, *assumed, *limits_of_forces(as_read, drive), *scales]
     simulated = replay.on_each(runs, given.variant)
-    runs, said = with_common_zeros(runs, simulated)
-    if logged:
-        said += [text for run, own in zip(runs, simulated, strict=True) for text in check_alignment(run, own)]
+    runs, zeros = with_common_zeros(runs, simulated)
+    said = (
+        [text for run, own in zip(runs, simulated, strict=True) for text in check_alignment(run, own)] if logged else []
+    )
     every = [_beside_model(run, own, baseline) for run, own in zip(runs, simulated, strict=True)]
-    warnings += [*said, *(text for item in every for text in item.warnings)]
+    warnings += [*zeros, *said, *(text for item in every for text in item.warnings)]
     others = apart([item.run for item in every])
     fitted, judged = (
         [item for item in part if all(item.run is not other.run for other in others)]
@@ -150,9 +151,8 @@ def aligned(
     held = held_artefact([item.read for item in kept], [item.bridged for item in kept], [item.n_held for item in kept])
     artefacts = [item for item in (held, out_of_step.artefact) if item is not None]
     as_read = [run.as_read() for run in runs]
-    grid = grid_artefact(as_read, replay, nominal.scale.length)
-    grid = None if grid is None else of_the_log(grid, split.noise_models)
-    if grid is not None and mean_energy(grid, split.noise_models) > EVIDENCE.smallest_artefact:
+    grids = [of_the_log(item, split.noise_models) for item in grid_artefacts(as_read, replay, nominal.scale.length)]
+    for grid in [item for item in grids if mean_energy(item, split.noise_models) > EVIDENCE.smallest_artefact]:
         split = dataclasses.replace(split, noise_models=raised(split.noise_models, grid.energy))
         artefacts.append(grid)
     if error is not None:
@@ -171,7 +171,7 @@ def aligned(
         others=others,
         unsteady=[item.run for item in every if item.is_unsteady],
         warnings=warnings,
-        assumptions=assumed,
+        assumptions=[*assumed, *zeros],
     )
 
 

@@ -139,13 +139,13 @@ def held_artefact(raw: Sequence[RecordedRun], mended: Sequence[RecordedRun], cou
 # ---- readings on a grid ----
 
 
-def grid_artefact(runs: Sequence[RecordedRun], replay: Replay, length: float) -> Artefact | None:
-    """Return the effect of an encoder that leaves the differences between readings as they are, or None.
+def grid_artefacts(runs: Sequence[RecordedRun], replay: Replay, length: float) -> list[Artefact]:
+    """Return the effects of encoders that leave the differences between readings as they are, at most one of each.
 
     Such an effect moves every reading to a grid: applied once more, it changes nothing. The grid that the differences
     of neighbouring samples lie nearest to is taken, at the coarsest step.
     """
-    best: tuple[float, Effect] | None = None
+    best: dict[Port, tuple[float, Effect]] = {}
     for kind in replay.library:
         if kind.port in (Port.MOTOR_ENCODER, Port.TABLE_SCALE) and not kind.states:
             readings = list(readings_of(runs, replay.drive, kind.port))
@@ -153,11 +153,12 @@ def grid_artefact(runs: Sequence[RecordedRun], replay: Replay, length: float) ->
                 continue
             differences = np.concatenate([np.abs(np.diff(values)) for values in readings])
             found = _coarsest_grid(kind, np.sort(differences[differences > 0.0]), length * EVIDENCE.grid_coarsest_m)
-            if found is not None and (best is None or found[0] < best[0]):
-                best = found
-    if best is None:
-        return None
-    distance, effect = best
+            if found is not None and (kind.port not in best or found[0] < best[kind.port][0]):
+                best[kind.port] = found
+    return [_grid(runs, replay, *found) for found in best.values()]
+
+
+def _grid(runs: Sequence[RecordedRun], replay: Replay, distance: float, effect: Effect) -> Artefact:
     value = float(getattr(effect, effect.amplitude))
     return Artefact(
         kind=type(effect),

@@ -38,7 +38,7 @@ def intervals(search: Search, final: Hypothesis) -> list[dict[str, Pair]]:
     covariance = inverse @ (spread + np.diag(prior)) @ inverse
     found, first = [], len(final.shifts)
     for effect in final.effects:
-        items = adjustables(effect)
+        items = final.numbers(effect)
         of_effect = covariance[first : first + len(items), first : first + len(items)]
         lowest = {item.name: item.low for item in items}
         phases = {item.name for item in effect.parameters() if item.phase}

@@ -1,4 +1,4 @@
-"""Nominal parameters of the axis itself: masses, viscous friction, the stiffness of its screw, and a force offset."""
+"""Nominal parameters of the axis itself: masses, viscous friction, its screw, and a force offset."""
 
 import math
 from dataclasses import dataclass, replace
@@ -141,6 +141,38 @@ class Stiffness(NominalParameter):
     @property
     def room(self) -> tuple[float, float]:
         return -MODEL.most_stiffness, MODEL.most_stiffness
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Damping(NominalParameter):
+    """Damping of the screw or the shaft, which no data sheet says; its deviation is that of the natural logarithm."""
+
+    kind = "damping"
+    unit = "N s/m"
+    stated = False
+    nuisance = True
+    changes_from_run_to_run = False
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        screw, deviation = nominal.drive.screw, nominal.uncertainty.damping
+        is_damped = screw is not None and screw.damping_N_s_per_m > 0.0
+        return [cls(name=cls.kind, deviation=deviation)] if is_damped and deviation > 0.0 else []
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        if drive.screw is None:
+            return drive, ()
+        damping = drive.screw.damping_N_s_per_m * math.exp(shift * self.deviation)
+        return replace(drive, screw=replace(drive.screw, damping_N_s_per_m=damping)), ()
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        screw = self.apply(drive, shift)[0].screw
+        return "none" if screw is None else si_text(screw.damping_N_s_per_m, self.unit)
+
+    @property
+    def room(self) -> tuple[float, float]:
+        return -MODEL.most_damping, MODEL.most_damping
 
 
 @final

@@ -12,6 +12,7 @@ from fdbench.diagnosis.model.known_effects import (
     WIDTH,
     amplitude_of,
     is_friction,
+    is_grid,
     known_friction,
     resized,
     silent,
@@ -49,7 +50,7 @@ class _OfAKnownEffect(NominalParameter):
 @final
 @dataclass(frozen=True, kw_only=True)
 class KnownAmplitude(_OfAKnownEffect):
-    """Size of a known effect; its deviation is relative."""
+    """Size of a known effect; its deviation is relative. The step of an encoder's grid is as on paper."""
 
     kind = "known_effects"
     is_friction: bool
@@ -64,7 +65,7 @@ class KnownAmplitude(_OfAKnownEffect):
                 is_friction=is_friction(item),
             )
             for index, item in enumerate(nominal.drive.effects)
-            if item.calibrates not in (FrictionForm.kind, OFFSET)
+            if item.calibrates not in (FrictionForm.kind, OFFSET) and not is_grid(item)
         ]
 
     @property

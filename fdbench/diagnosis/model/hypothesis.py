@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdbench.diagnosis.model.friction_parameters import FrictionForm
-from fdbench.diagnosis.model.known_effects import WIDTH, sliding_as_known, with_known, without
+from fdbench.diagnosis.model.known_effects import WIDTH, sliding_alike, turns_sign, with_known, without
 from fdbench.diagnosis.model.nominal import Covered, Nominal
 from fdbench.diagnosis.model.nominal_parameter import NominalParameter
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
@@ -92,13 +92,19 @@ class Hypothesis:
         for index in self.replaced:
             drive = without(drive, index)
         drive, apart = joined(drive, merged(offsets, self.effects))
-        extra = tuple(sliding_as_known(drive, effect) for effect in apart)
-        return Variant(plant=drive, extra=extra, zeros_apart_m=apart_m, force_read_late_s=late_s)
+        return Variant(plant=drive, extra=sliding_alike(drive, apart), zeros_apart_m=apart_m, force_read_late_s=late_s)
 
     def as_it_acts(self) -> "Hypothesis":
         """Return it with its effects as they act, whose friction turns its sign as the known one does."""
-        drive = self.variant.plant
-        return dataclasses.replace(self, effects=tuple(sliding_as_known(drive, effect) for effect in self.effects))
+        return dataclasses.replace(self, effects=sliding_alike(self.variant.plant, self.effects))
+
+    def numbers(self, effect: Effect) -> list[Adjustable]:
+        """Return what a fit may move in one of its effects.
+
+        The speed over which friction turns its sign is that of the known one, or of the first that is added.
+        """
+        first = next((item for item in (*self.nominal.drive.effects, *self.effects) if turns_sign(item)), None)
+        return adjustables(effect, self.nominal.covered, (WIDTH,) if effect is first else ())
 
     def room(self) -> list[tuple[float, float]]:
         """Return for each nominal parameter how far a fit may move it down and up, in standard deviations."""
@@ -314,8 +320,8 @@ def start(nominal: Nominal) -> Hypothesis:
     return Hypothesis(nominal=nominal, shifts=(0.0,) * len(nominal_parameters(nominal)))
 
 
-def adjustables(effect: Effect, covered: Covered | None = None) -> list[Adjustable]:
-    """Return what a fit may move in an effect: its amplitude, phases, and the shape parameters that are searched.
+def adjustables(effect: Effect, covered: Covered | None = None, also: Sequence[str] = ()) -> list[Adjustable]:
+    """Return what a fit may move in an effect: its amplitude, phases, the shape parameters that are searched, and more.
 
     No time that is fitted is longer than the records, as what takes longer is not told from what never changes, and no
     frequency higher than what samples show: a mode beyond is a mass.
@@ -323,7 +329,7 @@ def adjustables(effect: Effect, covered: Covered | None = None) -> list[Adjustab
     found = []
     for item in type(effect).parameters():
         is_amplitude = item.name in (type(effect).amplitude, *type(effect).further_amplitudes)
-        if item.whole or not (is_amplitude or item.phase or item.grid or item.locate):
+        if item.whole or not (is_amplitude or item.phase or item.grid or item.locate or item.name in also):
             continue
         value = getattr(effect, item.name)
         share = MODEL.line_step if item.locate else MODEL.step

@@ -1,8 +1,10 @@
 """The effects that a drive is known to have: their sizes, and the drive with another one."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 
-from fdbench.effects import Effect
+from fdbench.effects import Effect, Port
 from fdbench.plants.feed_drive import FeedDrive
 
 WIDTH = "transition_velocity_m_per_s"  # parameter that any friction turns its sign over
@@ -25,10 +27,29 @@ def turns_sign(effect: Effect) -> bool:
     return any(item.name == WIDTH for item in effect.parameters())
 
 
-def sliding_as_known(drive: FeedDrive, effect: Effect) -> Effect:
-    """Return an added friction that turns its sign over the same speed as the known one: they share a contact."""
-    known = next((item for item in drive.effects if turns_sign(item)), None)
-    return effect if known is None or not turns_sign(effect) else effect.within(**{WIDTH: getattr(known, WIDTH)})
+def sliding_alike(drive: FeedDrive, added: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Return added effects, of which friction turns its sign over one speed: they share a contact.
+
+    It is that of the known friction, and of the first one that is added where none is known.
+    """
+    first = next((item for item in (*drive.effects, *added) if turns_sign(item)), None)
+    if first is None:
+        return tuple(added)
+    width = {WIDTH: getattr(first, WIDTH)}
+    return tuple(item.within(**width) if turns_sign(item) else item for item in added)
+
+
+def is_grid(effect: Effect) -> bool:
+    """Return whether an effect moves what an encoder reads to a grid: applied once more, it changes nothing."""
+    if effect.port not in (Port.MOTOR_ENCODER, Port.TABLE_SCALE) or effect.states or effect.random:
+        return False
+
+    def after(reading: float) -> float:
+        return float(type(effect).kernel.py_func(0.0, 1e-3, 0.0, 0.0, reading, *effect.values())[0])
+
+    readings = [share * amplitude_of(effect) for share in (0.3, 1.6, -2.7)]
+    once = [after(reading) for reading in readings]
+    return once != readings and all(math.isclose(after(reading), reading, rel_tol=1e-9) for reading in once)
 
 
 def without(drive: FeedDrive, index: int) -> FeedDrive:

@@ -70,6 +70,8 @@ class Uncertainty:
         Of viscous frictions, relative to what the model has of it.
     stiffness : float
         Of the stiffness of a screw or shaft, relative; it moves by one and a half of it at most.
+    damping : float
+        Of the natural logarithm of the damping of a screw or shaft, which no data sheet says.
     known_effects : float
         Of the size of each effect that the model knows, relative.
     known_phase : float
@@ -100,6 +102,7 @@ class Uncertainty:
     mass: float = positive(default=0.03)
     viscous: float = positive(default=0.1)
     stiffness: float = nonnegative(default=0.05)
+    damping: float = nonnegative(default=0.3)
     known_effects: float = positive(default=0.06)
     known_phase: float = nonnegative(default=0.05)
     transition_velocity: float = nonnegative(default=1.0)

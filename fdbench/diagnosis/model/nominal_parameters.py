@@ -3,7 +3,7 @@
 import functools
 from collections.abc import Sequence
 
-from fdbench.diagnosis.model.axis_parameters import EncoderZeros, ForceOffset, Mass, Stiffness, Viscous
+from fdbench.diagnosis.model.axis_parameters import Damping, EncoderZeros, ForceOffset, Mass, Stiffness, Viscous
 from fdbench.diagnosis.model.friction_parameters import (
     BristleStiffness,
     FrictionForm,
@@ -21,6 +21,7 @@ KINDS: Sequence[type[NominalParameter]] = (
     Mass,
     Viscous,
     Stiffness,
+    Damping,
     KnownAmplitude,
     KnownFurtherAmplitude,
     KnownPhase,

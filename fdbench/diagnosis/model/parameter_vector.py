@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from fdbench.diagnosis.model.hypothesis import Adjustable, Hypothesis, adjustables
+from fdbench.diagnosis.model.hypothesis import Adjustable, Hypothesis
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.record import FloatArray
 
@@ -17,7 +17,7 @@ def adjustables_of(hypothesis: Hypothesis) -> list[Adjustable]:
         for item in nominal_parameters(hypothesis.nominal)
     ]
     for effect in hypothesis.effects:
-        found += adjustables(effect, hypothesis.nominal.covered)
+        found += hypothesis.numbers(effect)
     return found
 
 
@@ -25,7 +25,7 @@ def parameter_vector(hypothesis: Hypothesis) -> FloatArray:
     """Return the numbers of a hypothesis in the order of `adjustables_of`."""
     values = list(hypothesis.shifts)
     for effect in hypothesis.effects:
-        values += [item.of(effect) for item in adjustables(effect)]
+        values += [item.of(effect) for item in hypothesis.numbers(effect)]
     return np.array(values)
 
 
@@ -36,7 +36,7 @@ def with_parameters(hypothesis: Hypothesis, values: FloatArray) -> Hypothesis:
     effects = []
     for effect in hypothesis.effects:
         changes: dict[str, float] = {}
-        for item in adjustables(effect, hypothesis.nominal.covered):
+        for item in hypothesis.numbers(effect):
             value = float(min(max(values[place], item.low), item.high))
             changes[item.name] = value + changes.get(item.above, 0.0)
             place += 1

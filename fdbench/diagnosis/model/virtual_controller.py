@@ -61,7 +61,7 @@ def prepared(
     silent = [item.source for item in records if COMMAND not in item]
     if known and not silent:
         if on_paper:
-            drive.check_loop(records[0].sampling_time_s)
+            drive.check_loop(records[0].sampling_time_s / nominal.simulation.cycles)
         rates = nominal.simulation.command_rates or "central"
         runs = [prepare(item, drive, rates, nominal.simulation.cycles) for item in records]
         check_content(runs)

@@ -9,7 +9,7 @@ from axis_lab import drive
 from fdbench.diagnosis.evidence.sensor_artefacts import (
     Artefact,
     beside_known,
-    grid_artefact,
+    grid_artefacts,
     held_artefact,
     interpolated,
     of_the_log,
@@ -79,7 +79,7 @@ def test_an_axis_that_sticks_where_the_model_creeps_repeats_its_reading_and_drop
 def test_a_grid_of_readings_is_recognised(step_m: float) -> None:
     replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
     smooth = 2e-3 * np.sin(2.0 * TIME_S) + 2e-4 * np.sin(17.0 * TIME_S)
-    found = grid_artefact([run_of(np.round(smooth / step_m) * step_m)], replay, 1.0)
+    (found,) = grid_artefacts([run_of(np.round(smooth / step_m) * step_m)], replay, 1.0)
     assert found is not None
     assert found.value == pytest.approx(step_m, rel=0.02)
     assert found.low < step_m < found.high
@@ -93,7 +93,7 @@ def test_a_grid_is_not_taken_for_one_of_twice_its_step(fastest_in_steps: float, 
     step_m = 1e-6
     smooth = step_m / PERIOD_S * fastest_in_steps * (0.5 * np.sin(2.0 * TIME_S) + 0.006 * np.sin(17.0 * TIME_S))
     readings, digit_m = np.round(smooth / step_m) * step_m, of_the_text * step_m
-    found = grid_artefact([run_of(np.round(readings / digit_m) * digit_m)], replay, 1.0)
+    (found,) = grid_artefacts([run_of(np.round(readings / digit_m) * digit_m)], replay, 1.0)
     assert found is not None
     assert found.value == pytest.approx(step_m, rel=0.02)
 
@@ -103,7 +103,7 @@ def test_the_step_of_an_axis_that_creeps_is_found_as_precisely() -> None:
     noise = 0.12 * np.random.default_rng(3).standard_normal(N)
     for step_m in np.geomspace(1e-6, 2e-6, 20).tolist():
         steps = np.round(35.0 * np.sin(2.0 * TIME_S) + noise)
-        found = grid_artefact([run_of(steps * step_m)], replay, 1.0)
+        (found,) = grid_artefacts([run_of(steps * step_m)], replay, 1.0)
         assert found is not None
         assert found.low < step_m < found.high
         assert found.value == pytest.approx(step_m, rel=0.01)
@@ -121,7 +121,7 @@ def test_a_grid_that_the_model_knows_is_no_cause_and_a_coarser_one_is(known_m: f
 def test_smooth_readings_have_no_grid() -> None:
     replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
     noise = 1e-7 * np.random.default_rng(1).standard_normal(N)
-    assert grid_artefact([run_of(2e-3 * np.sin(2.0 * TIME_S) + noise)], replay, 1.0) is None
+    assert grid_artefacts([run_of(2e-3 * np.sin(2.0 * TIME_S) + noise)], replay, 1.0) == []
 
 
 @pytest.mark.parametrize(
