@@ -14,6 +14,8 @@ from fdbench.diagnosis.answer import (
     Cause,
     Course,
     ForceBalances,
+    NoiseBand,
+    NoiseFloor,
     ProcessForce,
     Quantity,
     Recorded,
@@ -187,6 +189,29 @@ def test_a_force_is_said_once_with_what_its_line_is() -> None:
     (shown,) = [section for section in sections(twice) if section.title == "Process forces"]
     assert len(shown.blocks) == 2
     assert "does not repeat with the motion" in said(answer(process_forces=(force("nominal", 187.0),)))
+
+
+def test_what_moved_is_told_beside_what_is_named() -> None:
+    moved = {"moved_in_standard_deviations": {"motor_mass": 10.6}, "moved_beside_effects": {"motor_mass": 0.8}}
+    own = answer()
+    own = replace(own, parametric=replace(own.parametric, **moved))
+    assert "Re-calibration moved" not in said(own)
+    doubted = replace(own, causes=(replace(CAUSE, probability=0.3),))
+    assert "Re-calibration moved motor_mass by +10.6 standard deviations" in said(doubted)
+
+
+def test_half_a_chance_names_nothing() -> None:
+    assert "Perhaps cogging, probability 0.50" in told(answer([replace(CAUSE, probability=0.5)]))
+
+
+@pytest.mark.parametrize(("slow_N", "is_told"), [(12.5, True), (4.0, False)])
+def test_slow_noise_within_the_runs_is_said_to_be_something_that_acts(slow_N: float, is_told: bool) -> None:
+    bands = (NoiseBand(band_Hz=(0.0, 5.0), value=slow_N), NoiseBand(band_Hz=(5.0, 15.0), value=5.0))
+    floor = NoiseFloor(
+        value=15.0, unit="N", measured_from_repeats=True, within_a_run=14.2, from_run_to_run=4.9, frequency=bands
+    )
+    text = said(answer(noise_floor={**answer().noise_floor, "motor_force_N": floor}))
+    assert ("repeats of motor_force_N differ by is slower than 5 Hz" in text) is is_told
 
 
 def test_beside_a_baseline_far_changes_have_their_units() -> None:

@@ -118,6 +118,16 @@ def test_a_grid_that_the_model_knows_is_no_cause_and_a_coarser_one_is(known_m: f
     assert (beside_known(found, known).probability == 0.99) is is_named
 
 
+def test_each_encoder_has_a_grid_of_its_own() -> None:
+    replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
+    smooth = 2e-3 * np.sin(2.0 * TIME_S) + 2e-4 * np.sin(17.0 * TIME_S)
+    motor, table = (np.round(smooth / step_m) * step_m for step_m in (2e-7, 1e-6))
+    run = run_of(motor)
+    run.channels["motor_minus_table_position_m"] = motor - table
+    found = {item.kind.name: item.value for item in grid_artefacts([run], replay, 1.0)}
+    assert found == pytest.approx({"encoder_quantisation": 2e-7, "scale_quantisation": 1e-6}, rel=0.03)
+
+
 def test_smooth_readings_have_no_grid() -> None:
     replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)
     noise = 1e-7 * np.random.default_rng(1).standard_normal(N)

@@ -118,6 +118,30 @@ def test_viscous_friction_that_is_not_on_paper_is_in_doubt_as_far_as_the_forces_
     assert [item.deviation for item in Viscous.of(nominal)] == pytest.approx([0.1e-3 * without.mass_kg] * 2)
 
 
+def test_the_first_added_friction_says_where_all_turn_their_sign_where_none_is_known() -> None:
+    bare = dataclasses.replace(axis_lab.drive(), effects=())
+    first: Any = effects.get("coulomb_friction").typical(**{WIDTH: 4e-3})
+    second: Any = effects.get("position_dependent_friction").typical()
+    for drive, moves in ((bare, True), (axis_lab.drive(), False)):
+        hypothesis = start(Nominal(plant=drive, simulation=Simulation(substeps=10))).with_effect(first)
+        assert (WIDTH in [item.name for item in adjustables_of(hypothesis)]) is moves
+        both = hypothesis.with_effect(second)
+        assert [item.name for item in adjustables_of(both)].count(WIDTH) == int(moves)
+        values = parameter_vector(both)
+        assert with_parameters(both, values) == both
+        assert {getattr(item, WIDTH) for item in both.variant.extra} == ({4e-3} if moves else {1e-3})
+
+
+def test_the_step_of_a_known_grid_is_as_on_paper() -> None:
+    grid: Any = effects.get("encoder_quantisation").typical()
+    wave: Any = effects.get("encoder_interpolation_error").typical()
+    model = axis_lab.drive()
+    known = dataclasses.replace(model, effects=(*model.effects, grid, wave))
+    moved = [item.name for item in KnownAmplitude.of(Nominal(plant=known, simulation=Simulation(substeps=10)))]
+    assert "known_encoder_interpolation_error" in moved
+    assert "known_encoder_quantisation" not in moved
+
+
 def test_an_added_friction_turns_its_sign_as_the_known_one_does() -> None:
     """They share a contact: calibrated, both are wider, and what is written says so."""
     model = Nominal(plant=axis_lab.drive(), simulation=Simulation(substeps=10))

@@ -1,13 +1,14 @@
-"""A screw is as stiff as its data sheet says within a twentieth: no cause, unless it has changed since."""
+"""A screw is as stiff as its data sheet says within a twentieth, and damped as none says: no cause, unless since."""
 
 import dataclasses
+import math
 
 import axis_lab
 import pytest
 
 from fdbench.diagnosis.answer import Answer
 from fdbench.diagnosis.diagnose import diagnose
-from fdbench.diagnosis.model.axis_parameters import Stiffness
+from fdbench.diagnosis.model.axis_parameters import Damping, Stiffness
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.settings import MODEL
@@ -49,3 +50,18 @@ def test_it_is_bounded_and_belongs_to_a_screw() -> None:
     stiff = dataclasses.replace(NOMINAL, plant=dataclasses.replace(axis_lab.drive(), screw=None))
     for model in (known, stiff):
         assert not [item for item in nominal_parameters(model) if isinstance(item, Stiffness)]
+
+
+def test_its_damping_is_in_doubt_and_no_cause() -> None:
+    (own,) = (item for item in nominal_parameters(NOMINAL) if isinstance(item, Damping))
+    axis = axis_lab.as_built(2)
+    assert axis.screw is not None
+    before = axis.screw.damping_N_s_per_m
+    moved = own.apply(axis, 2.0)[0].screw
+    assert moved is not None
+    assert moved.damping_N_s_per_m == pytest.approx(before * math.exp(0.6))
+    assert "N s/m" in own.text(axis, 2.0)
+    screw = dataclasses.replace(axis.screw, damping_N_s_per_m=0.6 * before)
+    assert named(diagnose(NOMINAL, *axis_lab.repeated(dataclasses.replace(axis, screw=screw))).answer) == []
+    undamped = dataclasses.replace(axis_lab.drive(), screw=dataclasses.replace(axis.screw, damping_N_s_per_m=0.0))
+    assert Damping.of(dataclasses.replace(NOMINAL, plant=undamped)) == []

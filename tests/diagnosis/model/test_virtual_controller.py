@@ -123,6 +123,19 @@ def test_a_model_without_controller_is_read(tmp_path: Path) -> None:
     assert load_nominal(path) == unknown(load_nominal(EXAMPLE / "model.toml"))
 
 
+def test_a_loop_is_stable_or_not_at_its_own_rate() -> None:
+    """One that is faster than its log would not be so at the sampling time of that."""
+    nominal, fitted, _ = axis_lab.case((), 0)
+    controller = nominal.drive.controller
+    assert isinstance(controller, Cascade)
+    stiff = dataclasses.replace(controller, velocity_gain_N_s_per_m=20.0 * controller.velocity_gain_N_s_per_m)
+    nominal = dataclasses.replace(nominal, plant=dataclasses.replace(nominal.drive, controller=stiff))
+    with pytest.raises(SpecError, match="unstable at a sampling time of 1 ms"):
+        prepared(nominal, fitted)
+    fast = dataclasses.replace(nominal, simulation=Simulation(substeps=10, loops=8))
+    assert prepared(fast, fitted)[0] is fast
+
+
 def test_a_drive_without_controller_is_not_simulated_on_its_command() -> None:
     drive = unknown(Nominal(plant=axis_lab.drive(), simulation=Simulation(substeps=10))).drive
     motion, duration_s = axis_lab.protocol(1.0)["fast"]
