@@ -183,6 +183,8 @@ def _unknown(answer: Answer) -> Iterator[str]:
     if answer.unknown_probability < LIKELY:
         none, unknown = map(probability_text, (answer.no_gap_probability, answer.unknown_probability))
         yield f"Undecided: no effect is missing (probability {none}), or one that is not known (probability {unknown})."
+        if answer.no_gap_probability + answer.unknown_probability < LIKELY:
+            yield "Else the machine changes from one motion to another by more than its repeats differ by."
         return
     text = f"None of the known effects explains the gap (probability {probability_text(answer.unknown_probability)})."
     if answer.causes:

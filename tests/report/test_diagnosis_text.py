@@ -200,6 +200,12 @@ def test_what_moved_is_told_beside_what_is_named() -> None:
     assert "Re-calibration moved motor_mass by +10.6 standard deviations" in said(doubted)
 
 
+def test_neither_noise_nor_a_cause_is_a_machine_that_changes() -> None:
+    other = "Else the machine changes from one motion to another"
+    assert other in told(answer([], unknown_probability=0.03, no_gap_probability=0.2))
+    assert other not in told(answer([], unknown_probability=0.2, no_gap_probability=0.37))
+
+
 def test_half_a_chance_names_nothing() -> None:
     assert "Perhaps cogging, probability 0.50" in told(answer([replace(CAUSE, probability=0.5)]))
 
