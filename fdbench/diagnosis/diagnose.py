@@ -314,12 +314,11 @@ def calibrated_on(
         {name: measured - readings.alone(place, model)[name] for name, measured in run.channels.items()}
         for place, run in enumerate(runs)
     ]
-    # The gains are those that are set, whatever the model had on paper: another day changes none, and no stiffness.
+    # The gains are those that are set, whatever the model had on paper: another day changes none, and no screw.
     of_a_day = dataclasses.asdict(BASELINE)
     offset_N = of_a_day.pop("force_offset") * ready.nominal.force_offset_N
-    doubt = Uncertainty(
-        **of_a_day, force_offset_N=offset_N, known_phase=0.0, stiffness=0.0, controller_gains=0.0, loop_lag=0.0
-    )
+    fixed = dict.fromkeys(("known_phase", "stiffness", "damping", "controller_gains", "loop_lag"), 0.0)
+    doubt = Uncertainty(**of_a_day, **fixed, force_offset_N=offset_N)
     known = dataclasses.replace(as_nominal(model), uncertainty=doubt)
     return known, Baseline(runs=runs, residuals=residuals, artefacts=ready.artefacts)
 
