@@ -34,7 +34,7 @@ class CableStiffness(Effect):
     cause_type = "force_over_position"
     further_amplitudes = ("dahl_force_N",)
     needs_amplitude = True  # a chain that rubs pulls too; what rubs alone is friction of another law
-    confusable_with = ("thermal_expansion",)
+    confusable_with = ("thermal_expansion", "link_gravity")
 
     spring_stiffness_N_per_m: float = parameter("k", low=0.0, high=1e5, typical=200.0)
     dahl_force_N: float = parameter("F_d", low=0.0, high=500.0, typical=8.0)

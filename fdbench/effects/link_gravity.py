@@ -34,7 +34,7 @@ class LinkGravity(Effect):
     amplitude = "gravity_force_N"
     cause_type = "force_over_position"
     needs_turn = True
-    confusable_with = ("cable_stiffness", "constant_force", "cogging")
+    confusable_with = ("cable_stiffness",)
 
     gravity_force_N: float = parameter("G", low=0.0, high=5000.0, typical=15.0)
     phase_rad: float = parameter("phi", low=-TURN, high=TURN, typical=0.0, phase=True)

@@ -275,7 +275,7 @@ def test_doubts_are_said(found: Diagnosis) -> None:
     answer = replace(
         answer,
         noise_floor={name: replace(own, measured_from_repeats=False) for name, own in answer.noise_floor.items()},
-        parametric=replace(answer.parametric, moved_in_standard_deviations=moved),
+        parametric=replace(answer.parametric, moved_beside_effects=moved),
         shrinkage=replace(answer.shrinkage, steps=(replace(first, ci95=(-0.02, 0.1)), *others)),
     )
     text = " ".join(summary(answer).split())

@@ -101,10 +101,12 @@ class Hypothesis:
     def numbers(self, effect: Effect) -> list[Adjustable]:
         """Return what a fit may move in one of its effects.
 
-        The speed over which friction turns its sign is that of the known one, or of the first that is added.
+        The speed over which friction turns its sign is that of the known one, else that of the first which is added:
+        of one that machines have, and models usually know, it is fitted.
         """
         first = next((item for item in (*self.nominal.drive.effects, *self.effects) if turns_sign(item)), None)
-        return adjustables(effect, self.nominal.covered, (WIDTH,) if effect is first else ())
+        is_fitted = effect is first and effect.usually_known
+        return adjustables(effect, self.nominal.covered, (WIDTH,) if is_fitted else ())
 
     def room(self) -> list[tuple[float, float]]:
         """Return for each nominal parameter how far a fit may move it down and up, in standard deviations."""
