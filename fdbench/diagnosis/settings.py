@@ -200,7 +200,6 @@ class EvidenceSettings:
     grid_ratio: float = number(1.015, "of neighbouring steps that are tried; bounds of the one found", zero=1.0)
     grid_steps: int = number(700, "steps that are tried")
     grid_cells: int = number(50, "for each step; of many differences in one cell one counts: a steady speed is no grid")
-    grid_exact: float = number(1e-6, "of a step by which a reading on the grid may move when it is rounded again")
     on_grid: float = number(0.4, "distance from the grid, relative to that of numbers that know nothing of it")
     grid_slope: float = number(20.0, "of the logistic that makes a probability of that distance")
     coarse_log: float = number(4.0, "times the noise of the force, squared, that only steps in the loop would bring")

@@ -130,9 +130,8 @@ def aligned(
     warnings = [*copies, *assumed, *limits_of_forces(as_read, drive), *scales]
     simulated = replay.on_each(runs, given.variant)
     runs, zeros = with_common_zeros(runs, simulated)
-    said = (
-        [text for run, own in zip(runs, simulated, strict=True) for text in check_alignment(run, own)] if logged else []
-    )
+    beside = zip(runs, simulated, strict=True) if logged else ()
+    said = [text for run, own in beside for text in check_alignment(run, own)]
     every = [_beside_model(run, own, baseline) for run, own in zip(runs, simulated, strict=True)]
     warnings += [*zeros, *said, *(text for item in every for text in item.warnings)]
     others = apart([item.run for item in every])

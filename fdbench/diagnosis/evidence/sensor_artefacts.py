@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fdbench.compilation import kept
+from fdbench.diagnosis.model.known_effects import is_grid
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import DEFLECTION, FORCE, RecordedRun
@@ -147,7 +148,7 @@ def grid_artefacts(runs: Sequence[RecordedRun], replay: Replay, length: float) -
     """
     best: dict[Port, tuple[float, Effect]] = {}
     for kind in replay.library:
-        if kind.port in (Port.MOTOR_ENCODER, Port.TABLE_SCALE) and not kind.states:
+        if is_grid(kind.typical()):
             readings = list(readings_of(runs, replay.drive, kind.port))
             if not readings:
                 continue
@@ -217,8 +218,6 @@ def _coarsest_grid(kind: type[Effect], differences: FloatArray, coarsest_m: floa
             continue
         effect = kind.typical(**{kind.amplitude: step})
         moved = _after(effect, anything * step)
-        if np.abs(_after(effect, moved) - moved).max() > EVIDENCE.grid_exact * step:
-            return None
         edges = (np.arange(round(nearest * n_cells), round(furthest * n_cells) + 2) - 0.5) * (step / n_cells)
         starts = np.searchsorted(differences, edges)
         of_each_cell = differences[starts[:-1][np.diff(starts) > 0]]

@@ -1,6 +1,7 @@
 """Nominal parameters of the axis itself: masses, viscous friction, its screw, and a force offset."""
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self, final
 
@@ -107,9 +108,44 @@ class Viscous(_OfASide):
         return si_text(getattr(self.part(self.apply(drive, shift)[0]), self.field), unit_of(self.field))
 
 
+@dataclass(frozen=True, kw_only=True)
+class _OfTheScrew(NominalParameter):
+    """A ``field`` of the screw or the shaft, above 0; another day does not change it."""
+
+    nuisance = True
+    changes_from_run_to_run = False
+    field: ClassVar[str]
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        deviation = getattr(nominal.uncertainty, cls.kind)
+        return [cls(name=cls.kind, deviation=deviation)] if cls.value(nominal.drive) > 0.0 and deviation > 0.0 else []
+
+    @classmethod
+    def value(cls, drive: FeedDrive) -> float:
+        """Return the value, 0 where nothing is elastic."""
+        return 0.0 if drive.screw is None else float(getattr(drive.screw, cls.field))
+
+    @abstractmethod
+    def ratio(self, shift: float) -> float:
+        """Return by which factor a shift moves the value."""
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        if drive.screw is None:
+            return drive, ()
+        return replace(drive, screw=replace(drive.screw, **{self.field: self.value(drive) * self.ratio(shift)})), ()
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        moved = self.value(self.apply(drive, shift)[0])
+        return "none" if drive.screw is None else si_text(moved, self.unit)
+
+    def size(self, drive: FeedDrive) -> float:
+        return self.deviation * self.value(drive)
+
+
 @final
 @dataclass(frozen=True, kw_only=True)
-class Stiffness(NominalParameter):
+class Stiffness(_OfTheScrew):
     """Stiffness of the screw or the shaft, as far as a data sheet may have it wrong; its deviation is relative.
 
     It moves no further: a screw that lost more of it is a cause.
@@ -117,26 +153,10 @@ class Stiffness(NominalParameter):
 
     kind = "stiffness"
     unit = "N/m"
-    nuisance = True
-    changes_from_run_to_run = False
+    field = "stiffness_N_per_m"
 
-    @classmethod
-    def of(cls, nominal: Nominal) -> list[Self]:
-        deviation = nominal.uncertainty.stiffness
-        return [] if nominal.drive.screw is None or deviation == 0.0 else [cls(name=cls.kind, deviation=deviation)]
-
-    def apply(self, drive: FeedDrive, shift: float) -> Changed:
-        if drive.screw is None:
-            return drive, ()
-        stiffness = drive.screw.stiffness_N_per_m * max(1.0 + shift * self.deviation, MODEL.smallest_ratio)
-        return replace(drive, screw=replace(drive.screw, stiffness_N_per_m=stiffness)), ()
-
-    def text(self, drive: FeedDrive, shift: float) -> str:
-        screw = self.apply(drive, shift)[0].screw
-        return "none" if screw is None else si_text(screw.stiffness_N_per_m, self.unit)
-
-    def size(self, drive: FeedDrive) -> float:
-        return 0.0 if drive.screw is None else self.deviation * drive.screw.stiffness_N_per_m
+    def ratio(self, shift: float) -> float:
+        return max(1.0 + shift * self.deviation, MODEL.smallest_ratio)
 
     @property
     def room(self) -> tuple[float, float]:
@@ -145,30 +165,16 @@ class Stiffness(NominalParameter):
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Damping(NominalParameter):
+class Damping(_OfTheScrew):
     """Damping of the screw or the shaft, which no data sheet says; its deviation is that of the natural logarithm."""
 
     kind = "damping"
     unit = "N s/m"
     stated = False
-    nuisance = True
-    changes_from_run_to_run = False
+    field = "damping_N_s_per_m"
 
-    @classmethod
-    def of(cls, nominal: Nominal) -> list[Self]:
-        screw, deviation = nominal.drive.screw, nominal.uncertainty.damping
-        is_damped = screw is not None and screw.damping_N_s_per_m > 0.0
-        return [cls(name=cls.kind, deviation=deviation)] if is_damped and deviation > 0.0 else []
-
-    def apply(self, drive: FeedDrive, shift: float) -> Changed:
-        if drive.screw is None:
-            return drive, ()
-        damping = drive.screw.damping_N_s_per_m * math.exp(shift * self.deviation)
-        return replace(drive, screw=replace(drive.screw, damping_N_s_per_m=damping)), ()
-
-    def text(self, drive: FeedDrive, shift: float) -> str:
-        screw = self.apply(drive, shift)[0].screw
-        return "none" if screw is None else si_text(screw.damping_N_s_per_m, self.unit)
+    def ratio(self, shift: float) -> float:
+        return math.exp(shift * self.deviation)
 
     @property
     def room(self) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdbench.diagnosis.model.friction_parameters import FrictionForm
-from fdbench.diagnosis.model.known_effects import WIDTH, sliding_alike, turns_sign, with_known, without
+from fdbench.diagnosis.model.known_effects import WIDTH, first_friction, sliding_alike, with_known, without
 from fdbench.diagnosis.model.nominal import Covered, Nominal
 from fdbench.diagnosis.model.nominal_parameter import NominalParameter
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
@@ -104,8 +104,7 @@ class Hypothesis:
         The speed over which friction turns its sign is that of the known one, else that of the first which is added:
         of one that machines have, and models usually know, it is fitted.
         """
-        first = next((item for item in (*self.nominal.drive.effects, *self.effects) if turns_sign(item)), None)
-        is_fitted = effect is first and effect.usually_known
+        is_fitted = effect.usually_known and effect is first_friction((*self.nominal.drive.effects, *self.effects))
         return adjustables(effect, self.nominal.covered, (WIDTH,) if is_fitted else ())
 
     def room(self) -> list[tuple[float, float]]:

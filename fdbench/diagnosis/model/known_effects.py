@@ -1,7 +1,7 @@
 """The effects that a drive is known to have: their sizes, and the drive with another one."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from fdbench.effects import Effect, Port
@@ -27,12 +27,17 @@ def turns_sign(effect: Effect) -> bool:
     return any(item.name == WIDTH for item in effect.parameters())
 
 
+def first_friction(effects: Iterable[Effect]) -> Effect | None:
+    """Return the first that turns its sign over some speed."""
+    return next((item for item in effects if turns_sign(item)), None)
+
+
 def sliding_alike(drive: FeedDrive, added: Sequence[Effect]) -> tuple[Effect, ...]:
     """Return added effects, of which friction turns its sign over one speed: they share a contact.
 
     It is that of the known friction, and of the first one that is added where none is known.
     """
-    first = next((item for item in (*drive.effects, *added) if turns_sign(item)), None)
+    first = first_friction((*drive.effects, *added))
     if first is None:
         return tuple(added)
     width = {WIDTH: getattr(first, WIDTH)}

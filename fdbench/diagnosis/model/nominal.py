@@ -205,7 +205,7 @@ class Nominal:
 
     @cached_property
     def library(self) -> tuple[type[Effect], ...]:
-        """Every registered effect to search for: the axis can have it, it is not random, and of no unknown course.
+        """Every registered effect to search for: one of this axis, not random, and no force of unknown course.
 
         Of effects that give the same signal there is one.
         """

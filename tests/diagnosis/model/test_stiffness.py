@@ -61,6 +61,7 @@ def test_its_damping_is_in_doubt_and_no_cause() -> None:
     assert moved is not None
     assert moved.damping_N_s_per_m == pytest.approx(before * math.exp(0.6))
     assert "N s/m" in own.text(axis, 2.0)
+    assert own.size(axis) == pytest.approx(0.3 * before)
     screw = dataclasses.replace(axis.screw, damping_N_s_per_m=0.6 * before)
     assert named(diagnose(NOMINAL, *axis_lab.repeated(dataclasses.replace(axis, screw=screw))).answer) == []
     undamped = dataclasses.replace(axis_lab.drive(), screw=dataclasses.replace(axis.screw, damping_N_s_per_m=0.0))
