@@ -19,7 +19,7 @@ from fdbench.trials import make as making
 from fdbench.trials.answer import answer
 from fdbench.trials.make import listed_effects, make
 from fdbench.trials.score import AnswerTable, per_kind, score, text
-from fdbench.virtual_axes.bench import Detectability
+from fdbench.virtual_axes.bench import Detectability, Injected
 from fdbench.virtual_axes.cases import Case, Tier
 from fdbench.virtual_axes.foreign import bench as benches
 from fdbench.virtual_axes.foreign import loops, mechanics
@@ -233,12 +233,26 @@ def test_every_imperfection_can_show_and_stays_finite(kind: AxisKind) -> None:
     bench = ForeignBench(kind, Tier.G, np.random.default_rng(3))
     rng = np.random.default_rng(4)
     motions = [RECIPES[name](space_of(kind, bench.value), np.random.default_rng(5)) for name in kind.motions]
-    healthy = [bench.axis({}).readings(motion, None)["motor_force_N"] for motion in motions]
+    seen = "motor_force_N", "motor_position_m" if kind.columns == "motor_only" else "table_position_m"
+
+    def read(injected: Injected) -> list[FloatArray]:
+        axis = bench.axis(injected)
+        return [readings[name] for readings in (axis.readings(motion, None) for motion in motions) for name in seen]
+
+    healthy = read({})
     for name in (*bench.names(listed=True), *bench.names(listed=False)):
-        axis = bench.axis({name: bench.draw(name, rng)})
-        forces = [axis.readings(motion, None)["motor_force_N"] for motion in motions]
-        assert all(np.isfinite(force).all() for force in forces), name
-        assert any(not np.array_equal(force, own) for force, own in zip(forces, healthy, strict=True)), name
+        found = read({name: bench.draw(name, rng)})
+        assert all(np.isfinite(values).all() for values in found), name
+        assert any(not np.array_equal(values, own) for values, own in zip(found, healthy, strict=True)), name
+
+
+def test_a_late_scale_is_late_to_the_motor_encoder() -> None:
+    bench = exact_bench(of_name("two_mass"))
+    motion = RECIPES["hard"](space_of(bench.kind, bench.value), np.random.default_rng(5))
+    prompt = bench.axis({}).readings(motion, None)
+    late = bench.axis({"scale_delay": {"scale_late_s": bench.kind.period_s}}).readings(motion, None)
+    assert np.array_equal(late["motor_position_m"], prompt["motor_position_m"])
+    assert late["table_position_m"][1:] == pytest.approx(prompt["table_position_m"][:-1], abs=1e-15)
 
 
 def test_background_is_below_the_noise() -> None:

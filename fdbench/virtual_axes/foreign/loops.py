@@ -85,15 +85,13 @@ def march(body, wrong, loop, reference, outer, noise, stops_N, stops_m, scale, p
     whole, part = int(late), late - int(late)
     asked = np.zeros(whole + 3)
     n_past = int(wrong.scale_late_s / h) + 1
-    past = np.full((n_past, 2), y[0])
-    past[:, 1] = y[2]
+    past = np.full(n_past, y[2])
     integral = speed_filtered = path = force = last_error = lag_1 = lag_2 = 0.0
     last_motor = y[0]
     filter_s = loop.filter_s + wrong.filter_s
     count = 0
     for k in range(n):
-        oldest = (count + 1) % n_past
-        motor, table = past[oldest, 0], past[oldest, 1]
+        motor, table = y[0], past[(count + 1) % n_past]
         if wrong.division_m != 0.0:
             angle = TURN * motor / wrong.division_period_m + wrong.division_phase_rad
             motor += wrong.division_m * (np.cos(angle) + 0.25 * np.cos(2.0 * angle))
@@ -172,5 +170,5 @@ def march(body, wrong, loop, reference, outer, noise, stops_N, stops_m, scale, p
                 if stops_N[i] > 0.0:
                     stops[i] = min(max(stops[i] + stops_N[i] / stops_m[i] * moved, -stops_N[i]), stops_N[i])
             count += 1
-            past[count % n_past, 0], past[count % n_past, 1] = y[0], y[2]
+            past[count % n_past] = y[2]
     return out
