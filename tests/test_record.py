@@ -451,6 +451,33 @@ def test_mapping_of_a_foreign_csv(tmp_path: Path) -> None:
     assert read_record(tmp_path / "converted.csv") == read
 
 
+def test_mapping_puts_right_what_is_read_late(tmp_path: Path) -> None:
+    time = np.arange(50) * 0.002
+    position = 0.1 * time**2
+    record = {"time_s": time, "position_m": position, "table_position_m": 0.1 * np.maximum(time - 0.004, 0.0) ** 2}
+    build({**record, "motor_force_N": np.gradient(position)}).save(tmp_path / "run.csv")
+
+    def read(**late_s: float) -> Record:
+        columns = {name: {"from": name, "late_s": late_s.get(name, 0.0)} for name in (*record, "motor_force_N")}
+        return read_mapped({"record": {"file": "run.csv"}, "columns": columns}, tmp_path, "axis.toml")
+
+    late = read(table_position_m=0.004)
+    assert late["time_s"].tolist() == time[:-2].tolist()
+    assert late["position_m"].tolist() == position[:-2].tolist()
+    assert late["table_position_m"] == pytest.approx(position[:-2], abs=1e-15)
+    between = read(table_position_m=0.003)
+    assert between["table_position_m"] == pytest.approx(0.1 * np.maximum(between["time_s"] - 0.001, 0.0) ** 2, abs=2e-7)
+    early = read(position_m=-0.001, motor_force_N=0.002)
+    assert early["time_s"].tolist() == time[1:-1].tolist()
+    assert early["position_m"] == pytest.approx(0.1 * (time[1:-1] - 0.001) ** 2, abs=1e-6)
+    assert read() == read_record(tmp_path / "run.csv")
+    for name, late_s, words in (
+        ("position_m", 0.2, "late_s is 0.2, and the record lasts 0.1 s"),
+        ("time_s", 0.1, "of"),
+    ):
+        assert words in message(SpecError, lambda name=name, late_s=late_s: read(**{name: late_s}))
+
+
 def test_mapping_without_a_time_column(tmp_path: Path) -> None:
     (tmp_path / "run.txt").write_text("q\n1\n2\n4\n")
     (tmp_path / "axis.toml").write_text(

@@ -34,6 +34,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
+from fdbench.diagnosis.records.encoder_clocks import encoder_clock_warnings
 from fdbench.diagnosis.records.plausibility import clock_warnings
 from fdbench.diagnosis.records.runs import FORCE, merged
 from fdbench.diagnosis.search.beside_the_known import beside_the_known
@@ -254,6 +255,7 @@ def _searched(
     calibrated = last.refine(calibrated, tempered=False)
     simulated = readings.replay.on_each(ready.runs, calibrated.variant)
     clocks = [text for run, own in zip(ready.runs, simulated, strict=True) for text in clock_warnings(run, own)]
+    clocks += encoder_clock_warnings(ready.runs, simulated)
     ready = dataclasses.replace(ready, warnings=[*ready.warnings, *clocks])
     final = last.predicting_best(weighed, calibrated).as_it_acts() if weighed.effects else calibrated
     findings = Findings(

@@ -81,6 +81,7 @@ class PlausibleSettings:
     bend_noise: float = number(12.0, "times the noise of a second difference of the position that is a jump")
     rare: float = number(0.01, "share of samples beyond which jumps are no damage but a wrong unit")
     encoder_steps: float = number(6.0, "steps of the encoder that are a jump")
+    encoders_apart: float = number(0.1, "sampling times by which two encoders are read apart, which is worth a word")
     zeros_apart: float = number(3.0, "times all else that is left between two encoders, which is worth a word")
     frozen_samples: int = number(50, "samples without any change that a logger did not write")
     frozen_s: float = number(0.05, "time without any change that a logger did not write")

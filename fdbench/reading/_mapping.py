@@ -32,6 +32,7 @@ class _ColumnRule(NamedTuple):
     factor: float
     gain: float
     offset: float
+    late_s: float
 
     def apply(self, raw: NDArray[Any]) -> FloatArray:
         values = raw.astype(np.float64)
@@ -120,7 +121,8 @@ def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> R
         Tables ``record`` (``file``; where needed ``format`` and its own keys, such as ``delimiter``, ``decimal``,
         ``skip_lines`` and ``encoding`` of CSV; ``sampling_time_s``, ``samples``: the first one taken and the first one
         behind, ``condition``: what the axis was doing) and ``columns`` (name -> ``from``; where needed ``unit``,
-        ``gain``, ``offset``).
+        ``gain``, ``offset``, and ``late_s``: by how much later than the clock the column was read, which is put right
+        between two samples by a straight line).
     folder : path
         Where a relative ``file`` lies.
     where : str
@@ -164,6 +166,7 @@ def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> R
         if sampling_time <= 0.0:
             raise SpecError(f"{here}: sampling_time_s is {sampling_time}; allowed: > 0.")
         columns = {"time_s": sampling_time * np.arange(len(next(iter(columns.values())))), **columns}
+    columns, raw = _in_time(columns, raw, {name: rule.late_s for name, rule in rules.items() if rule.late_s}, where)
     provenance = {**raw.provenance, **origin(file), "mapping": targets, "left_out": [*raw.left_out]}
     if repeated:
         provenance["repeated_rows_left_out"] = repeated
@@ -289,6 +292,30 @@ def _part(raw: Raw, settings: Mapping[str, Any], where: str, file: Path) -> Raw:
     return dataclasses.replace(raw, columns=columns, place=lambda sample: raw.place(start + sample), gaps=())
 
 
+def _in_time(
+    columns: dict[str, NDArray[Any]], raw: Raw, late_s: Mapping[str, float], where: str
+) -> tuple[dict[str, NDArray[Any]], Raw]:
+    """Return columns without those seconds by which each was read late, where all of them are known."""
+    if not late_s:
+        return columns, raw
+    length = len(columns["time_s"])
+    period_s = float(columns["time_s"][-1] - columns["time_s"][0]) / max(length - 1, 1)
+    behind = {name: value / period_s if period_s > 0.0 else 0.0 for name, value in late_s.items()}
+    first, last = math.ceil(max(0.0, -min(behind.values()))), length - math.ceil(max(0.0, *behind.values()))
+    if last - first < 2:
+        longest = max(late_s, key=lambda name: abs(late_s[name]))
+        raise SpecError(
+            f"{where}: [columns] {longest}: late_s is {late_s[longest]:g}, and the record lasts "
+            f"{length * period_s:.4g} s; allowed: less than that."
+        )
+    places = np.arange(length, dtype=np.float64)
+    moved = {
+        name: np.interp(places[first:last] + behind[name], places, column) if name in behind else column[first:last]
+        for name, column in columns.items()
+    }
+    return moved, dataclasses.replace(raw, place=lambda sample: raw.place(first + sample))
+
+
 def _check_stamps(sources: Mapping[str, str], raw: Raw, file: str) -> None:
     for name, source in sources.items():
         if source in raw.stamps and name != "time_s":
@@ -330,11 +357,14 @@ def _rule(name: str, targets: Mapping[str, Any], where: str) -> _ColumnRule:
         raise SpecError(f"{where}: {fault}")
     here = f"{where} {name}"
     entry = _entry(targets, name, dict, where)
-    _only_keys(entry, ("from", "unit", "gain", "offset"), here)
+    _only_keys(entry, ("from", "unit", "gain", "offset", "late_s"), here)
     factor, gain = 1.0, _number(entry, "gain", 1.0, here)
     if gain == 0.0:
         raise SpecError(f"{here}: gain is 0; allowed: any other number.")
     if "unit" in entry:
         unit = _entry(entry, "unit", str, here)
         factor = si_unit(unit, here)[1] if "gain" in entry else factor_to_si(unit, name, here)
-    return _ColumnRule(_entry(entry, "from", str, here), factor, gain, _number(entry, "offset", 0.0, here))
+    offset, late_s = (_number(entry, key, 0.0, here) for key in ("offset", "late_s"))
+    if name == "time_s" and late_s != 0.0:
+        raise SpecError(f"{here}: late_s is of other columns: by how much later than time_s they were read.")
+    return _ColumnRule(_entry(entry, "from", str, here), factor, gain, offset, late_s)

@@ -15,6 +15,7 @@ from fdbench.diagnosis.evidence.prepare import check_alike, without_copies
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.model.virtual_controller import prepared
+from fdbench.diagnosis.records.encoder_clocks import encoder_clock_warnings
 from fdbench.diagnosis.records.encoder_zeros import with_common_zeros
 from fdbench.diagnosis.records.noise_model import NoiseModel, noise_floor
 from fdbench.diagnosis.records.plausibility import check_alignment, check_record, clock_warnings
@@ -99,6 +100,7 @@ def _evaluated(models: Mapping[str, Nominal], records: Sequence[Record]) -> Eval
         said = [*bench.warnings, *_left_out(bench)]
         for run, own in zip(bench.runs, closed, strict=True):
             said += [*check_alignment(run, own.predicted), *clock_warnings(run, own.predicted)]
+        said += encoder_clock_warnings(bench.runs, [own.predicted for own in closed])
         warnings += [line if len(models) == 1 else f"{name}: {line}" for line in said]
         # How the axis stood when the log began no model knows; all are compared on the same samples.
         before = (run.lead_in_samples(settling_s) for run in bench.runs)

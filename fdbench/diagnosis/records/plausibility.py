@@ -224,8 +224,8 @@ def clock_warnings(run: RecordedRun, simulated: Mapping[str, FloatArray]) -> lis
     return [
         f"{run.name}: {name}: {abs(delay):.1f} samples ({time_text(abs(delay) * run.period_s)}) "
         f"{'after' if delay > 0.0 else 'before'} the simulation throughout. If it was logged on another clock than the "
-        f"{'command' if run.motion is None else 'position'}, shift the columns against each other. If the clocks are "
-        f"one, leave them: it is a dead time{of_the_loop}, and may be named as a cause."
+        f"{'command' if run.motion is None else 'position'}, shift the columns against each other (`late_s` in a "
+        f"mapping). If the clocks are one, leave them: it is a dead time{of_the_loop}, and may be named as a cause."
         for name, delay in late.items()
     ]
 
