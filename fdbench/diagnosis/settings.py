@@ -154,7 +154,7 @@ class ModelSettings:
     highest_of_nyquist: float = number(0.8, "frequency of a mode or line that samples still show", zero=1.0)
     held_at_once: int = number(4_000_000, "readings of a channel, beyond which runs are simulated one after the other")
     coarser_substeps: tuple[int, ...] = number(
-        (3, 4, 5, 6, 8, 12, 20), "substeps that are tried where the model has more"
+        (2, 3, 4, 5, 6, 8, 12, 20), "substeps that are tried where the model has more"
     )
     substeps_error: float = number(0.1, "of the noise, root mean square, by which coarser substeps may move a reading")
     slower: float = number(0.8, "factor of the bandwidth of a virtual controller that rings or is loud", zero=1.0)

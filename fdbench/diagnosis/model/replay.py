@@ -254,20 +254,25 @@ class Replay:
             ahead = room_ahead(len(calls[0]), self._steps_of_a_loop)
             settings = self._steps_of_a_loop, cycle, *calls, ahead, commands.rows, logged
             until_next = min(left[place] for place in working)
+            filled = {
+                name: [
+                    (place, lane.run.n_samples - left[place], lane.channels[name]) for place, lane in working.items()
+                ]
+                for name in lanes[0].channels
+            }
             for start in range(0, until_next, PIECE // self.loops):
                 n = min(PIECE // self.loops, until_next - start)
                 self._stepper.advance(blocks.flat, 0, n * self.loops, *settings, *self._no_noise, out)
-                for name in lanes[0].channels:
+                for name, rows in filled.items():
                     found = motor[:, :n] - scale[:, :n] if name == DEFLECTION else read_from[name][:, :n]
-                    for place, lane in working.items():
-                        first = lane.run.n_samples - left[place] + start
-                        apart_m = lane.variant.zeros_apart_m if name == DEFLECTION else 0.0
+                    for place, begin, channel in rows:
+                        first = begin + start
                         before = min(max(-first, 0), n)
-                        lane.channels[name][first + before : first + n] = found[place][before:] + apart_m
+                        channel[first + before : first + n] = found[place, before:]
             for place, lane in working.items():
                 left[place] -= until_next
                 if left[place] == 0:
-                    lane.read_late()
+                    lane.read_apart()
 
 
 def _parts(lanes: Sequence["_ReplayLane"]) -> list[Sequence["_ReplayLane"]]:
@@ -287,8 +292,11 @@ class _ReplayLane:
     run: RecordedRun
     channels: Mapping[str, FloatArray]
 
-    def read_late(self) -> None:
-        """Move the force, in place, to when it is read."""
+    def read_apart(self) -> None:
+        """Move readings, in place, to the zeros that encoders count from, and to when the force is read."""
+        if self.variant.zeros_apart_m != 0.0 and DEFLECTION in self.channels:
+            deflection = self.channels[DEFLECTION]
+            deflection += self.variant.zeros_apart_m
         share = self.variant.force_read_late_s / self.run.period_s
         if share != 0.0:
             force = self.channels[FORCE]
