@@ -65,6 +65,9 @@ ROTARY_COLUMNS: dict[str, str] = {
     "table_position_rad": "angle of a rotary axis by that of its load",
 }
 
+# What others call the side that is the table's here.
+OTHERWISE = dict.fromkeys(("load", "carriage", "slide", "scale"), "table")
+
 # Sampling times beyond which a clock is damaged, or in another unit.
 SHORTEST_S, LONGEST_S = 1e-9, 1e6
 
@@ -267,12 +270,14 @@ def name_fault(name: str) -> str:
 
 
 def _looks_like(name: str, known: str) -> bool:
-    """Whether all words of two names agree but one, which differs by a slip of the pen."""
+    """Whether all words of two names agree but one, which differs by a slip of the pen or is what others call it."""
     words, expected = name.split("_"), known.split("_")
     different = [pair for pair in zip(words, expected, strict=False) if pair[0] != pair[1]]
     if len(words) != len(expected) or len(different) != 1:
         return False
     word, other = different[0]
+    if OTHERWISE.get(word) == other:
+        return True
     return word[0:1] == other[0] and word.isalpha() and difflib.SequenceMatcher(None, word, other).ratio() >= 0.8
 
 

@@ -358,6 +358,8 @@ def test_file_faults(tmp_path: Path) -> None:
         ({"position_m": [1, 2, 4]}, []),
         ({"position_m": np.array([1, 2, 4], dtype=np.float32)}, []),
         ({"positon_m": [1.0, 2.0, 3.0]}, ["Did you mean position_m"]),
+        ({"load_position_rad": [1.0, 2.0, 3.0]}, ["Did you mean table_position_rad"]),
+        ({"scale_position_m": [1.0, 2.0, 3.0]}, ["Did you mean table_position_m"]),
         ({"position_m": pandas.to_datetime(["2020-01-01"] * 3)}, ["position_m holds times of day", "only time_s"]),
     ],
 )
@@ -449,6 +451,18 @@ def test_mapping_of_a_foreign_csv(tmp_path: Path) -> None:
     assert read.provenance["mapping"] == MAPPING["columns"]
     read.save(tmp_path / "converted.csv")
     assert read_record(tmp_path / "converted.csv") == read
+
+
+def test_mapping_takes_one_column_from_another(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("t,set,lag,clock\n0,10,1,10:00:00\n1,12,-2,10:00:01\n2,14,4,10:00:02\n")
+
+    def read(**keys: str) -> Record:
+        columns = {"time_s": {"from": "t"}, "position_m": {"from": "set", "unit": "mm", "gain": 2.0, **keys}}
+        return read_mapped({"record": {"file": "run.csv"}, "columns": columns}, tmp_path, "axis.toml")
+
+    assert read(minus="lag")["position_m"].tolist() == pytest.approx([0.018, 0.028, 0.02], abs=1e-15)
+    assert "no column 'lags'" in message(RecordError, lambda: read(minus="lags"))
+    assert "holds times of day" in message(RecordError, lambda: read(minus="clock"))
 
 
 def test_mapping_puts_right_what_is_read_late(tmp_path: Path) -> None:

@@ -29,13 +29,26 @@ class _ColumnRule(NamedTuple):
     """How a column of the record comes from one of the file."""
 
     source: str
+    minus: str | None
     factor: float
     gain: float
     offset: float
     late_s: float
 
-    def apply(self, raw: NDArray[Any]) -> FloatArray:
-        values = raw.astype(np.float64)
+    @property
+    def is_scaled(self) -> bool:
+        """Whether values are multiplied."""
+        return (self.factor, self.gain) != (1.0, 1.0)
+
+    @property
+    def sources(self) -> list[str]:
+        """Columns of the file that it takes."""
+        return [self.source] if self.minus is None else [self.source, self.minus]
+
+    def apply(self, raw: Mapping[str, NDArray[Any]]) -> FloatArray:
+        values = raw[self.source].astype(np.float64)
+        if self.minus is not None:
+            values -= raw[self.minus]
         with np.errstate(over="ignore"):
             for factor in (self.factor, self.gain):
                 values = values if factor == 1.0 else values * factor
@@ -111,18 +124,19 @@ def format_of(file: Path) -> type[Format]:
 def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> Record:
     r"""Read a record from a file with foreign columns, which a mapping names.
 
-    :math:`y = (x c) g + o`, with the raw value x, the factor c from its ``unit`` to the SI unit of the same quantity
-    (1 without ``unit``), ``gain`` g from there to the unit of the column, and ``offset`` o in the unit of the column.
-    Without ``gain`` the unit has to measure what the column does.
+    :math:`y = ((x - m) c) g + o`, with the raw value x, that of the column ``minus`` m where one is named, the factor c
+    from its ``unit`` to the SI unit of the same quantity (1 without ``unit``), ``gain`` g from there to the unit of the
+    column, and ``offset`` o in the unit of the column. Without ``gain`` the unit has to measure what the column does.
 
     Parameters
     ----------
     mapping : mapping
         Tables ``record`` (``file``; where needed ``format`` and its own keys, such as ``delimiter``, ``decimal``,
         ``skip_lines`` and ``encoding`` of CSV; ``sampling_time_s``, ``samples``: the first one taken and the first one
-        behind, ``condition``: what the axis was doing) and ``columns`` (name -> ``from``; where needed ``unit``,
-        ``gain``, ``offset``, and ``late_s``: by how much later than the clock the column was read, which is put right
-        between two samples by a straight line).
+        behind, ``condition``: what the axis was doing) and ``columns`` (name -> ``from``; where needed ``minus``:
+        a column that is taken from it, such as the following error from the command, ``unit``, ``gain``, ``offset``,
+        and ``late_s``: by how much later than the clock the column was read, which is put right between two samples by
+        a straight line).
     folder : path
         Where a relative ``file`` lies.
     where : str
@@ -146,13 +160,14 @@ def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> R
             f"{where}: the clock is either a column time_s or [record] sampling_time_s; one of them, please."
         )
 
-    raw = _read(file, reader, {rule.source for rule in rules.values()})
-    if "time_s" in rules and rules["time_s"].source in raw.stamps and rules["time_s"][1:3] != (1.0, 1.0):
+    raw = _read(file, reader, {source for rule in rules.values() for source in rule.sources})
+    if "time_s" in rules and rules["time_s"].source in raw.stamps and rules["time_s"].is_scaled:
         raise SpecError(
             f"{where}: [columns] time_s: '{rules['time_s'].source}' holds times of day, which are read as seconds: "
             "leave out unit and gain."
         )
     _check_stamps({name: rule.source for name, rule in rules.items()}, raw, str(file))
+    _check_stamps({f"{name} (minus)": rule.minus for name, rule in rules.items() if rule.minus}, raw, str(file))
     clock = rules["time_s"].source if "time_s" in rules else None
     raw = on_clock(raw, clock, str(file))
     length = _length(raw)
@@ -160,7 +175,7 @@ def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> R
         raw = without_repeated_rows(raw, clock)
     repeated = length - _length(raw)
     raw = _part(raw, settings, here, file)
-    columns: dict[str, NDArray[Any]] = {name: rule.apply(raw.columns[rule.source]) for name, rule in rules.items()}
+    columns: dict[str, NDArray[Any]] = {name: rule.apply(raw.columns) for name, rule in rules.items()}
     if "sampling_time_s" in settings:
         sampling_time = _number(settings, "sampling_time_s", 0.0, here)
         if sampling_time <= 0.0:
@@ -357,7 +372,7 @@ def _rule(name: str, targets: Mapping[str, Any], where: str) -> _ColumnRule:
         raise SpecError(f"{where}: {fault}")
     here = f"{where} {name}"
     entry = _entry(targets, name, dict, where)
-    _only_keys(entry, ("from", "unit", "gain", "offset", "late_s"), here)
+    _only_keys(entry, ("from", "minus", "unit", "gain", "offset", "late_s"), here)
     factor, gain = 1.0, _number(entry, "gain", 1.0, here)
     if gain == 0.0:
         raise SpecError(f"{here}: gain is 0; allowed: any other number.")
@@ -367,4 +382,5 @@ def _rule(name: str, targets: Mapping[str, Any], where: str) -> _ColumnRule:
     offset, late_s = (_number(entry, key, 0.0, here) for key in ("offset", "late_s"))
     if name == "time_s" and late_s != 0.0:
         raise SpecError(f"{here}: late_s is of other columns: by how much later than time_s they were read.")
-    return _ColumnRule(_entry(entry, "from", str, here), factor, gain, offset, late_s)
+    minus = _entry(entry, "minus", str, here) if "minus" in entry else None
+    return _ColumnRule(_entry(entry, "from", str, here), minus, factor, gain, offset, late_s)

@@ -121,6 +121,21 @@ def test_no_effect_passes_for_damage(name: str) -> None:
     check_damage(run, healthy()[0].drive, noise_estimate(run.channels["position_m"]))
 
 
+@pytest.mark.parametrize(("n_alike", "is_damage"), [(80, False), (500, True)])
+def test_coarse_readings_may_repeat_themselves_for_a_while_as_the_command_does(n_alike: int, is_damage: bool) -> None:
+    rng, n, lap = np.random.default_rng(0), 3000, 500
+    command = 0.01 * np.sin(2.0 * np.pi * np.arange(n) / lap)
+    position, force = command + 1e-6 * rng.standard_normal(n), 50.0 + rng.standard_normal(n)
+    copied = slice(1300, 1300 + n_alike)
+    for values in (position, force):
+        values[copied] = values[1300 - lap : 1300 - lap + n_alike]
+    columns = {"reference_position_m": command, "position_m": position, "motor_force_N": force}
+    nominal = healthy()[0]
+    run = prepare(Record(renewed({"time_s": np.arange(n), **columns})), nominal.drive)
+    with pytest.raises(RecordError, match="written twice") if is_damage else nullcontext():
+        damage._refuse_copies(run, position, force)
+
+
 def test_what_no_logger_wrote_may_repeat_itself() -> None:
     """As a simulation without noise does, of which a calibration asks its floors."""
     nominal, record = healthy()

@@ -66,8 +66,8 @@ def interpolated(run: RecordedRun, simulated: Mapping[str, FloatArray]) -> tuple
     """Return the run with repeated samples replaced, and how many there were.
 
     A sample counts as repeated where the model moves by far more than the noise while every channel is as before, and
-    where each channel of which it does then catches up with it: what stands still repeats itself, too. The gap to the
-    model is interpolated over it.
+    where each channel of which it does then catches up with it: what stands still repeats itself, too, and nothing
+    counts where no motion is commanded. The gap to the model is interpolated over it.
     """
     if run.held is None or not run.held.any():
         return run, 0
@@ -75,6 +75,8 @@ def interpolated(run: RecordedRun, simulated: Mapping[str, FloatArray]) -> tuple
     moving = np.zeros(run.n_samples, dtype=np.bool_)
     for name, values in simulated.items():
         moving[1:] |= np.abs(np.diff(values)) > least[name]
+    if run.moves.any():
+        moving &= run.moves
     held = run.held & moving & _caught_up(run, simulated, least)
     if not held.any():
         return run, 0

@@ -303,14 +303,24 @@ class _ReplayLane:
             force[1:] -= share * np.diff(force)
 
     def held(self) -> dict[str, float]:
-        """Return the integral of the controller and the stretch of the screw that hold what the run begins with."""
-        plant, force_N = self.variant.plant, self.run.held_force_N
-        gains = plant.controller.rows()
+        """Return the integral of the controller and the stretch of the screw that hold what the run begins with.
+
+        Of a run that begins in motion a position loop forgets what was in the integral; without one, where the axis is
+        depends on it for good.
+        """
+        plant, gains = self.variant.plant, self.variant.plant.controller.rows()
+        begins_at_rest, command = self.run.held_force_N != 0.0, self.run.command[0]
+        carries = not begins_at_rest and gains.get("POSITION_GAIN", 0.0) == 0.0
+        force_N = self.run.carried_force_N if carries else self.run.held_force_N
         if force_N == 0.0 or gains.get("INTEGRAL_GAIN", 0.0) == 0.0:
             return {}
         position_m, velocity_m_per_s = self.run.start
-        error = gains["POSITION_GAIN"] * (float(self.run.command[0, 0]) - position_m) - velocity_m_per_s
-        integral = (force_N - gains["VELOCITY_GAIN"] * error) / gains["INTEGRAL_GAIN"]
+        error = gains["POSITION_GAIN"] * (float(command[0]) - position_m) - velocity_m_per_s
+        error += gains["VELOCITY_FEEDFORWARD"] * float(command[1])
+        ahead_N = gains["ACCELERATION_FEEDFORWARD"] * float(command[2])
+        integral = (force_N - ahead_N - gains["VELOCITY_GAIN"] * error) / gains["INTEGRAL_GAIN"]
+        if carries:
+            return {"INTEGRAL": integral}
         stretch_m = 0.0 if plant.screw is None else force_N / plant.screw.stiffness_N_per_m
         if plant.controller.uses_table:
             return {"INTEGRAL": integral, **dict.fromkeys(("X_M", "LAST_MOTOR"), position_m + stretch_m)}

@@ -27,20 +27,38 @@ def scale_warnings(runs: Sequence[RecordedRun], drive: FeedDrive, loops: int = 1
     loops : int
         How often that acts between two samples.
     """
-    if not isinstance(drive.controller, Cascade):
-        return []
-    found = [scale for run in runs if (scale := force_scale(run, drive.controller, loops)) is not None]
-    # A speed that is half a sample early or late is a part of the force that accelerates.
-    untold = 0.5 * max(run.period_s for run in runs) * drive.controller.velocity_gain_N_s_per_m / drive.mass_kg
-    most = PLAUSIBLE.other_scale + untold
+    found, most = _scales(runs, drive, loops)
     if not found or (1.0 / most < max(found) and min(found) < most):
         return []
     scale = math.sqrt(min(found) * max(found))
     return [
         f"{FORCE} is {scale:.3g} times what the model's controller asks for on the logged readings, in every record. "
-        "Either its unit is off by that (torque constant, peak or root mean square, percent of what) and gain = "
-        f"{1.0 / scale:.4g} in the mapping mends it, or the velocity loop's gains are."
+        "Either its unit is off by that (torque constant, peak or root mean square, percent of what), which gain = "
+        f"{1.0 / scale:.4g} in the mapping would mend, or the velocity loop's gains are, or the controller has what "
+        "the model lacks, such as a filter of the command."
     ]
+
+
+def is_as_asked(runs: Sequence[RecordedRun], drive: FeedDrive, loops: int = 1) -> bool:
+    """Return whether the force of some runs is what their controller asks for, and of no run another one.
+
+    Its unit is right, then. For the parameters see `scale_warnings`.
+    """
+    found, most = _scales(runs, drive, loops)
+    return bool(found) and 1.0 / most < min(found) and max(found) < most
+
+
+def _scales(runs: Sequence[RecordedRun], drive: FeedDrive, loops: int) -> tuple[list[float], float]:
+    """Return `force_scale` of the runs that tell it, and the factor up to which nothing is told.
+
+    A speed that is half a sample early or late is a part of the force that accelerates.
+    """
+    controller = drive.controller
+    if not isinstance(controller, Cascade):
+        return [], math.inf
+    found = [scale for run in runs if (scale := force_scale(run, controller, loops)) is not None]
+    untold = 0.5 * max(run.period_s for run in runs) * controller.velocity_gain_N_s_per_m / drive.mass_kg
+    return found, PLAUSIBLE.other_scale + untold
 
 
 def force_scale(run: RecordedRun, controller: Cascade, loops: int = 1) -> float | None:

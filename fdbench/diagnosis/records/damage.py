@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from fdbench.diagnosis.records.runs import COMMAND, FORCE, POSITION, RecordedRun
-from fdbench.diagnosis.settings import PLAUSIBLE
+from fdbench.diagnosis.settings import PLAUSIBLE, RECORDS
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
@@ -126,18 +126,34 @@ def _refuse_frozen(
 
 
 def _refuse_copies(run: RecordedRun, position: FloatArray, force: FloatArray) -> None:
-    """Refuse a block of rows that is repeated to the last digit."""
+    """Refuse a block of rows that is repeated to the last digit, but where the command was the same about it, too."""
     order = np.lexsort((np.arange(len(force)), position, force))
     twin = (np.diff(force[order]) == 0.0) & (np.diff(position[order]) == 0.0)
     lag = np.zeros(len(force), dtype=np.intp)
     lag[order[1:][twin]] = np.diff(order)[twin]
     moving, fewest = np.concatenate(([False], np.diff(position) != 0.0)), PLAUSIBLE.copied_samples
     for first, last in stretches((lag > 0) & np.concatenate(([False], lag[1:] == lag[:-1]))):
-        if last - first >= fewest and np.count_nonzero(moving[first:last]) > fewest // 2:
+        if last - first < fewest or np.count_nonzero(moving[first:last]) <= fewest // 2:
+            continue
+        if not _comes_again(run, first, last, int(lag[first])):
             raise RecordError(
                 f"{run.name}: the {last - first + 1} samples from {_place(run, first - 1)} on repeat those "
                 f"{lag[first]} samples before to the last digit. A block was written twice: cut one of them out."
             )
+
+
+def _comes_again(run: RecordedRun, first: int, last: int, lag: int) -> bool:
+    """Return whether the command repeats itself after so many samples from well before a stretch to well behind it.
+
+    Readings that are coarse may then repeat themselves for a while, too, but not through most of a period.
+    """
+    if run.motion is not None or 2 * (last - first) > lag:
+        return False
+    command, beside = run.command[:, 0], last - first
+    begin, end = max(first - beside, lag), min(last + beside, len(command))
+    told = command[begin:end] - command[begin - lag : end - lag]
+    allowed = RECORDS.same_command * float(np.ptp(command))
+    return end - begin > beside and bool(np.all(np.abs(told) <= allowed))
 
 
 def _refuse_spikes(run: RecordedRun, drive: FeedDrive, noise_m: float) -> None:

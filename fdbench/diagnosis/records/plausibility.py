@@ -145,7 +145,7 @@ def _check_position(run: RecordedRun, command: FloatArray, span: float) -> None:
         )
 
 
-def check_alignment(run: RecordedRun, simulated: Mapping[str, FloatArray]) -> list[str]:
+def check_alignment(run: RecordedRun, simulated: Mapping[str, FloatArray], *, unit_is_told: bool = False) -> list[str]:
     """Compare a run with its nominal simulation, and return warnings in words.
 
     Parameters
@@ -153,6 +153,9 @@ def check_alignment(run: RecordedRun, simulated: Mapping[str, FloatArray]) -> li
     run : RecordedRun
     simulated : mapping of str to (n_samples,) array
         Channels of the same command on the nominal model, not re-calibrated.
+    unit_is_told : bool
+        Whether the unit of the force is right, as its controller tells (`fdbench.diagnosis.records.asked_force`): its
+        size is the machine's, then.
 
     Raises
     ------
@@ -193,7 +196,8 @@ def check_alignment(run: RecordedRun, simulated: Mapping[str, FloatArray]) -> li
             f"{run.name}: measured and simulated force have next to nothing in common (correlation {correlation:.2f}). "
             "Another column or axis, or a force that the model lacks and that hides all others."
         )
-    if correlation > PLAUSIBLE.alike and not 1.0 / PLAUSIBLE.wrong_gain < ratio < PLAUSIBLE.wrong_gain:
+    is_of_another_size = not 1.0 / PLAUSIBLE.wrong_gain < ratio < PLAUSIBLE.wrong_gain
+    if correlation > PLAUSIBLE.alike and is_of_another_size and not unit_is_told:
         text = (
             f"{run.name}: the measured force is {ratio:.4g} times the simulated one, with the same shape (correlation "
             f"{correlation:.2f}).{_factor_words(ratio)} Probably its gain (N for each volt, ampere or newton metre) is "

@@ -144,6 +144,16 @@ class RecordedRun:
             return 0.0
         return float(np.polyfit(np.arange(len(standing)), standing, 1)[1])
 
+    @functools.cached_property
+    def carried_force_N(self) -> float:
+        """Force with which a run in motion begins, by a line through its first few samples; 0 where it stands."""
+        if self.lead_in is not None:
+            return self.whole.carried_force_N
+        if not self.moves[0]:
+            return 0.0
+        first = (self.readings or self.channels)[FORCE][: RECORDS.start_samples]
+        return float(np.polyfit(np.arange(len(first)), first, 1)[1])
+
     def lead_in_samples(self, settling_s: float) -> int:
         """Return the samples until what is followed has left where it began, and the loop has settled after that.
 

@@ -75,6 +75,27 @@ def test_an_axis_that_sticks_where_the_model_creeps_repeats_its_reading_and_drop
     assert interpolated(run, model) == (run, 0)
 
 
+def test_what_repeats_while_no_motion_is_commanded_was_not_dropped() -> None:
+    """A loop without integral stands on one count of its encoder, with one force, beside a model that still creeps."""
+    moves = np.arange(N) >= N - 100
+    creeps, stroke = 1e-6 * np.exp(-TIME_S), np.cumsum(np.where(moves, 1e-4, 0.0))
+    counts = 1e-7 * np.floor(10.0 * np.exp(-TIME_S))
+    held = np.append(False, np.diff(counts) == 0.0) & ~moves
+    nearly_level = 1e-9 * np.cumsum(moves)
+    run = RecordedRun(
+        name="x",
+        period_s=PERIOD_S,
+        reference=np.column_stack((stroke, 0.1 * moves, np.zeros(N))),
+        channels={"motor_force_N": 1e6 * counts + nearly_level, "position_m": counts + stroke},
+        lap=None,
+        held=held,
+    )
+    model = {"motor_force_N": 1e6 * creeps, "position_m": creeps + stroke}
+    assert interpolated(run, model) == (run, 0)
+    told_to_move = dataclasses.replace(run, reference=np.column_stack((stroke, np.full(N, 0.1), np.zeros(N))))
+    assert interpolated(told_to_move, model)[1] > 1000
+
+
 @pytest.mark.parametrize("step_m", [1e-6, 2e-7])
 def test_a_grid_of_readings_is_recognised(step_m: float) -> None:
     replay = Replay(NOMINAL.drive, NOMINAL.library, NOMINAL.simulation.substeps)

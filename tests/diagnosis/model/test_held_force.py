@@ -85,3 +85,23 @@ def test_a_held_weight_moves_nothing_at_rest() -> None:
     simulated = Replay(nominal.drive, nominal.library, 10).alone(own, start(nominal).variant)
     left = own.channels["position_m"] - simulated["position_m"]
     assert np.abs(left[:150]).max() < 1e-6
+
+
+def test_a_velocity_loop_that_is_recorded_in_motion_has_its_integral_from_the_force() -> None:
+    """Without a position loop nothing brings the simulated axis back to where the measured one is."""
+    paper = axis_lab.drive()
+    loop = dataclasses.replace(paper.controller, position_gain_per_s=0.0)
+    axis = dataclasses.replace(paper, controller=loop)
+    motion, duration_s = axis_lab.protocol(1.0)["steps"]
+    full = axis_lab.record(axis, (), motion, duration_s, 1)
+    begun = 700  # in motion at constant speed
+    columns = {name: values[begun:] for name, values in full.items()}
+    record = Record({**columns, "time_s": columns["time_s"] - columns["time_s"][0]}, {}, full.source)
+    nominal = Nominal(plant=axis, simulation=Simulation(substeps=10))
+    own = prepare(record, nominal.drive)
+    assert own.held_force_N == 0.0
+    assert own.carried_force_N == pytest.approx(float(record["motor_torque_Nm"][0]) * 2.0 * np.pi / 0.01, rel=0.05)
+    simulated = Replay(nominal.drive, nominal.library, 10).alone(own, start(nominal).variant)
+    apart = own.channels["position_m"] - simulated["position_m"]
+    empty_m = own.carried_force_N / loop.integral_gain_N_per_m
+    assert np.abs(apart[-500:]).max() < 0.05 * empty_m, "an integral that begins at nothing leaves all of it"

@@ -6,7 +6,9 @@ import axis_lab
 import numpy as np
 import pytest
 
-from fdbench.diagnosis.records.asked_force import asked_force, force_scale, scale_warnings
+from fdbench.diagnosis.evidence.prepare import aligned
+from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.records.asked_force import asked_force, force_scale, is_as_asked, scale_warnings
 from fdbench.diagnosis.records.runs import RecordedRun, prepare
 from fdbench.plants.feed_drive import Cascade, FeedDrive, Following
 
@@ -29,6 +31,18 @@ def test_the_force_of_a_controller_is_what_it_asks_for_whatever_the_machine_is()
         scales = [force_scale(run, drive.controller) for run in runs(machine)]
         assert scales == pytest.approx([1.0, 1.0], abs=0.02)
     assert scale_warnings(runs(heavier), drive) == []
+    assert is_as_asked(runs(heavier), drive)
+
+
+def test_friction_that_is_doubled_is_no_wrong_unit_where_the_controller_tells_the_force() -> None:
+    drive = axis_lab.drive()
+    (motion, duration_s) = axis_lab.protocol(1.0)["steps"]
+    record = axis_lab.record(axis_lab.other_friction(drive, 3.0), (), motion, duration_s, 1)
+    known = Nominal(plant=drive, simulation=Simulation(substeps=10))
+    without = dataclasses.replace(known, plant=dataclasses.replace(drive, controller=Following()))
+    said = [[line for line in aligned(model, [record], []).warnings if "gain" in line] for model in (known, without)]
+    assert said[0] == []
+    assert "Probably its gain" in said[1][0]
 
 
 @pytest.mark.parametrize("scale", [1.2, 0.8, 2.0**0.5])
@@ -37,6 +51,7 @@ def test_a_force_of_another_unit_is_told_by_its_factor(scale: float) -> None:
     (said,) = scale_warnings(runs(drive, scale), drive)
     told = float(said.split("motor_force_N is ")[1].split(" times")[0])
     assert told == pytest.approx(scale, rel=0.02)
+    assert not is_as_asked(runs(drive, scale), drive)
     assert float(said.split("gain = ")[1].split(" in")[0]) == pytest.approx(1.0 / scale, rel=0.02)
 
 
@@ -44,6 +59,7 @@ def test_one_record_of_another_scale_is_no_unit_and_without_a_controller_nothing
     drive = axis_lab.drive()
     (fast, _), (_, slow) = runs(drive, 1.2), runs(drive)
     assert scale_warnings([fast, slow], drive) == []
+    assert not is_as_asked([fast, slow], drive)
     assert scale_warnings(runs(drive, 1.2), dataclasses.replace(drive, controller=Following())) == []
 
 
