@@ -232,22 +232,58 @@ def prepare(record: Record, drive: FeedDrive, rates: str = "central", cycles: in
             f"{record.source}: no column {COMMAND}; the command is needed to simulate the same motion. "
             "Log the controller's position reference, or map it from the column that holds it."
         )
-    period = record.sampling_time_s
-    position = record[COMMAND]
+    period, held = record.sampling_time_s, held_samples(record)
+    stale = stale_commands(record[COMMAND], held)
+    position = _going_on(record[COMMAND], stale)
     velocity = record.get("reference_velocity_m_per_s")
     rate_of = COMMAND_RATES[rates]
-    velocity = rate_of(position, period, cycles) if velocity is None else velocity
+    velocity = rate_of(position, period, cycles) if velocity is None else _going_on(velocity, stale)
     acceleration = record.get("reference_acceleration_m_per_s2")
-    acceleration = rate_of(velocity, period, cycles) if acceleration is None else acceleration
+    acceleration = rate_of(velocity, period, cycles) if acceleration is None else _going_on(acceleration, stale)
     return RecordedRun(
         name=record.source,
         period_s=period,
         reference=np.column_stack((position, velocity, acceleration)),
         channels=channels_of(record, drive, position_column(record, drive)),
         lap=lap_length(position, period, RECORDS.same_command),
-        held=held_samples(record),
+        held=held,
         condition=record.provenance.get("condition"),
     )
+
+
+def stale_commands(command: FloatArray, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return where a logger repeats a row as a whole, (n_samples,), the command with what was measured.
+
+    There the command stands, and then catches up with what it went by before and goes by after. What stands still, or
+    is coarse, does not.
+
+    >>> held = np.array([False, False, False, True, False, False])
+    >>> stale_commands(np.array([0.0, 1.0, 2.0, 2.0, 4.0, 5.0]), held).tolist()
+    [False, False, False, True, False, False]
+    >>> stale_commands(np.array([0.0, 1.0, 2.0, 2.0, 3.0, 4.0]), held).any()
+    np.False_
+    """
+    found = np.zeros(len(command), dtype=np.bool_)
+    fresh = np.flatnonzero(~held)
+    speed = np.diff(command[fresh]) / np.diff(fresh)
+    for before in (1 + np.flatnonzero(np.diff(fresh)[1:-1] > 1)).tolist():
+        last, following = int(fresh[before]), int(fresh[before + 1])
+        step = 0.5 * float(speed[before - 1] + speed[before + 1])
+        lost = float(command[following] - command[last]) - step
+        if np.ptp(command[last:following]) == 0.0:
+            found[last + 1 : following] = abs(lost - (following - last - 1) * step) < 0.5 * abs(step)
+    return found
+
+
+def _going_on(command: FloatArray, stale: NDArray[np.bool_]) -> FloatArray:
+    """Return a command with what is stale replaced by a cubic spline through the rest."""
+    if not stale.any():
+        return command
+    from scipy.interpolate import CubicSpline
+
+    found, place = command.copy(), np.arange(len(command))
+    found[stale] = CubicSpline(place[~stale], command[~stale])(place[stale])
+    return found
 
 
 def rate(values: FloatArray, period_s: float, cycles: int = 1) -> FloatArray:

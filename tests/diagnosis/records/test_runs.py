@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import axis_lab
 import numpy as np
 import pytest
 from open_loop import NOMINAL, STAIRS, recorded
@@ -10,7 +11,7 @@ from fdbench.diagnosis.evidence.baseline import Baseline
 from fdbench.diagnosis.evidence.prepare import split_runs
 from fdbench.diagnosis.model.virtual_controller import prepared
 from fdbench.diagnosis.records.noise_model import noise_models
-from fdbench.diagnosis.records.runs import RecordedRun, merged, repeated, same_command, same_force, same_motion
+from fdbench.diagnosis.records.runs import RecordedRun, merged, prepare, repeated, same_command, same_force, same_motion
 from fdbench.record import Record
 
 
@@ -63,3 +64,30 @@ def test_a_commanded_motion_tells_repeats_by_itself() -> None:
     commands = 0.1 * np.sin(np.arange(2000) / 200.0), 0.1 * np.sin(np.arange(2000) / 300.0)
     runs = runs_of([recorded(STAIRS, 30.0, seed, reference_position_m=own) for seed, own in enumerate(commands)])
     assert not same_command(*runs)
+
+
+def test_rows_that_are_repeated_as_a_whole_have_no_command_of_their_own() -> None:
+    motion, duration_s = axis_lab.protocol(1.0)["fast"]
+    record = axis_lab.record(axis_lab.drive(), (), motion, duration_s, 1)
+    whole = prepare(record, axis_lab.drive())
+    rng, n = np.random.default_rng(0), record.n_samples
+    stale = rng.random(n) < 0.03
+    stale[0] = False
+    rows = np.maximum.accumulate(np.where(stale, 0, np.arange(n)))
+    repeated = Record({**{name: values[rows] for name, values in record.items()}, "time_s": record["time_s"]}, {}, "x")
+    run = prepare(repeated, axis_lab.drive())
+    moves = whole.moves
+    as_logged = np.abs(repeated["reference_position_m"] - record["reference_position_m"])[moves].max()
+    mended = np.abs(run.reference[:, 0] - whole.reference[:, 0])[moves].max()
+    assert mended < 0.05 * as_logged
+    assert run.held is not None
+    assert run.held[stale & moves].all()
+
+
+def test_a_coarse_command_is_left_as_it_is() -> None:
+    motion, duration_s = axis_lab.protocol(1.0)["steps"]
+    record = axis_lab.record(axis_lab.drive(), (), motion, duration_s, 1)
+    coarse = 1e-5 * np.round(record["reference_position_m"] / 1e-5)
+    columns = {name: np.zeros(record.n_samples) for name in record if name != "time_s"}
+    still = Record({**columns, "time_s": record["time_s"], "reference_position_m": coarse}, {}, "x")
+    assert np.array_equal(prepare(still, axis_lab.drive()).reference[:, 0], coarse)
