@@ -179,6 +179,8 @@ class Cause:
         Parameters that were not found from the data.
     at_bound : tuple of str
         Parameters that lie on the bound of what the library allows.
+    within_known : bool
+        Whether it says no more than how a known friction turns its sign, or what that is in doubt by: no cause.
     """
 
     effect: str
@@ -196,6 +198,7 @@ class Cause:
     force_balances: ForceBalances | None = None
     typical: tuple[str, ...] = ()
     at_bound: tuple[str, ...] = ()
+    within_known: bool = False
 
     def __post_init__(self) -> None:
         # Answers of before ``kind`` say it by ``parametric``, which stays readable and written.

@@ -38,6 +38,7 @@ from fdbench.wording import (
 
 WIDTH = 100
 LIKELY = 0.5
+SURE = 0.9
 MOSTLY = 0.5  # share of the noise within a run that is most of it
 WORTH_SAYING = 0.1  # probability of a cause that is worth a sentence
 UNEXPLAINED = 0.2  # share of the gap that is worth a sentence
@@ -355,8 +356,11 @@ def _doubts(answer: Answer) -> Iterator[str]:
                 f"removes {part_text(rival.reduction)} of their squares) rather than for {cause.effect} "
                 f"({part_text(balances.reduction)}): the controller may not be the nominal one."
             )
+    sure = {cause.effect for cause in answer.causes if cause.probability >= SURE}
     for step in answer.shrinkage.steps:
-        if step.ci95[0] <= 0.0:
+        if step.ci95[0] <= 0.0 and step.added in sure and step is not answer.shrinkage.steps[-1]:
+            yield f"What {step.added} adds shows beside what follows it: the interval of its own step includes none."
+        elif step.ci95[0] <= 0.0:
             yield f"What {step.added} adds may be chance: the interval of its reduction includes none."
     for name, channel in answer.gap.channels.items():
         if channel.repaired > 1.02 * channel.recalibrated:
@@ -529,6 +533,8 @@ def _causes(answer: Answer) -> Iterator[str]:
             f"{percent(unique(cause))}"
         )
         yield _values(cause)
+        if cause.within_known:
+            yield "  no cause: how the known friction turns its sign, or as much as that is in doubt by"
         if other := cause.instead:
             removed = f"{part_text(other.reduction)} instead of {part_text(other.reduction_of_named or 0.0)}"
             yield f"  in its place {other.effect} would remove {removed} of the held-out misfit"

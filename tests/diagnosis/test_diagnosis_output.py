@@ -292,6 +292,24 @@ def test_doubts_are_said(found: Diagnosis) -> None:
     assert "a first guess" not in summary(replace(answer, shrinkage=held_out))
 
 
+def test_a_step_of_a_sure_cause_is_no_chance_where_others_follow_it(found: Diagnosis) -> None:
+    answer = found.answer
+    assert answer.causes[0].probability > 0.9
+    step = replace(answer.shrinkage.steps[0], added=answer.causes[0].effect, ci95=(-0.02, 0.1))
+    for steps, words in (
+        ((step, replace(step, added="cogging", ci95=(0.1, 0.2))), "shows beside"),
+        ((step,), "chance"),
+    ):
+        text = " ".join(summary(replace(answer, shrinkage=replace(answer.shrinkage, steps=steps))).split())
+        assert words in text
+
+
+def test_friction_within_the_doubt_of_the_known_one_is_said_to_be_no_cause(found: Diagnosis) -> None:
+    causes = [replace(cause, probability=0.005, within_known=True) for cause in found.answer.causes]
+    assert "no cause: how the known friction turns" in summary(replace(found.answer, causes=tuple(causes)))
+    assert "no cause: how" not in summary(found.answer)
+
+
 def test_it_is_said_how_seldom_axes_without_a_cause_are_given_one(found: Diagnosis) -> None:
     alarms = found.answer.false_alarms
     assert alarms is not None

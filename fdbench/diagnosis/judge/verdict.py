@@ -174,6 +174,7 @@ def _named(
         force_balances=force_balances(removed, type(effect), same),
         typical=tuple(not_fitted(effect)),
         at_bound=tuple(at_bound(effect)),
+        within_known=item.no_cause,
     )
 
 
