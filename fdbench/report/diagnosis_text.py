@@ -348,7 +348,7 @@ def _doubts(answer: Answer) -> Iterator[str]:
             "Re-calibration alone takes up part of what the effects do: beside them the nominal parameters hardly "
             "move, so the effects explain more of the nominal gap than re-calibration leaves to them."
         )
-    for cause in answer.causes:
+    for cause in (item for item in answer.causes if item.probability >= WORTH_SAYING):
         balances = cause.force_balances
         if balances and (rival := balances.instead) and rival.reduction > balances.reduction + DISSENT:
             yield (

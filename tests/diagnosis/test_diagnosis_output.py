@@ -16,7 +16,16 @@ from html_page import Page
 
 from fdbench import cli
 from fdbench.catalogue import scenario_folder
-from fdbench.diagnosis.answer import VALUE, Cause, ExpectedProbability, Experiment, Separation, from_json
+from fdbench.diagnosis.answer import (
+    VALUE,
+    Cause,
+    ExpectedProbability,
+    Experiment,
+    ForceBalances,
+    RivalReduction,
+    Separation,
+    from_json,
+)
 from fdbench.diagnosis.diagnose import Diagnosis, diagnose
 from fdbench.diagnosis.judge.localise import Gaps, Partition, where
 from fdbench.diagnosis.model.as_nominal import as_nominal
@@ -308,6 +317,14 @@ def test_friction_within_the_doubt_of_the_known_one_is_said_to_be_no_cause(found
     causes = [replace(cause, probability=0.005, within_known=True) for cause in found.answer.causes]
     assert "no cause: how the known friction turns" in summary(replace(found.answer, causes=tuple(causes)))
     assert "no cause: how" not in summary(found.answer)
+
+
+def test_forces_doubt_the_controller_for_causes_that_are_named_alone(found: Diagnosis) -> None:
+    first = found.answer.causes[0]
+    balances = ForceBalances(reduction=0.1, instead=RivalReduction(effect="structural_mode", reduction=0.9))
+    for probability, is_said in ((0.95, True), (0.01, False)):
+        causes = (replace(first, probability=probability, force_balances=balances),)
+        assert ("the controller may not" in " ".join(summary(replace(found.answer, causes=causes)).split())) is is_said
 
 
 def test_it_is_said_how_seldom_axes_without_a_cause_are_given_one(found: Diagnosis) -> None:
