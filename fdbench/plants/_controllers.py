@@ -75,8 +75,7 @@ class Cascade:
     them, the velocity that it asks for is held, and :math:`a_r` goes on. A filter that takes the share :math:`\alpha`
     of each new velocity is one of :math:`\tau = T (1 / \alpha - 1)`. The integral is T times the sum of the errors up
     to the sample before, and stops while the force is limited; one with the error of this sample is that of
-    :math:`K_p + K_i T`. Source:
-    Altintas, Manufacturing Automation (2012), section 5.5.
+    :math:`K_p + K_i T`. Source: Altintas, Manufacturing Automation (2012), section 5.5.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ import dataclasses
 import difflib
 import math
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -84,7 +84,7 @@ def read_record(path: str | Path, data_folder: str | Path | None = None) -> Reco
             "writes one."
         )
     raw = _read(file, kind(), None)
-    _check_stamps({name: name for name in raw.columns}, raw, str(file))
+    _check_stamps([(name, name) for name in raw.columns], raw, str(file))
     return _checked(raw.columns, raw, {**raw.provenance} or origin(file), str(file))
 
 
@@ -166,8 +166,7 @@ def read_mapped(mapping: Mapping[str, Any], folder: str | Path, where: str) -> R
             f"{where}: [columns] time_s: '{rules['time_s'].source}' holds times of day, which are read as seconds: "
             "leave out unit and gain."
         )
-    _check_stamps({name: rule.source for name, rule in rules.items()}, raw, str(file))
-    _check_stamps({f"{name} (minus)": rule.minus for name, rule in rules.items() if rule.minus}, raw, str(file))
+    _check_stamps([(name, source) for name, rule in rules.items() for source in rule.sources], raw, str(file))
     clock = rules["time_s"].source if "time_s" in rules else None
     raw = on_clock(raw, clock, str(file))
     length = _length(raw)
@@ -331,8 +330,8 @@ def _in_time(
     return moved, dataclasses.replace(raw, place=lambda sample: raw.place(first + sample))
 
 
-def _check_stamps(sources: Mapping[str, str], raw: Raw, file: str) -> None:
-    for name, source in sources.items():
+def _check_stamps(sources: Iterable[tuple[str, str]], raw: Raw, file: str) -> None:
+    for name, source in sources:
         if source in raw.stamps and name != "time_s":
             raise RecordError(f"{file}: column {source} holds times of day; only time_s may hold such, not {name}.")
 

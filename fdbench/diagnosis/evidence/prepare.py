@@ -29,7 +29,7 @@ from fdbench.diagnosis.model.nominal import Covered, Nominal
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.model.virtual_controller import prepared
-from fdbench.diagnosis.records.asked_force import is_as_asked, scale_warnings
+from fdbench.diagnosis.records.asked_force import ForceScales
 from fdbench.diagnosis.records.conditions import Apart, apart, restless
 from fdbench.diagnosis.records.encoder_zeros import with_common_zeros
 from fdbench.diagnosis.records.force_reading import limits_of_forces
@@ -126,13 +126,12 @@ def aligned(
     drive = nominal.drive
     replay, given = _replay(nominal), start(nominal)
     as_read = [run.as_read() for run in runs]
-    scales = scale_warnings(as_read, drive, nominal.simulation.cycles)
-    warnings = [*copies, *assumed, *limits_of_forces(as_read, drive), *scales]
+    scales = ForceScales.of(as_read, drive, nominal.simulation.cycles)
+    warnings = [*copies, *assumed, *limits_of_forces(as_read, drive), *scales.warnings()]
     simulated = replay.on_each(runs, given.variant)
     runs, zeros = with_common_zeros(runs, simulated)
     beside = zip(runs, simulated, strict=True) if logged else ()
-    unit_is_told = is_as_asked(as_read, drive, nominal.simulation.cycles)
-    said = [text for run, own in beside for text in check_alignment(run, own, unit_is_told=unit_is_told)]
+    said = [text for run, own in beside for text in check_alignment(run, own, unit_is_told=scales.tell_the_unit)]
     every = [_beside_model(run, own, baseline) for run, own in zip(runs, simulated, strict=True)]
     warnings += [*zeros, *said, *(text for item in every for text in item.warnings)]
     others = apart([item.run for item in every])

@@ -309,9 +309,8 @@ class _ReplayLane:
         depends on it for good.
         """
         plant, gains = self.variant.plant, self.variant.plant.controller.rows()
-        begins_at_rest, command = self.run.held_force_N != 0.0, self.run.command[0]
-        carries = not begins_at_rest and gains.get("POSITION_GAIN", 0.0) == 0.0
-        force_N = self.run.carried_force_N if carries else self.run.held_force_N
+        held_N, command = self.run.held_force_N, self.run.command[0]
+        force_N = held_N if held_N != 0.0 or gains.get("POSITION_GAIN", 0.0) > 0.0 else self.run.carried_force_N
         if force_N == 0.0 or gains.get("INTEGRAL_GAIN", 0.0) == 0.0:
             return {}
         position_m, velocity_m_per_s = self.run.start
@@ -319,7 +318,7 @@ class _ReplayLane:
         error += gains["VELOCITY_FEEDFORWARD"] * float(command[1])
         ahead_N = gains["ACCELERATION_FEEDFORWARD"] * float(command[2])
         integral = (force_N - ahead_N - gains["VELOCITY_GAIN"] * error) / gains["INTEGRAL_GAIN"]
-        if carries:
+        if held_N == 0.0:
             return {"INTEGRAL": integral}
         stretch_m = 0.0 if plant.screw is None else force_N / plant.screw.stiffness_N_per_m
         if plant.controller.uses_table:

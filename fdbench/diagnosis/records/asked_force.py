@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,53 +13,50 @@ from fdbench.plants.feed_drive import Cascade, FeedDrive
 from fdbench.record import FloatArray
 
 
-def scale_warnings(runs: Sequence[RecordedRun], drive: FeedDrive, loops: int = 1) -> list[str]:
-    """Return a warning where the logged force is by one factor what the controller asks for on the logged readings.
+@dataclass(frozen=True, kw_only=True)
+class ForceScales:
+    """How many times what a controller asks for on the logged readings the logged force is.
 
-    No model of the machine is needed for that, so that neither friction nor mass stands in for a wrong unit. By what
-    half a sampling time of the speed changes, no factor is told.
+    No model of the machine is needed for that, so that neither friction nor mass stands in for a wrong unit.
 
-    Parameters
+    Attributes
     ----------
-    runs : sequence of RecordedRun
-        As read.
-    drive : FeedDrive
-        The nominal model, whose controller is told.
-    loops : int
-        How often that acts between two samples.
+    found : tuple of float
+        `force_scale` of the runs that tell it.
+    most : float
+        Factor up to which nothing is told: a speed that is half a sampling time early or late is a part of the force
+        that accelerates.
     """
-    found, most = _scales(runs, drive, loops)
-    if not found or (1.0 / most < max(found) and min(found) < most):
-        return []
-    scale = math.sqrt(min(found) * max(found))
-    return [
-        f"{FORCE} is {scale:.3g} times what the model's controller asks for on the logged readings, in every record. "
-        "Either its unit is off by that (torque constant, peak or root mean square, percent of what), which gain = "
-        f"{1.0 / scale:.4g} in the mapping would mend, or the velocity loop's gains are, or the controller has what "
-        "the model lacks, such as a filter of the command."
-    ]
 
+    found: tuple[float, ...] = ()
+    most: float = math.inf
 
-def is_as_asked(runs: Sequence[RecordedRun], drive: FeedDrive, loops: int = 1) -> bool:
-    """Return whether the force of some runs is what their controller asks for, and of no run another one.
+    @classmethod
+    def of(cls, runs: Sequence[RecordedRun], drive: FeedDrive, loops: int = 1) -> "ForceScales":
+        """Return those of runs as read, by the nominal controller, which acts so often between two samples."""
+        controller = drive.controller
+        if not isinstance(controller, Cascade):
+            return cls()
+        found = tuple(scale for run in runs if (scale := force_scale(run, controller, loops)) is not None)
+        untold = 0.5 * max(run.period_s for run in runs) * controller.velocity_gain_N_s_per_m / drive.mass_kg
+        return cls(found=found, most=PLAUSIBLE.other_scale + untold)
 
-    Its unit is right, then. For the parameters see `scale_warnings`.
-    """
-    found, most = _scales(runs, drive, loops)
-    return bool(found) and 1.0 / most < min(found) and max(found) < most
+    @property
+    def tell_the_unit(self) -> bool:
+        """Whether the force of some runs is what their controller asks for, and of no run another one."""
+        return bool(self.found) and 1.0 / self.most < min(self.found) and max(self.found) < self.most
 
-
-def _scales(runs: Sequence[RecordedRun], drive: FeedDrive, loops: int) -> tuple[list[float], float]:
-    """Return `force_scale` of the runs that tell it, and the factor up to which nothing is told.
-
-    A speed that is half a sample early or late is a part of the force that accelerates.
-    """
-    controller = drive.controller
-    if not isinstance(controller, Cascade):
-        return [], math.inf
-    found = [scale for run in runs if (scale := force_scale(run, controller, loops)) is not None]
-    untold = 0.5 * max(run.period_s for run in runs) * controller.velocity_gain_N_s_per_m / drive.mass_kg
-    return found, PLAUSIBLE.other_scale + untold
+    def warnings(self) -> list[str]:
+        """Return a warning where the logged force is another one in every run."""
+        if not self.found or (1.0 / self.most < max(self.found) and min(self.found) < self.most):
+            return []
+        scale = math.sqrt(min(self.found) * max(self.found))
+        return [
+            f"{FORCE} is {scale:.3g} times what the model's controller asks for on the logged readings, in every "
+            "record. Either its unit is off by that (torque constant, peak or root mean square, percent of what), "
+            f"which gain = {1.0 / scale:.4g} in the mapping would mend, or the velocity loop's gains are, or the "
+            "controller has what the model lacks, such as a filter of the command."
+        ]
 
 
 def force_scale(run: RecordedRun, controller: Cascade, loops: int = 1) -> float | None:

@@ -133,9 +133,8 @@ def _refuse_copies(run: RecordedRun, position: FloatArray, force: FloatArray) ->
     lag[order[1:][twin]] = np.diff(order)[twin]
     moving, fewest = np.concatenate(([False], np.diff(position) != 0.0)), PLAUSIBLE.copied_samples
     for first, last in stretches((lag > 0) & np.concatenate(([False], lag[1:] == lag[:-1]))):
-        if last - first < fewest or np.count_nonzero(moving[first:last]) <= fewest // 2:
-            continue
-        if not _comes_again(run, first, last, int(lag[first])):
+        is_block = last - first >= fewest and np.count_nonzero(moving[first:last]) > fewest // 2
+        if is_block and not _comes_again(run, first, last, int(lag[first])):
             raise RecordError(
                 f"{run.name}: the {last - first + 1} samples from {_place(run, first - 1)} on repeat those "
                 f"{lag[first]} samples before to the last digit. A block was written twice: cut one of them out."

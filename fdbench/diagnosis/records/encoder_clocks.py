@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fdbench.diagnosis.records.runs import DEFLECTION, POSITION, RecordedRun
+from fdbench.diagnosis.records.runs import POSITION, RecordedRun, left_between_encoders
 from fdbench.diagnosis.settings import PLAUSIBLE
 from fdbench.record import FloatArray
 from fdbench.wording import si_text
@@ -26,12 +26,10 @@ def encoder_clock_warnings(runs: Sequence[RecordedRun], simulated: Sequence[Mapp
     simulated : sequence of mappings
         Channels of each run as the re-calibrated model has them.
     """
-    if any(DEFLECTION not in run.channels for run in runs):
+    left = left_between_encoders(runs, simulated)
+    if left is None:
         return []
     period_s = runs[0].period_s
-    left = np.concatenate(
-        [run.channels[DEFLECTION] - own[DEFLECTION] for run, own in zip(runs, simulated, strict=True)]
-    )
     speeds = [np.gradient(own[POSITION], period_s) for own in simulated]
     speed, rate = np.concatenate(speeds), np.concatenate([np.gradient(own, period_s) for own in speeds])
     others = np.stack((np.ones_like(speed), np.sign(speed), rate), axis=1)
@@ -39,8 +37,9 @@ def encoder_clock_warnings(runs: Sequence[RecordedRun], simulated: Sequence[Mapp
         return []
     both = np.stack((left, speed), axis=1)
     alone, ahead = (both - others @ np.linalg.lstsq(others, both, rcond=None)[0]).T
-    late_s = float(alone @ ahead / (ahead @ ahead))
-    removed = late_s**2 * float(ahead @ ahead) / max(float(alone @ alone), 1e-300)
+    told = max(float(ahead @ ahead), 1e-300)
+    late_s = float(alone @ ahead) / told
+    removed = late_s**2 * told / max(float(alone @ alone), 1e-300)
     if removed < PLAUSIBLE.delayed or abs(late_s) < PLAUSIBLE.encoders_apart * period_s:
         return []
     return [

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
+from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun, left_between_encoders
 from fdbench.diagnosis.settings import PLAUSIBLE
 from fdbench.record import FloatArray
 from fdbench.wording import si_text
@@ -27,11 +27,9 @@ def with_common_zeros(
     simulated : sequence of mappings
         Channels of each run as a model has them.
     """
-    if any(DEFLECTION not in run.channels for run in runs):
+    left = left_between_encoders(runs, simulated)
+    if left is None:
         return list(runs), []
-    left = np.concatenate(
-        [run.channels[DEFLECTION] - own[DEFLECTION] for run, own in zip(runs, simulated, strict=True)]
-    )
     known = left[np.isfinite(left)]
     apart_m = float(np.mean(np.quantile(known, ENDS))) if len(known) else 0.0
 

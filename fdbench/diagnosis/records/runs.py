@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.diagnosis.records.stale_commands import going_on, stale_commands
 from fdbench.diagnosis.settings import RECORDS
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import FeedDrive
@@ -109,14 +110,18 @@ class RecordedRun:
         """The reference from where the record begins, (n_before + n_samples, 3)."""
         return self.reference if self.lead_in is None else np.concatenate((self.lead_in.reference, self.reference))
 
+    def _line_at_start(self, values: FloatArray) -> tuple[float, float]:
+        """Return where a line through the first few samples of a channel begins, and its slope per second."""
+        first = values[: RECORDS.start_samples]
+        slope, offset = np.polyfit(np.arange(len(first)) * self.period_s, first, 1)
+        return float(offset), float(slope)
+
     @functools.cached_property
     def start(self) -> tuple[float, float]:
         """Position (m) and velocity (m/s) where the record begins, by a line through the first few samples."""
         if self.lead_in is not None:
             return self.whole.start
-        first = self.channels[POSITION][: RECORDS.start_samples]
-        slope, offset = np.polyfit(np.arange(len(first)) * self.period_s, first, 1)
-        return float(offset), float(slope)
+        return self._line_at_start(self.channels[POSITION])
 
     @property
     def moves(self) -> NDArray[np.bool_]:
@@ -149,10 +154,7 @@ class RecordedRun:
         """Force with which a run in motion begins, by a line through its first few samples; 0 where it stands."""
         if self.lead_in is not None:
             return self.whole.carried_force_N
-        if not self.moves[0]:
-            return 0.0
-        first = (self.readings or self.channels)[FORCE][: RECORDS.start_samples]
-        return float(np.polyfit(np.arange(len(first)), first, 1)[1])
+        return self._line_at_start((self.readings or self.channels)[FORCE])[0] if self.moves[0] else 0.0
 
     def lead_in_samples(self, settling_s: float) -> int:
         """Return the samples until what is followed has left where it began, and the loop has settled after that.
@@ -234,12 +236,12 @@ def prepare(record: Record, drive: FeedDrive, rates: str = "central", cycles: in
         )
     period, held = record.sampling_time_s, held_samples(record)
     stale = stale_commands(record[COMMAND], held)
-    position = _going_on(record[COMMAND], stale)
+    position = going_on(record[COMMAND], stale)
     velocity = record.get("reference_velocity_m_per_s")
     rate_of = COMMAND_RATES[rates]
-    velocity = rate_of(position, period, cycles) if velocity is None else _going_on(velocity, stale)
+    velocity = rate_of(position, period, cycles) if velocity is None else going_on(velocity, stale)
     acceleration = record.get("reference_acceleration_m_per_s2")
-    acceleration = rate_of(velocity, period, cycles) if acceleration is None else _going_on(acceleration, stale)
+    acceleration = rate_of(velocity, period, cycles) if acceleration is None else going_on(acceleration, stale)
     return RecordedRun(
         name=record.source,
         period_s=period,
@@ -249,41 +251,6 @@ def prepare(record: Record, drive: FeedDrive, rates: str = "central", cycles: in
         held=held,
         condition=record.provenance.get("condition"),
     )
-
-
-def stale_commands(command: FloatArray, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where a logger repeats a row as a whole, (n_samples,), the command with what was measured.
-
-    There the command stands, and then catches up with what it went by before and goes by after. What stands still, or
-    is coarse, does not.
-
-    >>> held = np.array([False, False, False, True, False, False])
-    >>> stale_commands(np.array([0.0, 1.0, 2.0, 2.0, 4.0, 5.0]), held).tolist()
-    [False, False, False, True, False, False]
-    >>> stale_commands(np.array([0.0, 1.0, 2.0, 2.0, 3.0, 4.0]), held).any()
-    np.False_
-    """
-    found = np.zeros(len(command), dtype=np.bool_)
-    fresh = np.flatnonzero(~held)
-    speed = np.diff(command[fresh]) / np.diff(fresh)
-    for before in (1 + np.flatnonzero(np.diff(fresh)[1:-1] > 1)).tolist():
-        last, following = int(fresh[before]), int(fresh[before + 1])
-        step = 0.5 * float(speed[before - 1] + speed[before + 1])
-        lost = float(command[following] - command[last]) - step
-        if np.ptp(command[last:following]) == 0.0:
-            found[last + 1 : following] = abs(lost - (following - last - 1) * step) < 0.5 * abs(step)
-    return found
-
-
-def _going_on(command: FloatArray, stale: NDArray[np.bool_]) -> FloatArray:
-    """Return a command with what is stale replaced by a cubic spline through the rest."""
-    if not stale.any():
-        return command
-    from scipy.interpolate import CubicSpline
-
-    found, place = command.copy(), np.arange(len(command))
-    found[stale] = CubicSpline(place[~stale], command[~stale])(place[stale])
-    return found
 
 
 def rate(values: FloatArray, period_s: float, cycles: int = 1) -> FloatArray:
@@ -361,6 +328,17 @@ def position_column(record: Record, drive: FeedDrive) -> str:
     others = f" It has {other}, but the controller's feedback is the other side." if other in record else ""
     raise RecordError(
         f"{record.source}: no column position_m or {own}.{others} Map the position that closes the loop to position_m."
+    )
+
+
+def left_between_encoders(
+    runs: Sequence[RecordedRun], simulated: Sequence[Mapping[str, FloatArray]]
+) -> FloatArray | None:
+    """Return what a model leaves of the distance of motor and table, over all runs; None where not both are read."""
+    if any(DEFLECTION not in run.channels for run in runs):
+        return None
+    return np.concatenate(
+        [run.channels[DEFLECTION] - own[DEFLECTION] for run, own in zip(runs, simulated, strict=True)]
     )
 
 

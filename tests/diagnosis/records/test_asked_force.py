@@ -8,7 +8,7 @@ import pytest
 
 from fdbench.diagnosis.evidence.prepare import aligned
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
-from fdbench.diagnosis.records.asked_force import asked_force, force_scale, is_as_asked, scale_warnings
+from fdbench.diagnosis.records.asked_force import ForceScales, asked_force, force_scale
 from fdbench.diagnosis.records.runs import RecordedRun, prepare
 from fdbench.plants.feed_drive import Cascade, FeedDrive, Following
 
@@ -30,8 +30,8 @@ def test_the_force_of_a_controller_is_what_it_asks_for_whatever_the_machine_is()
     for machine in (drive, heavier):
         scales = [force_scale(run, drive.controller) for run in runs(machine)]
         assert scales == pytest.approx([1.0, 1.0], abs=0.02)
-    assert scale_warnings(runs(heavier), drive) == []
-    assert is_as_asked(runs(heavier), drive)
+    assert ForceScales.of(runs(heavier), drive).warnings() == []
+    assert ForceScales.of(runs(heavier), drive).tell_the_unit
 
 
 def test_friction_that_is_doubled_is_no_wrong_unit_where_the_controller_tells_the_force() -> None:
@@ -48,19 +48,19 @@ def test_friction_that_is_doubled_is_no_wrong_unit_where_the_controller_tells_th
 @pytest.mark.parametrize("scale", [1.2, 0.8, 2.0**0.5])
 def test_a_force_of_another_unit_is_told_by_its_factor(scale: float) -> None:
     drive = axis_lab.drive()
-    (said,) = scale_warnings(runs(drive, scale), drive)
+    (said,) = ForceScales.of(runs(drive, scale), drive).warnings()
     told = float(said.split("motor_force_N is ")[1].split(" times")[0])
     assert told == pytest.approx(scale, rel=0.02)
-    assert not is_as_asked(runs(drive, scale), drive)
+    assert not ForceScales.of(runs(drive, scale), drive).tell_the_unit
     assert float(said.split("gain = ")[1].split(" in")[0]) == pytest.approx(1.0 / scale, rel=0.02)
 
 
 def test_one_record_of_another_scale_is_no_unit_and_without_a_controller_nothing_is_asked() -> None:
     drive = axis_lab.drive()
     (fast, _), (_, slow) = runs(drive, 1.2), runs(drive)
-    assert scale_warnings([fast, slow], drive) == []
-    assert not is_as_asked([fast, slow], drive)
-    assert scale_warnings(runs(drive, 1.2), dataclasses.replace(drive, controller=Following())) == []
+    assert ForceScales.of([fast, slow], drive).warnings() == []
+    assert not ForceScales.of([fast, slow], drive).tell_the_unit
+    assert ForceScales.of(runs(drive, 1.2), dataclasses.replace(drive, controller=Following())).warnings() == []
 
 
 def test_a_fast_loop_in_a_slow_log_asks_by_the_speed_of_its_own_cycle() -> None:
