@@ -22,6 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.effects import effects
 from fdbench.errors import FdbenchError, SimulationDiverged, UnstableLoop
 from fdbench.nonce import check_nonce, new_nonce
 from fdbench.record import FloatArray, Record
@@ -35,6 +36,7 @@ from fdbench.virtual_axes.foreign.bench import HELD_OUT, ForeignAxis, ForeignBen
 from fdbench.virtual_axes.foreign.kinds import FORMS, kinds, model_of, space_of
 from fdbench.virtual_axes.foreign.motions import RECIPES
 
+NAMES = sorted({*listed_effects(), *(name for name in effects.names() if effects.get(name).scales_every_value)})
 ONE_IN = 3  # axes on which nothing is planted
 BESIDE, ALONE = "beside the records before", "alone"
 
@@ -63,7 +65,7 @@ def draw(number: int, rng: np.random.Generator) -> BeforeAndAfter:
     other = {"other": command("other")} if rng.random() < HELD_OUT else {}
     sides = ("motor_position_m", "table_position_m")
     seen = sides if kind.columns == "both_positions" else sides[-1:] if kind.feedback == "table" else sides[:1]
-    planted, sizes = inject(bench, (int(is_planted), 0), listed_effects(), list(commands.values()), seen, rng)
+    planted, sizes = inject(bench, (int(is_planted), 0), NAMES, list(commands.values()), seen, rng)
     repeats = int(rng.integers(1, 4))
     truth = {"kind": kind.name, "repeats": repeats, **described(planted, sizes, bench.names(listed=True))}
 
@@ -137,11 +139,10 @@ def answered(
 
 def print_scores(lines: Sequence[Mapping[str, Any]], way: str) -> None:
     """Print the score sheet of one way to ask, and the axes on which the planted effect is not the most probable."""
-    listed = listed_effects()
     names = [line["key"].rsplit(":", 1)[1] for line in lines]
     said = [line["said"][way] for line in lines]
-    cases = [{**item, "effects": {name: item["effects"].get(name, 0.0) for name in listed}} for item in said]
-    manifest = {"effects": listed, "cases": dict.fromkeys(names)}
+    cases = [{**item, "effects": {name: item["effects"].get(name, 0.0) for name in NAMES}} for item in said]
+    manifest = {"effects": NAMES, "cases": dict.fromkeys(names)}
     opened = {"cases": {name: {"truth": line["truth"]} for name, line in zip(names, lines, strict=True)}}
     table = table_of(manifest, opened, {"cases": dict(zip(names, cases, strict=True))}, Path(way))
     scores = {

@@ -96,6 +96,7 @@ def effect(name: str) -> str:
     facts += ["the drive's own, and part of the disturbance to be estimated"] if cls.counts_as_disturbance else []
     facts += ["property of an elastic screw"] if cls.needs_screw else []
     facts += ["of an axis that turns"] if cls.needs_turn else []
+    facts += ["looked for beside a baseline alone"] if cls.scales_every_value else []
     if cls.confusable_with:
         facts += [f"easily taken for {', '.join(f'[`{item}`](#{item})' for item in cls.confusable_with)}"]
     rows = (

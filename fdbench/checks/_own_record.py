@@ -42,6 +42,7 @@ def is_named_first(kind: type[Effect]) -> None:
         and not kind.same_signal_as
     ):
         unfit = "that of an axis that turns, and this one is linear" if kind.needs_turn else ""
+        unfit = "told by records from before alone" if kind.scales_every_value else unfit
         what = "random" if kind.random else unfit or "a process force of unknown course"
         raise NotApplicable(f"a diagnosis does not look for it: it is {what}")
     answer = diagnose(nominal, *recorded(kind, nominal)).answer

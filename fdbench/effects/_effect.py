@@ -215,6 +215,9 @@ class Effect(ABC):
         Whether the effect is a property of an elastic screw, so that a rigid axis has none of it.
     needs_turn : bool
         Whether the effect is a property of an axis that turns, over its angle, so that a linear axis has none of it.
+    scales_every_value : bool
+        Whether it acts as though every mass, friction and stiffness had changed by one share. A data sheet may be off
+        by as much, so that a diagnosis looks for it beside a baseline alone, and weighs it against these changes.
     confusable_with : tuple of str
         Effects that leave nearly the same signature in ordinary runs.
     same_signal_as : str
@@ -250,6 +253,7 @@ class Effect(ABC):
     rank: ClassVar[int] = 0
     needs_screw: ClassVar[bool] = False
     needs_turn: ClassVar[bool] = False
+    scales_every_value: ClassVar[bool] = False
     confusable_with: ClassVar[tuple[str, ...]] = ()
     same_signal_as: ClassVar[str] = ""
     calibrates: ClassVar[str] = ""

@@ -29,7 +29,7 @@ class InertiaMismatch(Effect):
     port = Port.TABLE_INERTIA
     amplitude = "extra_mass_kg"
     calibrates = "mass"
-    confusable_with = ("structural_mode",)
+    confusable_with = ("motor_constant", "structural_mode")
 
     extra_mass_kg: float = parameter("dm", low=-20.0, high=500.0, typical=12.0)
 

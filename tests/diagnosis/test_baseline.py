@@ -76,6 +76,17 @@ def test_a_drag_of_air_and_another_grease_are_told_apart(change: Effect) -> None
     assert sum(chances.get(name, 0.0) for name in ("quadratic_drag", "viscous_friction")) <= 1.0 + 1e-9
 
 
+@pytest.mark.parametrize("change", [-0.1, 0.07])
+def test_a_motor_constant_that_has_changed_is_named_once(change: float) -> None:
+    """Both masses, both frictions and the screw seem to have changed by one share."""
+    axis = as_built(2)
+    now = effects.get("motor_constant").typical(relative_change=change)
+    answer = answer_to(records(axis, seed=100), records(axis, now, seed=200))
+    assert named(answer) == ["motor_constant"]
+    found = answer.causes[0].parameters["relative_change"]
+    assert found.value == pytest.approx(change, rel=0.15)
+
+
 def test_where_nothing_has_changed_nothing_is_named() -> None:
     axis = as_built(2)
     assert named(answer_to(records(axis, WAVE, seed=100), records(axis, WAVE, seed=200))) == []

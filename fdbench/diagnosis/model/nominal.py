@@ -207,11 +207,12 @@ class Nominal:
     def library(self) -> tuple[type[Effect], ...]:
         """Every registered effect to search for: one of this axis, not random, and no force of unknown course.
 
-        Of effects that give the same signal there is one.
+        Of effects that give the same signal there is one, and what only a baseline tells is there beside one.
         """
         names = [name for name in effects.names() if name not in (*self.exclude, *self.covered.seen)]
         known = [effects.get(name) for name in names if effects.get(name).same_signal_as not in names]
-        able = [kind for kind in known if not kind.needs_turn or self.axis == ROTARY]
+        turns, before = self.axis == ROTARY, self.covered.before
+        able = [kind for kind in known if kind.needs_turn <= turns and kind.scales_every_value <= before]
         searched = [kind for kind in able if not kind.random and (not kind.disturbance or _is_located(kind))]
         return tuple(at_scale(kind, self.scale) for kind in searched)
 

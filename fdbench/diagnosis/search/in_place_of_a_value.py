@@ -1,5 +1,6 @@
 """In place of a value: an effect that explains what a nominal parameter was moved for, and leaves it as it is known."""
 
+import dataclasses
 from dataclasses import dataclass
 
 from scipy.special import expit
@@ -43,8 +44,9 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
     r"""Return the most probable exchange of a value for an effect of its family, such as friction, if there is one.
 
     The search weighs what friction may do in each run, so that a value moves there for nothing, and an effect that
-    would make this unnecessary has nothing to explain. Compared as they are, with the misfits M and penalties p of
-    one model for all runs,
+    would make this unnecessary has nothing to explain. One that scales every value takes the place of all at once, as
+    what moves together has one cause, and removes nothing that they do not. Compared as they are, with the misfits M
+    and penalties p of one model for all runs,
 
     .. math:: \ln\frac{p(\text{effect})}{p(\text{value})} = \frac{n}{2} \ln\frac{M_v}{M_e} + \frac{p_v - p_e}{2} - \ln N
 
@@ -63,9 +65,14 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
     wrong = {name: size for name, size in moved.items() if size > JUDGE.beyond_doubt and not _named(base, name)}
     families = {family(effects.get(name)) for name in wrong}
     tried = [rival for rival in stage.rivals if _is_tried(rival, base) and family(rival.kind) in families]
-    if not tried:
+    scaling = [
+        rival.kind for rival in stage.rivals if wrong and rival.kind.scales_every_value and not base.has(rival.kind)
+    ]
+    if not tried and not scaling:
         return None
     hypotheses = [(rival.kind, search.refinement.refine(rival.added_to(base, stage.base)), True) for rival in tried]
+    as_given = dataclasses.replace(base, shifts=(0.0,) * len(base.shifts))
+    hypotheses += [(kind, search.refinement.refine(as_given.with_effect(kind.typical())), True) for kind in scaling]
     compared = search.compared(base, hypotheses)
     as_it_is = compared.log_evidence(compared.misfit, compared.penalty) + 0.5 * base.cost_of_a_cause
     found = [
@@ -78,7 +85,8 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
         )
         for rival in compared.rivals
         for name, size in wrong.items()
-        if family(effects.get(name)) == family(rival.kind) and _distances(rival.hypothesis)[name] < SEARCH.back * size
+        if (rival.kind in scaling or family(effects.get(name)) == family(rival.kind))
+        and _distances(rival.hypothesis)[name] < SEARCH.back * size
     ]
     return max(found, key=lambda item: item.log_odds, default=None)
 

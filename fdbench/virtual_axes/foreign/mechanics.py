@@ -93,6 +93,7 @@ class Wrong(NamedTuple):
     filter_s: float = 0.0
     feedforward_loss: float = 0.0
     scale_late_s: float = 0.0
+    constant_share: float = 0.0
     dip: float = 0.0
     dip_m_per_s: float = 0.02
     square_N: float = 0.0
@@ -116,13 +117,13 @@ def unit_friction(law: float, v: float, width: float) -> float:
 @kept
 @njit(error_model="numpy")
 def delivered_force(asked: float, x: float, w: Wrong) -> float:
-    """Return what the motor gives of an asked force: saturation of third order, then a ripple with two harmonics."""
+    """Return what the motor gives of an asked force: saturation of third order, two harmonics of ripple, magnets."""
     if w.knee_N > 0.0:
         asked /= (1.0 + abs(asked / w.knee_N) ** 3) ** (1.0 / 3.0)
     if w.ripple != 0.0:
         angle = TURN * x / w.pitch_m + w.pitch_phase_rad
         asked *= 1.0 + w.ripple * (np.sin(angle) + w.third_harmonic * np.sin(2.0 * angle))
-    return asked
+    return asked * (1.0 + w.constant_share)
 
 
 @kept
