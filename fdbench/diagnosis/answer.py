@@ -408,12 +408,16 @@ class Parametric:
         How far each nominal parameter moves without effects, and beside them (``moved_beside_effects``).
     changes : mapping of str to Quantity
         By how much each moves without effects, as a share where it has no unit; empty in answers of before.
+    values : mapping of str to Quantity
+        The same of those that a cause changes, by its name, on both sides of a screw together, where that is further
+        than any doubt.
     """
 
     closed_by_recalibration: float
     moved_in_standard_deviations: Shares
     moved_beside_effects: Shares = field(default_factory=dict)
     changes: Mapping[str, Quantity] = field(default_factory=dict)
+    values: Mapping[str, Quantity] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)

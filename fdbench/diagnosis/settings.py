@@ -215,6 +215,9 @@ class EvidenceSettings:
     )
     wave_slope: float = number(6.0, "power of the mean square that the odds of a cause grow with")
     rounds: int = number(3, "in which changes from run to run and noise are separated")
+    form_change: float = number(
+        0.05, "of what a model's form leaves, relative, from one day to another: it grows with the friction"
+    )
     assumed_change: float = number(0.02, "of friction from run to run, relative, where no repeats tell it")
     assumed_pairs: float = number(
         1.0, "pairs of repeats that this counts for beside those that were made, where a cause is unknown or noise"

@@ -46,6 +46,7 @@ DISSENT = 0.1  # by which the force balances must prefer another effect
 UNSEEN = 0.005  # share of the gap that rounds to none
 NOISE_ALONE = 1.1  # mean squared gap in units of the floor that passes for noise
 MOVED = 3.0  # standard deviations by which a nominal parameter may move without a remark
+UNSURE = ": the nominal value or its [uncertainty] is doubtful."
 COUNTED = 20.0  # standard deviations beyond which those that a baseline leaves say nothing
 ROUNDING = 1e-9  # of a cell, within which an edge is at zero
 MOST_CELLS, SMALLEST_SHARE, EVEN = 4, 0.05, 1.5
@@ -108,6 +109,7 @@ def verdict(answer: Answer) -> Iterator[str]:
         yield "Nothing was repeated and no other motion held out: a first guess, whatever the probabilities say."
     if answer.no_gap_probability >= LIKELY:
         yield from _nothing(answer)
+        yield from _changed_values(answer)
         return
     said = [cause for cause in answer.causes if cause.probability >= WORTH_SAYING]
     yield from (_named(cause, answer.recorded) for cause in said)
@@ -118,6 +120,7 @@ def verdict(answer: Answer) -> Iterator[str]:
             )
             yield f"{words}: too little on these data to add it."
     yield from _left(answer) if said else _unknown(answer)
+    yield from _changed_values(answer)
     if answer.unknown_probability >= LIKELY and answer.rest_depends_on:
         yield _dependence(answer.rest_depends_on[0])
 
@@ -141,14 +144,29 @@ def _nothing(answer: Answer) -> Iterator[str]:
         yield f"No cause is named: what was fitted, {_names(answer.causes)}, is less probable than that."
 
 
+def _changed_values(answer: Answer) -> Iterator[str]:
+    """Yield which values have changed since the baseline where that closes most of the gap, and is named by nobody."""
+    changed, closed = answer.parametric.values, answer.parametric.closed_by_recalibration
+    is_named = any(cause.probability > LIKELY for cause in answer.causes)
+    if changed and _is_since(answer.recorded) and closed >= MOSTLY and not is_named:
+        sizes = ", ".join(f"{name} by {_signed(change)}" for name, change in changed.items())
+        yield f"Most of what has changed is a size: {sizes}. Re-calibration alone closes {percent(closed)} of the gap."
+
+
+def _is_since(recorded: Recorded | None) -> bool:
+    return recorded is not None and recorded.baseline > 0
+
+
 def _named(cause: Cause, recorded: Recorded | None) -> str:
     """Return what is said of a cause, and of what its share is."""
     chance, likely = f"probability {probability_text(cause.probability)}", cause.probability > LIKELY
     if cause.parametric:
-        said = f"{_wrong(cause, likely)}, {chance}; its correction removes {percent(cause.share)} of the {NOMINAL}."
+        removes = f"its correction removes {percent(cause.share)} of the {NOMINAL}"
+        said = f"{_wrong(cause, likely, recorded)}, {chance}; {removes}."
         others = sorted(cause.alternatives.items(), key=lambda item: -item[1])
         words = [f"{name}, probability {probability_text(p)}" for name, p in others if p >= WORTH_SAYING]
-        return f"{said} Or it is {', or '.join(words)}, and the value as on paper." if words else said
+        known = "before" if _is_since(recorded) else "on paper"
+        return f"{said} Or it is {', or '.join(words)}, and the value as {known}." if words else said
     share = f"{percent(cause.share)} of the {AFTER}"
     if cause.indistinguishable_from:
         names = " or ".join([cause.effect, *cause.indistinguishable_from])
@@ -169,12 +187,15 @@ def _small(cause: Cause, recorded: Recorded | None) -> str:
     )
 
 
-def _wrong(cause: Cause, likely: bool) -> str:
-    """Return which nominal parameter is wrong; a constant force is none that a model must have."""
+def _wrong(cause: Cause, likely: bool, recorded: Recorded | None) -> str:
+    """Return which nominal parameter is wrong or has changed; a constant force is none that a model must have."""
     change = cause.parameters.get("change")
     if change and cause.effect in effects.names() and effects.get(cause.effect).calibrates == OFFSET:
         words = f"{cause.effect.replace('_', ' ')} of {si_text(change.value, change.unit)}"
         return f"{'A' if likely else 'Perhaps a'} {words} acts beyond what the model has"
+    if _is_since(recorded):
+        by = f", by {_signed(change)}" if change else ""
+        return f"{'Changed' if likely else 'Perhaps changed'} since the baseline: size of {cause.effect}{by}"
     size = f", off by {_signed(change)}" if change else ""
     return f"Nominal parameter {'' if likely else 'perhaps '}wrong: size of {cause.effect}{size}"
 
@@ -420,13 +441,13 @@ def _moved(answer: Answer) -> Iterator[str]:
     beside = answer.parametric.moved_beside_effects
     is_named = any(cause.kind == EFFECT and cause.probability > LIKELY for cause in answer.causes)
     moved = beside if is_named and beside else answer.parametric.moved_in_standard_deviations
-    since = answer.recorded is not None and answer.recorded.baseline > 0
-    far = [name for name, shift in moved.items() if since and abs(shift) > COUNTED]
+    far = [name for name, shift in moved.items() if _is_since(answer.recorded) and abs(shift) > COUNTED]
     counted = [f"{name} by {shift:+.1f}" for name, shift in moved.items() if abs(shift) > MOVED and name not in far]
     if counted:
+        since = "from one day to another: they have changed, or stand in for what has."
         yield (
             f"Re-calibration {'beside the effects ' if moved is beside else ''}moved {', '.join(counted)} standard "
-            "deviations: the nominal value or its [uncertainty] is doubtful."
+            f"deviations{' ' + since if _is_since(answer.recorded) else UNSURE}"
         )
     if far:
         changes = ", ".join(f"{name} by {_change(answer.parametric.changes.get(name))}" for name in far)

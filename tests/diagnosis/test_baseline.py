@@ -1,9 +1,11 @@
 """Beside records of before, causes are of what has changed since: all of that, however large, and nothing else."""
 
 import dataclasses
+import math
 
+import numpy as np
 import pytest
-from axis_lab import as_built, drive, protocol, record
+from axis_lab import PERIOD_S, as_built, drive, protocol, record
 
 from fdbench.diagnosis.answer import Answer
 from fdbench.diagnosis.diagnose import diagnose
@@ -11,6 +13,8 @@ from fdbench.diagnosis.evidence.baseline import Baseline
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.virtual_controller import prepared
+from fdbench.diagnosis.records.noise_model import white
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.effects import Effect, effects
 from fdbench.errors import UnstableLoop
 from fdbench.plants._controllers import Cascade
@@ -74,6 +78,33 @@ def test_a_drag_of_air_and_another_grease_are_told_apart(change: Effect) -> None
     assert named(answer) == [change.name]
     chances = answer.chances()
     assert sum(chances.get(name, 0.0) for name in ("quadratic_drag", "viscous_friction")) <= 1.0 + 1e-9
+
+
+def test_another_grease_on_both_sides_of_the_screw_is_named() -> None:
+    """Each side moves by far more deviations than of a data sheet, where no cause changes both so far."""
+    axis = as_built(2)
+    assert axis.table is not None
+    greased = dataclasses.replace(
+        axis,
+        motor=dataclasses.replace(axis.motor, viscous_friction_N_s_per_m=900.0),
+        table=dataclasses.replace(axis.table, viscous_friction_N_s_per_m=600.0),
+    )
+    answer = answer_to(records(axis, seed=100), records(greased, seed=200))
+    assert named(answer) == ["viscous_friction"]
+    assert answer.causes[0].parameters["change"].value == pytest.approx(900.0, rel=0.1)
+    assert answer.parametric.values["viscous_friction"].value == pytest.approx(900.0, rel=0.1)
+
+
+def test_what_a_form_leaves_of_the_baseline_differs_by_a_part_of_itself() -> None:
+    """A twentieth of 10 N, beside a floor of 1 N now and in the baseline."""
+    reference, left = np.zeros((8192, 3)), 10.0 * np.random.default_rng(0).standard_normal(8192)
+    run = RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels={"motor_force_N": left}, lap=None)
+    baseline = Baseline(runs=[run], residuals=[{"motor_force_N": left}])
+    floor = baseline.noise({"motor_force_N": white(1.0, measured=True)}, [run])["motor_force_N"]
+    assert floor.rms == pytest.approx(math.sqrt(2.0))
+    assert floor.total**2 - floor.rms**2 == pytest.approx(0.25, rel=0.05)
+    assumed = baseline.noise({"motor_force_N": white(1.0, measured=False)}, [run])["motor_force_N"]
+    assert assumed.total == 1.0, "it is in what the model leaves already"
 
 
 @pytest.mark.parametrize("change", [-0.1, 0.07])

@@ -230,9 +230,30 @@ def test_beside_a_baseline_far_changes_have_their_units() -> None:
     own = replace(own, parametric=replace(own.parametric, moved_in_standard_deviations=moved, changes=changes))
     text = said(own)
     assert "motor_mass by +0.0123 kg, motor_viscous by more than 20 standard deviations, force_offset by -7 %" in text
-    assert "Re-calibration moved table_mass by +4.0 standard deviations" in text
+    assert "Re-calibration moved table_mass by +4.0 standard deviations from one day to another" in text
     assert "946.8" not in text
     assert "motor_mass by +946.8" in said(replace(own, recorded=None))
+
+
+def test_beside_a_baseline_sizes_that_changed_are_told_where_no_cause_is() -> None:
+    own = answer([], recorded=Recorded(records=2, samples=100, sampling_time_s=1e-3, baseline=2))
+    values = {"coulomb_friction": Quantity(value=133.0, ci95=None, unit="N")}
+    own = replace(own, parametric=replace(own.parametric, values=values, closed_by_recalibration=0.82))
+    words = (
+        "Most of what has changed is a size: coulomb_friction by +133 N. Re-calibration alone closes 82 % of the gap."
+    )
+    assert words in told(own)
+    assert "has changed is a size" not in told(replace(own, recorded=None))
+    assert "has changed is a size" not in told(replace(own, causes=(CAUSE,)))
+    less = replace(own, parametric=replace(own.parametric, closed_by_recalibration=0.3))
+    assert "has changed is a size" not in told(less)
+
+
+def test_beside_a_baseline_a_value_has_changed_and_was_not_wrong() -> None:
+    since = Recorded(records=2, samples=100, sampling_time_s=1e-3, baseline=2)
+    text = told(answer([FRICTION], recorded=since))
+    assert "Changed since the baseline: size of coulomb_friction" in text
+    assert "Nominal parameter wrong" not in text
 
 
 def test_warnings_of_several_records_in_the_same_words_stand_once() -> None:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, beyond
-from fdbench.diagnosis.records.noise_model import NoiseModel
+from fdbench.diagnosis.records.noise_model import NoiseModel, spectrum_of
 from fdbench.diagnosis.records.runs import RecordedRun, same_motion
+from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.record import FloatArray
 
 
@@ -57,16 +58,29 @@ class Baseline:
     def noise(self, found: Mapping[str, NoiseModel], runs: Sequence[RecordedRun]) -> Mapping[str, NoiseModel]:
         r"""Return noise models that hold for corrected runs: the baseline's own noise is in all repeats alike.
 
-        .. math:: S \to S (1 + n / n_0)
+        .. math:: S \to S (1 + n / n_0), \qquad B \to B + \sigma^2 S_r
 
-        with the mean numbers of repeats now and then, where repeats tell the noise; else it is in what is left.
+        with the mean numbers of repeats now and then, where repeats tell the noise; else it is in what is left. What
+        the model leaves of the baseline, with the spectrum S_r, is friction for the most part, and differs from day to
+        day by a share sigma, ``EVIDENCE.form_change``, as all friction does: it adds to changes B from run to run.
         """
         pairs = [(run.repeats, known[0].repeats) for run in runs if (known := self.of(run)) is not None]
         if not pairs:
             return found
         now, then = np.mean(pairs, axis=0)
         factor = float(1.0 + now / then)
+        left = [known[1] for run in runs if (known := self.of(run)) is not None]
         return {
-            name: dataclasses.replace(item, spectrum=factor * item.spectrum) if item.measured else item
+            name: _with_form(dataclasses.replace(item, spectrum=factor * item.spectrum), [own[name] for own in left])
+            if item.measured
+            else item
             for name, item in found.items()
         }
+
+
+def _with_form(item: NoiseModel, left: Sequence[FloatArray]) -> NoiseModel:
+    """Return a floor with what a part of what is left adds from one day to another."""
+    between = EVIDENCE.form_change**2 * spectrum_of(left, 2 * (len(item.spectrum) - 1))
+    if item.from_run_to_run is not None:
+        between = between + item.from_run_to_run
+    return dataclasses.replace(item, from_run_to_run=between)

@@ -73,8 +73,9 @@ def deviating_parameters(
             distance = min(distance, abs(change) / deviation)
         if group in on_motor:
             sides[name] = on_motor[group]
-        if len(own) > 1 and sorted(own)[-2] > MODEL.far_fetched:
-            name = ""  # no cause changes both sides of a screw that far
+        is_grease = final.nominal.covered.before and scale[places[0]].kind != Mass.kind
+        if len(own) > 1 and sorted(own)[-2] > MODEL.far_fetched and not is_grease:
+            name = ""  # but for friction of one day and another, no cause changes both sides of a screw that far
         moves.append((name, change, distance, without, scale[places[0]].unit_on(final.nominal.drive)))
     total = max(sum(max(without - closed, 0.0) for _, _, _, without, _ in moves), 1e-12)
     present = {item.name for item in final.effects}

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.records.noise_model import NoiseModel
-from fdbench.diagnosis.settings import JUDGE
+from fdbench.diagnosis.settings import JUDGE, MODEL
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
 from fdbench.rotary import spoken_unit
@@ -239,7 +239,23 @@ def parametric(raw: float, reductions: Reductions, calibrated: Hypothesis, final
             item.name: Quantity(value=shift * item.size(drive), ci95=None, unit=spoken_unit(item.unit_on(drive)))
             for item, shift in zip(items, calibrated.shifts, strict=True)
         },
+        values=dict(_far_values(calibrated)),
     )
+
+
+def _far_values(calibrated: Hypothesis) -> Iterator[tuple[str, Quantity]]:
+    """Yield the name of each cause that changes nominal parameters which moved far, and by how much in all."""
+    moved = [
+        (name, item, shift)
+        for item, shift in zip(nominal_parameters(calibrated.nominal), calibrated.shifts, strict=True)
+        if (name := item.cause(calibrated.nominal)) and not item.nuisance
+    ]
+    drive = calibrated.nominal.drive
+    for name in dict.fromkeys(name for name, *_ in moved):
+        own = [(item.size(drive), shift, item.unit_on(drive)) for other, item, shift in moved if other == name]
+        change = sum(size * shift for size, shift, _ in own)
+        if abs(change) > MODEL.far_fetched * math.hypot(*(size for size, *_ in own)):
+            yield name, Quantity(value=change, ci95=None, unit=spoken_unit(own[0][-1]))
 
 
 def _interval(resampled: FloatArray) -> Pair:
