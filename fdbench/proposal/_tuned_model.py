@@ -100,9 +100,9 @@ class _Writer:
         else:
             lines += ['kind = "linear_motor"', f"mass_kg = {inertia:.6g}", viscous]
             constant = "force_constant_N_per_A"
-        if own.motor_constant is not None:
-            lines.append(f"# {constant} = {own.motor_constant:.6g}  # for records of motor_current_A")
-            self._found.append(f"{constant} = {own.motor_constant:.6g}, as a comment: a model with it logs currents")
+        if own.force_per_A is not None:
+            lines.append(f"# {constant} = {own.force_per_A:.6g}  # for records of motor_current_A")
+            self._found.append(f"{constant} = {own.force_per_A:.6g}, as a comment: a model with it logs currents")
         lines.append("")
         if stiffness is not None:
             damping = 2.0 * DAMPING_RATIO * math.sqrt(stiffness * own.motor_inertia * load / own.total_inertia)

@@ -41,7 +41,7 @@ class ServoTuning:
         Way of the axis, m or rad, for 1 rad or m of the motor.
     motor_inertia, total_inertia, viscous_damping : float
         kg m^2 and N m s/rad, or kg and N s/m.
-    motor_constant : float or None
+    force_per_A : float or None
         N m/A or N/A.
     position_gain_per_s, velocity_gain, integral_time_s : float or None
         Of the controllers in operation: 1/s, N m s/rad or N s/m, s.
@@ -63,7 +63,7 @@ class ServoTuning:
     motor_inertia: float
     total_inertia: float
     viscous_damping: float
-    motor_constant: float | None
+    force_per_A: float | None
     position_gain_per_s: float | None
     velocity_gain: float | None
     integral_time_s: float | None
@@ -197,7 +197,7 @@ def _tuning(root: _Node) -> ServoTuning:
         motor_inertia=drive.number("m_dMotorInertia", 0.0, total),
         total_inertia=total,
         viscous_damping=drive.number("m_dViscousCoeff", 0.0),
-        motor_constant=constant or None,
+        force_per_A=constant or None,
         position_gain_per_s=KV_PER_S * place.number("m_Kv", 0.0, 1e6) if place else None,
         velocity_gain=speed.number("m_dKpGain", 0.0) if speed else None,
         integral_time_s=integral_s or None,
