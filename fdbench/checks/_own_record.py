@@ -41,9 +41,13 @@ def is_named_first(kind: type[Effect]) -> None:
         and kind not in (item.declared for item in nominal.library)
         and not kind.same_signal_as
     ):
-        unfit = "that of an axis that turns, and this one is linear" if kind.needs_turn else ""
-        unfit = "told by records from before alone" if kind.scales_every_value else unfit
-        what = "random" if kind.random else unfit or "a process force of unknown course"
+        unfit = {
+            "random": kind.random,
+            "told by records from before alone": kind.scales_every_value,
+            "that of an axis that turns, and this one is linear": kind.needs_turn,
+            "a process force of unknown course": True,
+        }
+        what = next(text for text, holds in unfit.items() if holds)
         raise NotApplicable(f"a diagnosis does not look for it: it is {what}")
     answer = diagnose(nominal, *recorded(kind, nominal)).answer
     named = [cause for cause in answer.causes if cause.probability > NAMED]

@@ -46,7 +46,6 @@ DISSENT = 0.1  # by which the force balances must prefer another effect
 UNSEEN = 0.005  # share of the gap that rounds to none
 NOISE_ALONE = 1.1  # mean squared gap in units of the floor that passes for noise
 MOVED = 3.0  # standard deviations by which a nominal parameter may move without a remark
-UNSURE = ": the nominal value or its [uncertainty] is doubtful."
 COUNTED = 20.0  # standard deviations beyond which those that a baseline leaves say nothing
 ROUNDING = 1e-9  # of a cell, within which an edge is at zero
 MOST_CELLS, SMALLEST_SHARE, EVEN = 4, 0.05, 1.5
@@ -441,13 +440,16 @@ def _moved(answer: Answer) -> Iterator[str]:
     beside = answer.parametric.moved_beside_effects
     is_named = any(cause.kind == EFFECT and cause.probability > LIKELY for cause in answer.causes)
     moved = beside if is_named and beside else answer.parametric.moved_in_standard_deviations
-    far = [name for name, shift in moved.items() if _is_since(answer.recorded) and abs(shift) > COUNTED]
+    is_since = _is_since(answer.recorded)
+    far = [name for name, shift in moved.items() if is_since and abs(shift) > COUNTED]
     counted = [f"{name} by {shift:+.1f}" for name, shift in moved.items() if abs(shift) > MOVED and name not in far]
     if counted:
-        since = "from one day to another: they have changed, or stand in for what has."
+        meaning = ": the nominal value or its [uncertainty] is doubtful"
+        if is_since:
+            meaning = " from one day to another: they have changed, or stand in for what has"
         yield (
             f"Re-calibration {'beside the effects ' if moved is beside else ''}moved {', '.join(counted)} standard "
-            f"deviations{' ' + since if _is_since(answer.recorded) else UNSURE}"
+            f"deviations{meaning}."
         )
     if far:
         changes = ", ".join(f"{name} by {_change(answer.parametric.changes.get(name))}" for name in far)

@@ -64,12 +64,11 @@ class Baseline:
         the model leaves of the baseline, with the spectrum S_r, is friction for the most part, and differs from day to
         day by a share sigma, ``EVIDENCE.form_change``, as all friction does: it adds to changes B from run to run.
         """
-        pairs = [(run.repeats, known[0].repeats) for run in runs if (known := self.of(run)) is not None]
-        if not pairs:
+        covered = [(run, *known) for run in runs if (known := self.of(run)) is not None]
+        if not covered:
             return found
-        now, then = np.mean(pairs, axis=0)
-        factor = float(1.0 + now / then)
-        left = [known[1] for run in runs if (known := self.of(run)) is not None]
+        now, then = np.mean([(run.repeats, before.repeats) for run, before, _ in covered], axis=0)
+        factor, left = float(1.0 + now / then), [own for *_, own in covered]
         return {
             name: _with_form(dataclasses.replace(item, spectrum=factor * item.spectrum), [own[name] for own in left])
             if item.measured

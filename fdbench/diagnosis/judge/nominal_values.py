@@ -60,12 +60,11 @@ def deviating_parameters(
     on_motor, carried = _on_motor(final), sum(effect.carried_mass_kg for effect in final.effects)
     sides: dict[str, _OnMotor] = {}
     for (group, places), without in zip(groups.items(), left, strict=True):
-        sizes = [scale[place].size(final.nominal.drive) for place in places]
-        change = sum(final.shifts[place] * size for place, size in zip(places, sizes, strict=True))
+        change, deviation = final.change(places)
         name = scale[places[0]].cause(final.nominal)
         # Without an effect that stands for them they are values of their own, whose changes do not add up.
         own = [abs(final.shifts[place]) for place in places]
-        deviation = max(math.hypot(*sizes), 1e-30)
+        deviation = max(deviation, 1e-30)
         distance = max(abs(change) / deviation, *own) if name else math.hypot(*own)
         if scale[places[0]].kind == Mass.kind and change < 0.0 < carried:
             # The mass that is known has what a mode carries in it; slowly, the axis is as heavy as both.

@@ -245,17 +245,16 @@ def parametric(raw: float, reductions: Reductions, calibrated: Hypothesis, final
 
 def _far_values(calibrated: Hypothesis) -> Iterator[tuple[str, Quantity]]:
     """Yield the name of each cause that changes nominal parameters which moved far, and by how much in all."""
-    moved = [
-        (name, item, shift)
-        for item, shift in zip(nominal_parameters(calibrated.nominal), calibrated.shifts, strict=True)
-        if (name := item.cause(calibrated.nominal)) and not item.nuisance
-    ]
-    drive = calibrated.nominal.drive
-    for name in dict.fromkeys(name for name, *_ in moved):
-        own = [(item.size(drive), shift, item.unit_on(drive)) for other, item, shift in moved if other == name]
-        change = sum(size * shift for size, shift, _ in own)
-        if abs(change) > MODEL.far_fetched * math.hypot(*(size for size, *_ in own)):
-            yield name, Quantity(value=change, ci95=None, unit=spoken_unit(own[0][-1]))
+    places: dict[str, list[int]] = {}
+    scale = nominal_parameters(calibrated.nominal)
+    for place, item in enumerate(scale):
+        if (name := item.cause(calibrated.nominal)) and not item.nuisance:
+            places.setdefault(name, []).append(place)
+    for name, own in places.items():
+        change, deviation = calibrated.change(own)
+        if abs(change) > MODEL.far_fetched * deviation:
+            unit = spoken_unit(scale[own[0]].unit_on(calibrated.nominal.drive))
+            yield name, Quantity(value=change, ci95=None, unit=unit)
 
 
 def _interval(resampled: FloatArray) -> Pair:

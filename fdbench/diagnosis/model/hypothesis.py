@@ -229,6 +229,13 @@ class Hypothesis:
             found += item.limited and abs(shift) >= (1.0 - MODEL.at_bound) * bound
         return found
 
+    def change(self, places: Sequence[int]) -> tuple[float, float]:
+        """Return by how much the nominal parameters at some places moved in all, and the deviation of that."""
+        scale, drive = nominal_parameters(self.nominal), self.nominal.drive
+        sizes = [scale[place].size(drive) for place in places]
+        moved = sum(self.shifts[place] * size for place, size in zip(places, sizes, strict=True))
+        return float(moved), math.hypot(*sizes)
+
     def on_one_side(self) -> "list[Hypothesis]":
         """Return it with a far-fetched change on both sides of a screw put on either side alone, if there is one.
 
@@ -242,7 +249,7 @@ class Hypothesis:
         found = []
         for places in sides.values():
             if len(places) > 1 and max(abs(self.shifts[place]) for place in places) > MODEL.far_fetched:
-                change = sum(self.shifts[place] * scale[place].size(drive) for place in places)
+                change, _ = self.change(places)
                 for place in places:
                     shifts = [0.0 if other in places else shift for other, shift in enumerate(self.shifts)]
                     shifts[place] = change / scale[place].size(drive)

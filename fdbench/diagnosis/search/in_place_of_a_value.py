@@ -63,11 +63,11 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
     """
     moved = _distances(base)
     wrong = {name: size for name, size in moved.items() if size > JUDGE.beyond_doubt and not _named(base, name)}
+    if not wrong:
+        return None
     families = {family(effects.get(name)) for name in wrong}
     tried = [rival for rival in stage.rivals if _is_tried(rival, base) and family(rival.kind) in families]
-    scaling = [
-        rival.kind for rival in stage.rivals if wrong and rival.kind.scales_every_value and not base.has(rival.kind)
-    ]
+    scaling = [rival.kind for rival in stage.rivals if rival.kind.scales_every_value and not base.has(rival.kind)]
     if not tried and not scaling:
         return None
     hypotheses = [(rival.kind, search.refinement.refine(rival.added_to(base, stage.base)), True) for rival in tried]
