@@ -44,6 +44,7 @@ from fdbench.diagnosis.search.in_place_of_a_value import in_place_of_a_value
 from fdbench.diagnosis.search.loop_rate import at_likely_rate
 from fdbench.diagnosis.search.refinement import Refinement
 from fdbench.diagnosis.search.search import Search
+from fdbench.diagnosis.search.set_anew import gains_set_anew, with_gains
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import BASELINE, EVIDENCE
 from fdbench.record import FloatArray, Record
@@ -131,16 +132,11 @@ def _diagnosed(
     baseline: Sequence[Record],
 ) -> Diagnosis:
     healthy = None
-    on_paper = nominal.uncertainty
     if baseline:
-        nominal, healthy = calibrated_on(nominal, baseline, progress)
-    ready = aligned(nominal, records, holdouts, healthy)
-    if healthy is not None and not healthy.covers(ready.runs):
-        # Without records of the same command before, an error of the model's form does not cancel.
-        doubt = {name: getattr(on_paper, name) for name in OF_FORM}
-        nominal = dataclasses.replace(nominal, uncertainty=dataclasses.replace(nominal.uncertainty, **doubt))
-        ready = aligned(nominal, records, holdouts, healthy)
-    found = _searched(ready, _anew(nominal, records, holdouts), progress, healthy)
+        begun, healthy = _since(nominal, records, holdouts, baseline, progress)
+    else:
+        begun = _on_paper(nominal, records, holdouts, progress)
+    found = _searched(begun, progress, healthy)
     ready, given, findings = found.ready, found.given, found.findings
     nominal, search, reductions, final = ready.nominal, findings.search, findings.reductions, findings.final
     readings, split, drive = search.readings, search.split, nominal.drive
@@ -167,7 +163,7 @@ def _diagnosed(
         next_experiment=None if forecast is None else forecast.experiment(),
         warnings=tuple(map(spoken_words, ready.warnings)),
         assumptions=tuple(map(spoken_words, ready.assumptions)),
-        parametric=parametric(raw, reductions, found.calibrated, final),
+        parametric=parametric(raw, reductions, found.calibrated, final, {} if healthy is None else healthy.set_anew),
         noise_floor={
             name: noise_floor(floor, spoken_unit(unit_of(name)), split.runs[0].period_s)
             for name, floor in split.noise_models.items()
@@ -215,27 +211,57 @@ class _Searched:
     findings: Findings
 
 
-def _anew(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record]) -> Callable[[Simulation], Aligned]:
-    """Return what prepares records for a model that is simulated otherwise."""
+def _on_paper(
+    nominal: Nominal,
+    records: Sequence[Record],
+    holdouts: Sequence[Record],
+    progress: Callable[[str], None] | None = None,
+) -> Calibrated:
+    """Return a model as it is on paper re-calibrated on records, at the rates that are likely."""
 
     def anew(simulation: Simulation) -> Aligned:
         return aligned(dataclasses.replace(nominal, simulation=simulation), records, holdouts)
 
-    return anew
+    ready = aligned(nominal, records, holdouts)
+    _say(progress, "re-calibrating the nominal parameters")
+    return at_likely_rate(with_likely_rates(Calibrated.of(ready), anew), anew)
+
+
+def _since(
+    nominal: Nominal,
+    records: Sequence[Record],
+    holdouts: Sequence[Record],
+    baseline: Sequence[Record],
+    progress: Callable[[str], None] | None,
+) -> tuple[Calibrated, Baseline]:
+    """Return a model that was calibrated on a baseline re-calibrated on records, and that baseline.
+
+    What the model's form gets wrong cancels, its rates with it. Gains that were set anew are known from then on.
+    """
+    known, healthy = calibrated_on(nominal, baseline, progress)
+    ready = aligned(known, records, holdouts, healthy)
+    if not healthy.covers(ready.runs):
+        # Without records of the same command before, an error of the model's form does not cancel.
+        doubt = {name: getattr(nominal.uncertainty, name) for name in OF_FORM}
+        known = dataclasses.replace(known, uncertainty=dataclasses.replace(known.uncertainty, **doubt))
+        ready = aligned(known, records, holdouts, healthy)
+    _say(progress, "re-calibrating the nominal parameters")
+    found = Calibrated.of(ready, narrow=True)
+    gains = gains_set_anew(found)
+    if not gains:
+        return found, healthy
+    healthy = dataclasses.replace(healthy, set_anew=gains)
+    return Calibrated.of(aligned(with_gains(known, gains), records, holdouts, healthy), narrow=True), healthy
+
+
+def _say(progress: Callable[[str], None] | None, text: str) -> None:
+    if progress is not None:
+        progress(text)
 
 
 def _searched(
-    ready: Aligned,
-    anew: Callable[[Simulation], Aligned],
-    progress: Callable[[str], None] | None,
-    healthy: Baseline | None,
+    found: Calibrated, progress: Callable[[str], None] | None = None, healthy: Baseline | None = None
 ) -> _Searched:
-    if progress is not None:
-        progress("re-calibrating the nominal parameters")
-    # What the model's form gets wrong cancels beside a baseline, its rates with it.
-    found = Calibrated.of(ready, narrow=healthy is not None)
-    if healthy is None:
-        found = at_likely_rate(with_likely_rates(found, anew), anew)
     ready, refinement, calibrated = found.ready, found.refinement, found.hypothesis
     search, given = Search(refinement, progress), start(ready.nominal)
     split = with_run_to_run_covariance(refinement.readings.replay, ready, calibrated, healthy)
@@ -286,8 +312,7 @@ def judged(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Recor
     See `diagnose` for parameters and errors.
     """
     with _diagnosing(nominal.axis):
-        ready = aligned(nominal, records, holdouts)
-        found = _searched(ready, _anew(nominal, records, holdouts), None, None)
+        found = _searched(_on_paper(nominal, records, holdouts))
         return verdict(found.findings, probability_models.models())
 
 
@@ -309,17 +334,16 @@ def calibrated_on(
     )
     given = start(ready.nominal)
     readings = Readings(ready.readings.replay, runs).coarsened(given, split.noise_models)
-    if progress is not None:
-        progress("calibrating on the baseline")
+    _say(progress, "calibrating on the baseline")
     model = Refinement(readings, split).calibrate(given)
     residuals = [
         {name: measured - readings.alone(place, model)[name] for name, measured in run.channels.items()}
         for place, run in enumerate(runs)
     ]
-    # The gains are those that are set, whatever the model had on paper: another day changes none, and no screw.
+    # Another day changes no screw, whatever the model had on paper.
     of_a_day = dataclasses.asdict(BASELINE)
     offset_N = of_a_day.pop("force_offset") * ready.nominal.force_offset_N
-    fixed = dict.fromkeys(("known_phase", "stiffness", "damping", "controller_gains", "loop_lag"), 0.0)
+    fixed = dict.fromkeys(("known_phase", "stiffness", "damping", "loop_lag"), 0.0)
     doubt = Uncertainty(**of_a_day, **fixed, force_offset_N=offset_N)
     known = dataclasses.replace(as_nominal(model), uncertainty=doubt)
     return known, Baseline(runs=runs, residuals=residuals, artefacts=ready.artefacts)

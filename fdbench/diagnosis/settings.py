@@ -172,6 +172,7 @@ class BaselineSettings:
     mass: float = number(0.005, "relative")
     viscous: float = number(0.05, "viscous friction, relative")
     known_effects: float = number(0.04, "amplitudes of known effects, relative")
+    controller_gains: float = number(0.003, "gains of the controller, relative: one that was set anew is far off")
     transition_velocity: float = number(0.2, "natural logarithm of the speed over which friction turns its sign")
     friction_side: float = number(0.02, "part of the known friction that acts on the motor instead of the table")
     friction_form: float = number(0.01, "form of friction at low speeds, relative to the known friction")
@@ -230,6 +231,8 @@ class SearchSettings:
     """The search for effects."""
 
     most_effects: int = number(4, "effects that are added at most")
+    set_anew: float = number(0.05, "relative change of a gain since the baseline, from which somebody changed it")
+    law_left: float = number(0.5, "of what the force is beside the law of a controller, left by gains that were set")
     oversized: float = number(5.0, "times the gap that the response to a tried effect may be before it is made smaller")
     rescaled: int = number(10, "classes that are simulated again at their fitted size")
     sizes: tuple[float, ...] = number((1.0, 0.5), "of that size: large effects are not proportional to it")

@@ -106,6 +106,7 @@ def verdict(answer: Answer) -> Iterator[str]:
     measured = any(floor.measured_from_repeats for floor in answer.noise_floor.values())
     if not measured and answer.shrinkage.judged_on != "held-out":
         yield "Nothing was repeated and no other motion held out: a first guess, whatever the probabilities say."
+    yield from _set_anew(answer)
     if answer.no_gap_probability >= LIKELY:
         yield from _nothing(answer)
         yield from _changed_values(answer)
@@ -141,6 +142,13 @@ def _nothing(answer: Answer) -> Iterator[str]:
     yield from (_named(cause, answer.recorded) for cause in values)
     if answer.causes:
         yield f"No cause is named: what was fitted, {_names(answer.causes)}, is less probable than that."
+
+
+def _set_anew(answer: Answer) -> Iterator[str]:
+    """Yield which gains of the controller somebody has changed since the baseline."""
+    if gains := answer.parametric.set_anew:
+        changes = " and ".join(f"{name} by {_signed(change)}" for name, change in gains.items())
+        yield f"The controller was set anew since the baseline: {changes}. All that follows is beside the new setting."
 
 
 def _changed_values(answer: Answer) -> Iterator[str]:

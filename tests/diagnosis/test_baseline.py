@@ -5,21 +5,26 @@ import math
 
 import numpy as np
 import pytest
-from axis_lab import PERIOD_S, as_built, drive, protocol, record
+from axis_lab import PERIOD_S, as_built, drive, other_friction, protocol, record
 
-from fdbench.diagnosis.answer import Answer
-from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.answer import Answer, Quantity
+from fdbench.diagnosis.diagnose import calibrated_on, diagnose
 from fdbench.diagnosis.evidence.baseline import Baseline
+from fdbench.diagnosis.evidence.prepare import aligned
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.virtual_controller import prepared
 from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.diagnosis.search.calibrated import Calibrated
+from fdbench.diagnosis.search.set_anew import gains_set_anew
 from fdbench.effects import Effect, effects
 from fdbench.errors import UnstableLoop
 from fdbench.plants._controllers import Cascade
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import Record
+from fdbench.report.diagnosis_text import verdict
 
 WAVE = effects.get("encoder_interpolation_error").typical()
 
@@ -116,6 +121,41 @@ def test_a_motor_constant_that_has_changed_is_named_once(change: float) -> None:
     assert named(answer) == ["motor_constant"]
     found = answer.causes[0].parameters["relative_change"]
     assert found.value == pytest.approx(change, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("gain", "factor", "friction", "causes"),
+    [
+        ("position_gain_per_s", 0.9, 1.0, []),
+        ("velocity_gain_N_s_per_m", 1.2, 1.3, ["coulomb_friction"]),
+        ("integral_gain_N_per_m", 2.0, 1.0, []),
+    ],
+)
+def test_a_gain_that_was_set_anew_is_known_beside_causes(
+    gain: str, factor: float, friction: float, causes: list[str]
+) -> None:
+    axis = as_built(2)
+    changed = {gain: factor * getattr(axis.controller, gain)}
+    tuned = dataclasses.replace(axis, controller=dataclasses.replace(axis.controller, **changed))
+    answer = answer_to(records(axis, seed=100), records(other_friction(tuned, friction), seed=200))
+    (found,) = answer.parametric.set_anew.items()
+    assert found == (gain, Quantity(value=pytest.approx(factor - 1.0, rel=0.02), ci95=None, unit=""))
+    assert named(answer) == causes
+    assert answer.no_gap_probability > 0.9 or causes
+    assert f"set anew since the baseline: {gain}" in " ".join(verdict(answer))
+
+
+def test_a_gain_that_its_law_does_not_confirm_is_not_set_anew() -> None:
+    """Beside a closed loop, gains may move for what has changed in the machine."""
+    axis = as_built(2)
+    nominal = Nominal(plant=drive(), simulation=Simulation(substeps=10))
+    known, healthy = calibrated_on(nominal, records(axis, seed=100))
+    ready = aligned(known, records(axis, seed=200), [], healthy)
+    found = Calibrated.of(ready, narrow=True)
+    names = [item.name for item in nominal_parameters(found.ready.nominal)]
+    shifts = tuple(100.0 * (name == "position_gain_per_s") for name in names)
+    moved = dataclasses.replace(found, hypothesis=dataclasses.replace(found.hypothesis, shifts=shifts))
+    assert gains_set_anew(moved) == {}
 
 
 def test_where_nothing_has_changed_nothing_is_named() -> None:

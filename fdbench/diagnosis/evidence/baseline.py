@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -28,11 +28,19 @@ class Baseline:
         Channels of each, less those simulated, (n_samples,).
     artefacts : sequence of Artefact
         What its readings show by themselves.
+    set_anew : mapping of str to float
+        Gains of the controller that somebody has changed since, by their names, and by what share of themselves.
     """
 
     runs: Sequence[RecordedRun]
     residuals: Sequence[Mapping[str, FloatArray]]
     artefacts: Sequence[Artefact] = ()
+    set_anew: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def form_change(self) -> float:
+        """By what share of itself an error of the model's form may differ now; another loop lets it act otherwise."""
+        return max([EVIDENCE.form_change, *map(abs, self.set_anew.values())])
 
     def of(self, run: RecordedRun) -> tuple[RecordedRun, Mapping[str, FloatArray]] | None:
         """Return the baseline of a run's command and its residuals, if there is one."""
@@ -62,7 +70,7 @@ class Baseline:
 
         with the mean numbers of repeats now and then, where repeats tell the noise; else it is in what is left. What
         the model leaves of the baseline, with the spectrum S_r, is friction for the most part, and differs from day to
-        day by a share sigma, ``EVIDENCE.form_change``, as all friction does: it adds to changes B from run to run.
+        day by a share sigma, `form_change`, as all friction does: it adds to changes B from run to run.
         """
         covered = [(run, *known) for run in runs if (known := self.of(run)) is not None]
         if not covered:
@@ -70,16 +78,16 @@ class Baseline:
         now, then = np.mean([(run.repeats, before.repeats) for run, before, _ in covered], axis=0)
         factor, left = float(1.0 + now / then), [own for *_, own in covered]
         return {
-            name: _with_form(dataclasses.replace(item, spectrum=factor * item.spectrum), [own[name] for own in left])
+            name: self._with_form(dataclasses.replace(item, spectrum=factor * item.spectrum), name, left)
             if item.measured
             else item
             for name, item in found.items()
         }
 
-
-def _with_form(item: NoiseModel, left: Sequence[FloatArray]) -> NoiseModel:
-    """Return a floor with what a part of what is left adds from one day to another."""
-    between = EVIDENCE.form_change**2 * spectrum_of(left, 2 * (len(item.spectrum) - 1))
-    if item.from_run_to_run is not None:
-        between = between + item.from_run_to_run
-    return dataclasses.replace(item, from_run_to_run=between)
+    def _with_form(self, item: NoiseModel, name: str, left: Sequence[Mapping[str, FloatArray]]) -> NoiseModel:
+        """Return a floor with what a part of what is left adds from one day to another."""
+        form = spectrum_of([own[name] for own in left], 2 * (len(item.spectrum) - 1))
+        between = self.form_change**2 * form
+        if item.from_run_to_run is not None:
+            between = between + item.from_run_to_run
+        return dataclasses.replace(item, from_run_to_run=between)

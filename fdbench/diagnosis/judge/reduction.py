@@ -226,7 +226,13 @@ def held_step(
     )
 
 
-def parametric(raw: float, reductions: Reductions, calibrated: Hypothesis, final: Hypothesis) -> Parametric:
+def parametric(
+    raw: float,
+    reductions: Reductions,
+    calibrated: Hypothesis,
+    final: Hypothesis,
+    set_anew: Mapping[str, float],
+) -> Parametric:
     """Return what re-calibration alone does: the parametric gap, and how far each nominal parameter moved."""
     structural = float(reductions.mean()[0])
     items, drive = nominal_parameters(calibrated.nominal), calibrated.nominal.drive
@@ -240,6 +246,7 @@ def parametric(raw: float, reductions: Reductions, calibrated: Hypothesis, final
             for item, shift in zip(items, calibrated.shifts, strict=True)
         },
         values=dict(_far_values(calibrated)),
+        set_anew={name: Quantity(value=share, ci95=None, unit="") for name, share in set_anew.items()},
     )
 
 

@@ -67,6 +67,27 @@ def force_scale(run: RecordedRun, controller: Cascade, loops: int = 1) -> float 
     is fitted below ``PLAUSIBLE.asked_Hz``, with the force F_a of `asked_force`; a clock or a zero that is a little off
     is in the other terms.
     """
+    beside = _asked_and_logged(run, controller, loops)
+    if beside is None:
+        return None
+    own, rest = beside
+    spread = math.sqrt(float(own @ own) * float(rest @ rest))
+    if spread == 0.0 or float(own @ rest) < PLAUSIBLE.same_shape * spread:
+        return None
+    return float(own @ rest) / float(own @ own)
+
+
+def law_misfit(run: RecordedRun, controller: Cascade, loops: int = 1) -> float | None:
+    """Return the mean square of what the logged force is beside what a controller asks for, in N²; see `force_scale`.
+
+    None where that cannot be told.
+    """
+    beside = _asked_and_logged(run, controller, loops)
+    return None if beside is None else float(np.mean(np.square(beside[1] - beside[0])))
+
+
+def _asked_and_logged(run: RecordedRun, controller: Cascade, loops: int) -> tuple[FloatArray, FloatArray] | None:
+    """Return the force that is asked for and the logged one, both low-passed and without what is fitted beside."""
     force, asked = run.channels[FORCE], asked_force(run, controller, loops)
     limited = np.abs(force).max() > PLAUSIBLE.greatest_force * controller.force_limit_N
     if asked is None or limited or PLAUSIBLE.asked_Hz * run.period_s > 0.4:
@@ -80,10 +101,7 @@ def force_scale(run: RecordedRun, controller: Cascade, loops: int = 1) -> float 
     own, rest = (
         values - others @ np.linalg.lstsq(others, values, rcond=None)[0] for values in (design[:, 0], measured)
     )
-    spread = math.sqrt(float(own @ own) * float(rest @ rest))
-    if spread == 0.0 or float(own @ rest) < PLAUSIBLE.same_shape * spread:
-        return None
-    return float(own @ rest) / float(own @ own)
+    return own, rest
 
 
 def asked_force(run: RecordedRun, controller: Cascade, loops: int = 1) -> FloatArray | None:
