@@ -46,7 +46,9 @@ from fdbench.diagnosis.search.refinement import Refinement
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.set_anew import gains_set_anew, with_gains
 from fdbench.diagnosis.search.stage import Stage
+from fdbench.diagnosis.search.sticking import that_sticks
 from fdbench.diagnosis.settings import BASELINE, EVIDENCE
+from fdbench.effects import Effect
 from fdbench.record import FloatArray, Record
 from fdbench.rotary import LINEAR, spoken_of, spoken_unit, spoken_words
 from fdbench.units import unit_of
@@ -222,9 +224,14 @@ def _on_paper(
     def anew(simulation: Simulation) -> Aligned:
         return aligned(dataclasses.replace(nominal, simulation=simulation), records, holdouts)
 
+    def beside(known: Sequence[Effect]) -> Aligned:
+        simulation, plant = found.ready.nominal.simulation, dataclasses.replace(nominal.drive, effects=tuple(known))
+        return aligned(dataclasses.replace(nominal, simulation=simulation, plant=plant), records, holdouts)
+
     ready = aligned(nominal, records, holdouts)
     _say(progress, "re-calibrating the nominal parameters")
-    return at_likely_rate(with_likely_rates(Calibrated.of(ready), anew), anew)
+    found = at_likely_rate(with_likely_rates(Calibrated.of(ready), anew), anew)
+    return that_sticks(found, beside)
 
 
 def _since(

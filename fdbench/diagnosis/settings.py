@@ -188,6 +188,11 @@ class EvidenceSettings:
     segment_s: float = number(0.25, "stretches of time whose sums are weighted, and drawn whole by the bootstrap")
     held_out: float = number(1.0 / 3.0, "share of a record that is judged on, without repeats, laps or other records")
     smallest_artefact: float = number(0.04, "mean square of a sensor artefact, in units of the noise, that is a cause")
+    telling_grid: float = number(
+        0.25,
+        "share of the noise of a channel that the grid of an encoder makes where it is a cause",
+        "between 13 planted grids of tiers B, D and F (0.31 or more) and fine ones of other simulators (0.2 or less)",
+    )
     same_phase: float = number(
         0.8, "length of the mean over its mean length, of a line in several motions, below which it is out of step"
     )
@@ -233,6 +238,10 @@ class SearchSettings:
     most_effects: int = number(4, "effects that are added at most")
     set_anew: float = number(0.05, "relative change of a gain since the baseline, from which somebody changed it")
     law_left: float = number(0.5, "of what the force is beside the law of a controller, left by gains that were set")
+    steep: float = number(1.0, "deviations by which a friction turns its sign faster than on paper, and may stick")
+    unseen_bend: float = number(
+        2.0, "times the noise of the position: bristles that bend over less only hold an axis at rest"
+    )
     oversized: float = number(5.0, "times the gap that the response to a tried effect may be before it is made smaller")
     rescaled: int = number(10, "classes that are simulated again at their fitted size")
     sizes: tuple[float, ...] = number((1.0, 0.5), "of that size: large effects are not proportional to it")

@@ -322,6 +322,19 @@ class Effect(ABC):
         """
         return None
 
+    @classmethod
+    def that_sticks(cls, known: "Effect", way_m: float) -> Self | None:
+        """Return a known friction that bends over a way and then slides, or None where the effect is no such form.
+
+        One that bends over less than readings show holds an axis at rest, where one of its speed alone lets it creep.
+        """
+        return None
+
+    @property
+    def bend_m(self) -> float:
+        """Way over which it bends before it slides."""
+        return 0.0
+
     def joined_to(self, known: "Effect") -> "Effect | None":
         """Return a known effect with this one as a part of it, or None where it acts by itself."""
         return None

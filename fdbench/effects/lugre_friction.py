@@ -63,6 +63,21 @@ class LugreFriction(Effect):
         bristles = effect.within(bristle_stiffness_N_per_m=stiffness, bristle_damping_N_s_per_m=damping)
         return bristles.changed(coulomb_force_N=level, static_force_N=level)
 
+    @classmethod
+    def that_sticks(cls, known: Effect, way_m: float) -> Self | None:
+        """Return bristles with the level of a known Coulomb friction that bend over a way."""
+        usual = cls.typical()
+        stiffness = usual.coulomb_force_N / way_m
+        damping = stiffness * usual.bristle_damping_N_s_per_m / usual.bristle_stiffness_N_per_m
+        shape = usual.within(bristle_stiffness_N_per_m=stiffness, bristle_damping_N_s_per_m=damping)
+        names = ("bristle_stiffness_N_per_m", "bristle_damping_N_s_per_m")
+        return cls.in_place_of(known, {name: getattr(shape, name) for name in names})
+
+    @property
+    def bend_m(self) -> float:
+        """Way over which it bends before it slides, F_c / sigma_0."""
+        return self.coulomb_force_N / self.bristle_stiffness_N_per_m
+
     @kernel
     def kernel(t, h, x, v, u, F_c, F_s, v_s, sigma_0, sigma_1, z):
         ratio = v / v_s

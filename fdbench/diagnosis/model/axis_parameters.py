@@ -22,9 +22,18 @@ class _OfASide(NominalParameter):
     side: str
 
     @classmethod
-    def sides(cls, nominal: Nominal) -> tuple[str, ...]:
-        """Return the parts that move apart from each other."""
-        return ("motor", "table") if nominal.drive.screw is not None else ("motor",)
+    @abstractmethod
+    def of_part(cls, part: Any) -> float:
+        """Return the value of a motor or a table."""
+
+    @classmethod
+    def sides(cls, drive: FeedDrive) -> tuple[str, ...]:
+        """Return the parts that move apart from each other; without a screw it is the one that has most of the value.
+
+        Where all moves as one, a data sheet may write it down as the motor's or as the load's.
+        """
+        every = ("motor",) if drive.table is None else ("motor", "table")
+        return every if drive.screw is not None else (max(every, key=lambda side: cls.of_part(getattr(drive, side))),)
 
     def part(self, drive: FeedDrive) -> Any:
         """Return the motor or the table."""
@@ -46,10 +55,14 @@ class Mass(_OfASide):
 
     @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
-        drive = nominal.drive
-        lever = 1.0 if drive.screw is not None else drive.mass_kg / drive.motor.mass_kg
+        drive, sides = nominal.drive, cls.sides(nominal.drive)
+        lever = drive.mass_kg / sum(cls.of_part(getattr(drive, side)) for side in sides)
         deviation = nominal.uncertainty.mass * lever
-        return [cls(name=f"{side}_mass", side=side, deviation=deviation) for side in cls.sides(nominal)]
+        return [cls(name=f"{side}_mass", side=side, deviation=deviation) for side in sides]
+
+    @classmethod
+    def of_part(cls, part: Any) -> float:
+        return float(part.mass_kg)
 
     def apply(self, drive: FeedDrive, shift: float) -> Changed:
         part = self.part(drive)
@@ -58,10 +71,10 @@ class Mass(_OfASide):
         return self.changed(drive, **{field: getattr(part, field) * ratio})
 
     def text(self, drive: FeedDrive, shift: float) -> str:
-        return si_text(self.part(self.apply(drive, shift)[0]).mass_kg, "kg")
+        return si_text(self.of_part(self.part(self.apply(drive, shift)[0])), "kg")
 
     def size(self, drive: FeedDrive) -> float:
-        return self.deviation * float(self.part(drive).mass_kg)
+        return self.deviation * self.of_part(self.part(drive))
 
 
 @final
@@ -86,11 +99,15 @@ class Viscous(_OfASide):
             # Nothing on paper is not known to be nothing.
             on_paper = max(on_paper, covered.force_N / covered.fastest_m_per_s)
         deviation = on_paper * relative
-        own = {side: float(getattr(getattr(drive, side), cls.field)) for side in cls.sides(nominal)}
+        own = {side: cls.of_part(getattr(drive, side)) for side in cls.sides(drive)}
         return [
             cls(name=f"{side}_viscous", side=side, deviation=deviation, relative=relative, lowest=-value / deviation)
             for side, value in own.items()
         ]
+
+    @classmethod
+    def of_part(cls, part: Any) -> float:
+        return float(getattr(part, cls.field))
 
     @property
     def relative_deviation(self) -> float:
@@ -101,11 +118,11 @@ class Viscous(_OfASide):
         return self.lowest, math.inf
 
     def apply(self, drive: FeedDrive, shift: float) -> Changed:
-        moved = getattr(self.part(drive), self.field) + shift * self.deviation
+        moved = self.of_part(self.part(drive)) + shift * self.deviation
         return self.changed(drive, **{self.field: max(moved, 0.0)})
 
     def text(self, drive: FeedDrive, shift: float) -> str:
-        return si_text(getattr(self.part(self.apply(drive, shift)[0]), self.field), unit_of(self.field))
+        return si_text(self.of_part(self.part(self.apply(drive, shift)[0])), unit_of(self.field))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,49 @@
+"""A known friction that sticks: at rest it holds the axis, where a friction of the speed alone lets it creep."""
+
+from collections.abc import Callable, Sequence
+
+from fdbench.diagnosis.evidence.prepare import Aligned
+from fdbench.diagnosis.model.friction_parameters import TransitionVelocity
+from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
+from fdbench.diagnosis.records.runs import POSITION
+from fdbench.diagnosis.search.calibrated import Calibrated
+from fdbench.diagnosis.settings import SEARCH
+from fdbench.effects import Effect
+
+
+def that_sticks(best: Calibrated, beside: Callable[[Sequence[Effect]], Aligned]) -> Calibrated:
+    """Return the re-calibrated model, or one whose known friction sticks where that brings more than a cause costs.
+
+    A friction that turns its sign by far faster than on paper seems to stick. Where bristles in its place bend over no
+    more than readings show, they say nothing but that; where they bend over more, they are a cause to be found.
+
+    Parameters
+    ----------
+    best : Calibrated
+    beside : callable
+        Returns the records prepared for a model with other known effects.
+    """
+    nominal, known = best.ready.nominal, best.ready.nominal.drive.effects
+    noise_m = best.ready.split.noise_models[POSITION].total
+    shifts = zip(nominal_parameters(nominal), best.hypothesis.shifts, strict=True)
+    steep = [item.index for item, shift in shifts if isinstance(item, TransitionVelocity) and shift < -SEARCH.steep]
+    forms = [
+        (index, form)
+        for index in steep
+        for kind in nominal.library
+        if (form := kind.that_sticks(known[index], noise_m))
+    ]
+    if not forms or best.misfit < SEARCH.noise_alone:
+        return best
+    index, form = forms[0]
+    found = best.refinement.refine(best.hypothesis.with_effect(form, index)).effects[-1]
+    if found.bend_m > SEARCH.unseen_bend * noise_m:
+        return best
+    declared = [type(item).declared(**vars(item)) for item in (*known[:index], found, *known[index + 1 :])]
+    tried = Calibrated.of(
+        beside(declared).assuming(
+            f"The known {known[index].name} seems to stick at rest: as {found.name} with bristles that bend over no "
+            "more than the readings show it fits better, whatever its size. Write it so in the model."
+        )
+    )
+    return tried if tried.cost < best.cost - best.hypothesis.cost_of_a_cause else best
