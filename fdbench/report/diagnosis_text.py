@@ -111,7 +111,7 @@ def verdict(answer: Answer) -> Iterator[str]:
         yield from _nothing(answer)
         yield from _changed_values(answer)
         return
-    said = [cause for cause in answer.causes if cause.probability >= WORTH_SAYING]
+    said = [cause for cause in answer.causes if cause.probability >= WORTH_SAYING and not _is_nothing(cause)]
     yield from (_named(cause, answer.recorded) for cause in said)
     for suspect in answer.suspects:
         if suspect.probability >= WORTH_SAYING:
@@ -123,6 +123,11 @@ def verdict(answer: Answer) -> Iterator[str]:
     yield from _changed_values(answer)
     if answer.unknown_probability >= LIKELY and answer.rest_depends_on:
         yield _dependence(answer.rest_depends_on[0])
+
+
+def _is_nothing(cause: Cause) -> bool:
+    """Return whether a cause that is not likely explains nothing to speak of."""
+    return cause.probability <= LIKELY and cause.share < UNSEEN
 
 
 def _nothing(answer: Answer) -> Iterator[str]:
@@ -177,7 +182,9 @@ def _named(cause: Cause, recorded: Recorded | None) -> str:
     share = f"{percent(cause.share)} of the {AFTER}"
     if cause.indistinguishable_from:
         names = " or ".join([cause.effect, *cause.indistinguishable_from])
-        return f"Cannot be distinguished on these data: {names}. Whichever it is explains {share}."
+        together = cause.probability + sum(cause.alternatives.get(name, 0.0) for name in cause.indistinguishable_from)
+        chance = f"probability together {probability_text(together)}"
+        return f"Cannot be distinguished on these data: {names}, {chance}. Whichever it is explains {share}."
     first = "Cause:" if likely else "Perhaps"
     return f"{first} {cause.effect}, {chance}; it explains {share}.{_small(cause, recorded)}"
 
@@ -378,7 +385,7 @@ def _doubts(answer: Answer) -> Iterator[str]:
         )
     for cause in (item for item in answer.causes if item.probability >= WORTH_SAYING):
         balances = cause.force_balances
-        if balances and (rival := balances.instead) and rival.reduction > balances.reduction + DISSENT:
+        if balances and (rival := balances.instead) and rival.reduction > max(balances.reduction, 0.0) + DISSENT:
             yield (
                 f"The forces that the gap asks for, whatever the controller is, speak for {rival.effect} (it "
                 f"removes {part_text(rival.reduction)} of their squares) rather than for {cause.effect} "

@@ -17,10 +17,11 @@ from fdbench.diagnosis.evidence.run_to_run import Repeatability
 from fdbench.diagnosis.evidence.sensor_artefacts import (
     Artefact,
     beside_known,
-    energies,
     grid_artefacts,
     held_artefact,
     interpolated,
+    is_telling,
+    mean_energy,
     of_the_log,
 )
 from fdbench.diagnosis.evidence.split import Split
@@ -151,12 +152,9 @@ def aligned(
     artefacts = [item for item in (held, out_of_step.artefact) if item is not None]
     as_read = [run.as_read() for run in runs]
     grids = [of_the_log(item, split.noise_models) for item in grid_artefacts(as_read, replay, nominal.scale.length)]
-    found = [(item, energies(item, split.noise_models)) for item in grids]
-    for grid, shares in found:
-        if shares.mean() > EVIDENCE.smallest_artefact:
-            split = dataclasses.replace(split, noise_models=raised(split.noise_models, grid.energy))
-            # Every encoder has a grid: one that makes little of the noise is in it, and no cause.
-            artefacts += [grid] if shares.max() > EVIDENCE.telling_grid else []
+    artefacts += [item for item in grids if is_telling(item, split.noise_models)]
+    for grid in [item for item in grids if mean_energy(item, split.noise_models) > EVIDENCE.smallest_artefact]:
+        split = dataclasses.replace(split, noise_models=raised(split.noise_models, grid.energy))
     if error is not None:
         wave = interpolation_artefact(error, as_read, replay, split.noise_models)
         split = dataclasses.replace(split, noise_models=raised(split.noise_models, wave.energy))

@@ -279,3 +279,8 @@ def energies(artefact: Artefact, noise_models: Mapping[str, NoiseModel]) -> Floa
 def mean_energy(artefact: Artefact, noise_models: Mapping[str, NoiseModel]) -> float:
     """Return the mean square that an effect brings into the channels, in units of the floor."""
     return float(np.mean(energies(artefact, noise_models)))
+
+
+def is_telling(grid: Artefact, noise_models: Mapping[str, NoiseModel]) -> bool:
+    """Return whether a grid makes so much of the noise of a channel that it is a cause: every encoder has one."""
+    return bool(energies(grid, noise_models).max() > EVIDENCE.telling_grid)

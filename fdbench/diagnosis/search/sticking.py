@@ -39,9 +39,8 @@ def that_sticks(best: Calibrated, beside: Callable[[Sequence[Effect]], Aligned])
     found = best.refinement.refine(best.hypothesis.with_effect(form, index)).effects[-1]
     if found.bend_m > SEARCH.unseen_bend * noise_m:
         return best
-    declared = [type(item).declared(**vars(item)) for item in (*known[:index], found, *known[index + 1 :])]
     tried = Calibrated.of(
-        beside(declared).assuming(
+        beside([*known[:index], found, *known[index + 1 :]]).assuming(
             f"The known {known[index].name} seems to stick at rest: as {found.name} with bristles that bend over no "
             "more than the readings show it fits better, whatever its size. Write it so in the model."
         )

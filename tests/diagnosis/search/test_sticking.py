@@ -1,0 +1,61 @@
+"""A known friction that sticks is no cause; one whose bristles are seen to bend is."""
+
+import axis_lab
+import pytest
+
+from fdbench.diagnosis.answer import Answer
+from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.effects import Effect, effects
+from fdbench.plants._controllers import Cascade
+from fdbench.plants.feed_drive import FeedDrive, LinearMotor
+
+COULOMB, LUGRE = effects.get("coulomb_friction"), effects.get("lugre_friction")
+
+
+def stage(mass_kg: float, friction: Effect) -> FeedDrive:
+    """Return a light stage that an integral part moves on only once its friction is overcome."""
+    return FeedDrive(
+        motor=LinearMotor(mass_kg=mass_kg, viscous_friction_N_s_per_m=20.0),
+        controller=Cascade(
+            position_gain_per_s=60.0,
+            velocity_gain_N_s_per_m=2e3,
+            integral_gain_N_per_m=6e4,
+            velocity_feedforward=1.0,
+            acceleration_feedforward_kg=0.0,
+            force_limit_N=1000.0,
+            feedback="motor",
+            difference_span=1,
+        ),
+        travel_m=1.0,
+        velocity_limit_m_per_s=3.0,
+        effects=(friction,),
+    )
+
+
+def answer_of(bend_m: float) -> Answer:
+    """Return what is said of a stage with bristles that bend over a way, of which Coulomb friction is known."""
+    stiffness = 19.0 / bend_m
+    bristles = LUGRE.typical(
+        coulomb_force_N=19.0,
+        static_force_N=19.0,
+        bristle_stiffness_N_per_m=stiffness,
+        bristle_damping_N_s_per_m=5e-4 * stiffness,
+    )
+    groups = [
+        [
+            axis_lab.record(stage(20.4, bristles), (), motion, duration, seed=int(10 * factor) + repeat)
+            for motion, duration in axis_lab.protocol(factor).values()
+            for repeat in range(repeats)
+        ]
+        for factor, repeats in ((1.0, 2), (1.3, 1))
+    ]
+    nominal = Nominal(plant=stage(20.0, COULOMB.typical(coulomb_force_N=20.0)), simulation=Simulation(substeps=10))
+    return diagnose(nominal, *groups).answer
+
+
+@pytest.mark.parametrize(("bend_m", "sticks"), [(2e-8, True), (5e-6, False)])
+def test_bristles_that_are_not_seen_to_bend_are_no_cause(bend_m: float, sticks: bool) -> None:
+    answer = answer_of(bend_m)
+    assert any("seems to stick at rest" in text for text in answer.assumptions) is sticks
+    assert (answer.chances().get("lugre_friction", 0.0) > 0.9) is not sticks
