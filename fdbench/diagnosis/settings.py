@@ -196,6 +196,11 @@ class EvidenceSettings:
     same_phase: float = number(
         0.8, "length of the mean over its mean length, of a line in several motions, below which it is out of step"
     )
+    steady_line: float = number(
+        0.7,
+        "of a line, in the quarter of a record that has least of it, from which it is a force that acts all the time",
+        "between 6 such forces (0.86 or more) and 3 modes and loops that rang (0.57 or less) of tier F",
+    )
     answer: float = number(5.0, "power of the position against its surroundings, from which it answers to a force")
     answered: float = number(0.99, "probability of a force out of step to which the position answers")
     unanswered: float = number(0.5, "probability of one of which the position would show no answer")

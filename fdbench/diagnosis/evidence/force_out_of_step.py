@@ -92,9 +92,20 @@ class Looked:
         moving = speed[self.run.moves]
         usual = float(np.median(moving)) if len(moving) else 0.0
         other = (np.abs(speed - usual) > USUAL * usual) & where.inside
-        tone = fitted((gap * where.inside)[None], where.tones([self.sharpened(line)]))[0]
+        tone = self._tone(line)
         turns = other.sum() * line * self.run.period_s
         return bool(turns > TURNS and gap[other] @ tone[other] > 0.5 * (tone[other] @ tone[other]))
+
+    def steadiness(self, line: float) -> float:
+        """Return how much of a line (Hz) is in the quarter of the run that has least of it; 1 of a steady force."""
+        gap, tone = self.gap(FORCE), self._tone(line)
+        quarters = np.array_split(np.flatnonzero(self.where.inside), 4)
+        return min(float(gap[own] @ tone[own]) / max(float(tone[own] @ tone[own]), 1e-300) for own in quarters)
+
+    def _tone(self, line: float) -> FloatArray:
+        """Return what the gap of the force has of a line (Hz), (n_samples,)."""
+        inside = (self.gap(FORCE) * self.where.inside)[None]
+        return np.asarray(fitted(inside, self.where.tones([self.sharpened(line)]))[0])
 
 
 def without_forces_out_of_step(runs: Sequence[RecordedRun], nominal: Nominal, replay: Replay) -> OutOfStep:
@@ -198,7 +209,7 @@ def lines_of_all(looked: Sequence[Looked]) -> list[float]:
     """Return the lines (Hz) that all of several motions have, at another phase each, and at any speed.
 
     One that has the same phase in all is in step with them, and an effect may say so. What repeats with the way is a
-    line at a steady speed, and none at another.
+    line at a steady speed, and none at another; what rings has one for a while.
     """
     if len(looked) < 2:
         return []
@@ -210,7 +221,9 @@ def lines_of_all(looked: Sequence[Looked]) -> list[float]:
         if all(abs(other - line) < width + widths[0] for other, width in zip(nearest, widths, strict=True)):
             phasors = [item.component(FORCE, line * item.run.period_s) for item in looked]
             in_step = abs(np.mean(phasors)) > EVIDENCE.same_phase * np.mean(np.abs(phasors))
-            if not in_step and all(item.is_at_any_speed(line) for item in looked):
+            # A mode or a loop that rings has a line, too, that comes and goes with what the motion excites.
+            is_steady = float(np.median([item.steadiness(line) for item in looked])) > EVIDENCE.steady_line
+            if not in_step and is_steady and all(item.is_at_any_speed(line) for item in looked):
                 found.append(line)
     return found
 

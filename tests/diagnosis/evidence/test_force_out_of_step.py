@@ -118,6 +118,21 @@ def test_a_wave_over_the_way_is_no_line_over_time() -> None:
     assert line == pytest.approx(20.0, abs=0.05)
 
 
+@pytest.mark.parametrize(("decay_s", "n_lines"), [(math.inf, 1), (0.8, 0)])
+def test_what_rings_is_no_force_that_acts_all_the_time(decay_s: float, n_lines: int) -> None:
+    rng = np.random.default_rng(4)
+    runs = []
+    for first in (0.0, 0.7, 1.9):
+        reference = moves((0.0, 0.3 + 0.05 * first, 0.1, 0.4, 0.0), (0.2,), 4.0, PERIOD_S, dwell_s=0.5)
+        time_s = np.arange(len(reference)) * PERIOD_S
+        force_N = rng.standard_normal(len(reference)) + 20.0 * np.exp(-time_s / decay_s) * np.sin(
+            126.0 * time_s + first
+        )
+        channels = {"motor_force_N": force_N, "position_m": reference[:, 0]}
+        runs.append(RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=channels, lap=None))
+    assert len(lines_of_all(list(map(Looked.everywhere, runs)))) == n_lines
+
+
 def test_a_force_that_friction_holds_at_rest_is_found_while_the_axis_moves() -> None:
     rng = np.random.default_rng(3)
     reference = moves((0.0, 0.08, 0.02, 0.11, 0.0), (0.08,), 4.0, PERIOD_S, dwell_s=0.7)
