@@ -20,9 +20,9 @@ from fdbench.diagnosis.evidence.sensor_artefacts import (
     grid_artefacts,
     held_artefact,
     interpolated,
-    is_telling,
     mean_energy,
     of_the_log,
+    told_of,
 )
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
@@ -152,9 +152,10 @@ def aligned(
     artefacts = [item for item in (held, out_of_step.artefact) if item is not None]
     as_read = [run.as_read() for run in runs]
     grids = [of_the_log(item, split.noise_models) for item in grid_artefacts(as_read, replay, nominal.scale.length)]
-    artefacts += [item for item in grids if is_telling(item, split.noise_models)]
+    grids = [told_of(item, split.noise_models) for item in grids]
     for grid in [item for item in grids if mean_energy(item, split.noise_models) > EVIDENCE.smallest_artefact]:
         split = dataclasses.replace(split, noise_models=raised(split.noise_models, grid.energy))
+        artefacts.append(grid)
     if error is not None:
         wave = interpolation_artefact(error, as_read, replay, split.noise_models)
         split = dataclasses.replace(split, noise_models=raised(split.noise_models, wave.energy))

@@ -281,6 +281,7 @@ def mean_energy(artefact: Artefact, noise_models: Mapping[str, NoiseModel]) -> f
     return float(np.mean(energies(artefact, noise_models)))
 
 
-def is_telling(grid: Artefact, noise_models: Mapping[str, NoiseModel]) -> bool:
-    """Return whether a grid makes so much of the noise of a channel that it is a cause: every encoder has one."""
-    return bool(energies(grid, noise_models).max() > EVIDENCE.telling_grid)
+def told_of(grid: Artefact, noise_models: Mapping[str, NoiseModel]) -> Artefact:
+    """Return a grid, improbable as a cause where it makes little of the noise of any channel, as every encoder does."""
+    is_fine = energies(grid, noise_models).max() <= EVIDENCE.telling_grid
+    return dataclasses.replace(grid, probability=0.0) if is_fine else grid

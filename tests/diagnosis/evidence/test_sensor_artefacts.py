@@ -12,8 +12,8 @@ from fdbench.diagnosis.evidence.sensor_artefacts import (
     grid_artefacts,
     held_artefact,
     interpolated,
-    is_telling,
     of_the_log,
+    told_of,
 )
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.model.replay import Replay
@@ -150,13 +150,13 @@ def test_each_encoder_has_a_grid_of_its_own() -> None:
     assert found == pytest.approx({"encoder_quantisation": 2e-7, "scale_quantisation": 1e-6}, rel=0.03)
 
 
-@pytest.mark.parametrize(("share", "is_cause"), [(0.2, False), (0.3, True)])
-def test_a_grid_is_a_cause_where_it_makes_a_part_of_the_noise_of_a_channel(share: float, is_cause: bool) -> None:
+@pytest.mark.parametrize(("share", "probability"), [(0.2, 0.0), (0.3, 0.9)])
+def test_a_grid_is_a_cause_where_it_makes_a_part_of_the_noise_of_a_channel(share: float, probability: float) -> None:
     energy = {"motor_force_N": 4.0 * share, "position_m": 1e-16}
     kind = effects.get("encoder_quantisation")
-    grid = Artefact(kind=kind, probability=1.0, value=1e-6, low=0.98e-6, high=1.02e-6, energy=energy)
+    grid = Artefact(kind=kind, probability=0.9, value=1e-6, low=0.98e-6, high=1.02e-6, energy=energy)
     floors = {"motor_force_N": white(2.0, measured=True), "position_m": white(1e-6, measured=True)}
-    assert is_telling(grid, floors) is is_cause
+    assert told_of(grid, floors).probability == probability
 
 
 def test_smooth_readings_have_no_grid() -> None:
