@@ -245,7 +245,13 @@ class SearchSettings:
     law_left: float = number(0.5, "of what the force is beside the law of a controller, left by gains that were set")
     steep: float = number(1.0, "deviations by which a friction turns its sign faster than on paper, and may stick")
     unseen_bend: float = number(
-        2.0, "times the noise of the position: bristles that bend over less only hold an axis at rest"
+        1.0,
+        "times the noise of the position, of repeats too: bristles that bend over less may only hold an axis at rest",
+    )
+    unseen_reading: float = number(
+        20.0,
+        "times the noise of the position at high frequencies, of which that holds besides",
+        "between 8 axes that stick in PyBullet (13 or less) and one of tier D whose bristles bend (110)",
     )
     oversized: float = number(5.0, "times the gap that the response to a tried effect may be before it is made smaller")
     rescaled: int = number(10, "classes that are simulated again at their fitted size")

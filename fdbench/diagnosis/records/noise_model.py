@@ -43,6 +43,11 @@ class NoiseModel:
         """Standard deviation of a sample within a run, in the unit of the channel."""
         return max(math.sqrt(float(self.spectrum.sum())), SMALLEST)
 
+    @property
+    def at_high_frequencies(self) -> float:
+        """Root mean square of the white noise that is as loud above half of the highest frequency."""
+        return max(self.rms * math.sqrt(2.0 * float(self.shares((0.5, 1.0))[0])), SMALLEST)
+
     @cached_property
     def total(self) -> float:
         """Root mean square of what repeats differ by, over the root of two."""

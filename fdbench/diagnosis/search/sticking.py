@@ -24,20 +24,20 @@ def that_sticks(best: Calibrated, beside: Callable[[Sequence[Effect]], Aligned])
         Returns the records prepared for a model with other known effects.
     """
     nominal, known = best.ready.nominal, best.ready.nominal.drive.effects
-    noise_m = best.ready.split.noise_models[POSITION].total
+    noise = best.ready.split.noise_models[POSITION]
     shifts = zip(nominal_parameters(nominal), best.hypothesis.shifts, strict=True)
     steep = [item.index for item, shift in shifts if isinstance(item, TransitionVelocity) and shift < -SEARCH.steep]
     forms = [
         (index, form)
         for index in steep
         for kind in nominal.library
-        if (form := kind.that_sticks(known[index], noise_m))
+        if (form := kind.that_sticks(known[index], noise.total))
     ]
     if not forms or best.misfit < SEARCH.noise_alone:
         return best
     index, form = forms[0]
     found = best.refinement.refine(best.hypothesis.with_effect(form, index)).effects[-1]
-    if found.bend_m > SEARCH.unseen_bend * noise_m:
+    if found.bend_m > min(SEARCH.unseen_bend * noise.total, SEARCH.unseen_reading * noise.at_high_frequencies):
         return best
     tried = Calibrated.of(
         beside([*known[:index], found, *known[index + 1 :]]).assuming(
