@@ -189,9 +189,9 @@ class EvidenceSettings:
     held_out: float = number(1.0 / 3.0, "share of a record that is judged on, without repeats, laps or other records")
     smallest_artefact: float = number(0.04, "mean square of a sensor artefact, in units of the noise, that is a cause")
     telling_grid: float = number(
-        0.25,
-        "share of the noise of a channel that the grid of an encoder makes where it is a cause",
-        "between 13 planted grids of tiers B, D and F (0.31 or more) and fine ones of other simulators (0.2 or less)",
+        0.35,
+        "mean square of the grid of an encoder, in units of the noise of a channel, where it is a cause",
+        "between 13 planted grids of tiers B, D and F (0.45 or more) and fine ones of others (0.28 or less, one 0.9)",
     )
     same_phase: float = number(
         0.8, "length of the mean over its mean length, of a line in several motions, below which it is out of step"

@@ -150,7 +150,7 @@ def test_each_encoder_has_a_grid_of_its_own() -> None:
     assert found == pytest.approx({"encoder_quantisation": 2e-7, "scale_quantisation": 1e-6}, rel=0.03)
 
 
-@pytest.mark.parametrize(("share", "probability"), [(0.2, 0.0), (0.3, 0.9)])
+@pytest.mark.parametrize(("share", "probability"), [(0.3, 0.0), (0.4, 0.9)])
 def test_a_grid_is_a_cause_where_it_makes_a_part_of_the_noise_of_a_channel(share: float, probability: float) -> None:
     energy = {"motor_force_N": 4.0 * share, "position_m": 1e-16}
     kind = effects.get("encoder_quantisation")
