@@ -67,11 +67,8 @@ class LugreFriction(Effect):
     def that_sticks(cls, known: Effect, way_m: float) -> Self | None:
         """Return bristles with the level of a known Coulomb friction that bend over a way."""
         usual = cls.typical()
-        stiffness = usual.coulomb_force_N / way_m
-        damping = stiffness * usual.bristle_damping_N_s_per_m / usual.bristle_stiffness_N_per_m
-        shape = usual.within(bristle_stiffness_N_per_m=stiffness, bristle_damping_N_s_per_m=damping)
-        names = ("bristle_stiffness_N_per_m", "bristle_damping_N_s_per_m")
-        return cls.in_place_of(known, {name: getattr(shape, name) for name in names})
+        bent = usual.within(bristle_stiffness_N_per_m=usual.coulomb_force_N / way_m)
+        return cls.in_place_of(known, {"bristle_stiffness_N_per_m": bent.bristle_stiffness_N_per_m})
 
     @property
     def bend_m(self) -> float:
