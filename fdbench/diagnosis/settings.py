@@ -156,7 +156,7 @@ class ModelSettings:
     coarser_substeps: tuple[int, ...] = number(
         (2, 3, 4, 5, 6, 8, 12, 20), "substeps that are tried where the model has more"
     )
-    substeps_error: float = number(0.1, "of the noise, root mean square, by which coarser substeps may move a reading")
+    substeps_error: float = number(0.2, "of the noise, root mean square, by which coarser substeps may move a reading")
     slower: float = number(0.8, "factor of the bandwidth of a virtual controller that rings or is loud", zero=1.0)
     lowest_Hz: float = number(1.0, "bandwidth of a virtual controller that has to hold the axis")
     quietest_Hz: float = number(5.0, "bandwidth of a virtual controller that is slow enough for any noise")
@@ -259,6 +259,7 @@ class SearchSettings:
     starts: tuple[float, ...] = number((0.5, 0.25), "of that size: further starts, where it is worse than no effect")
     refined: int = number(3, "classes refined in closed loop, at most, by what is fitted and by what is held out")
     serious: float = number(0.2, "share of the best gain that makes a class worth refining")
+    promising: float = number(0.25, "of ``smallest_gain``, that a linear fit of a class must show where it is held out")
     strained: float = number(2.0, "deviations of a nominal parameter that may hide an effect from a linear fit")
     unhidden: int = number(2, "classes refined beside nominal parameters as given, where the base has strained ones")
     smallest_gain: float = number(0.04, "share of the excess misfit that an effect must remove")
@@ -288,11 +289,15 @@ class SearchSettings:
     )
     tangents: int = number(8, "points about which responses to nominal parameters are kept, if there is room for them")
     converged: float = number(1e-3, "fall of the objective, relative to its excess over noise, that ends a refinement")
+    unnoticed: float = number(1e-3, "the same, relative to all that is left, noise too: 0.03 of a log evidence")
     smallest_fall: float = number(2.0, "fall of the objective that is no evidence of anything")
     dampings: tuple[float, ...] = number(
         (0.03, 0.3, 3.0), "of the diagonal of the normal matrix, tried together where a step without promises too much"
     )
     further_dampings: tuple[float, ...] = number((30.0, 300.0, 3000.0), "tried where none of those falls as promised")
+    hopeless: float = number(
+        3.0, "times what a step promises, short of another hypothesis, at which a fit that is to beat it is given up"
+    )
     quick: int = number(2, "steps after which a fit that creeps is slow, and longer steps are tried, too")
     creeping: float = number(0.05, "fall of the objective, relative to it, below which a fit creeps")
     lengths: tuple[float, ...] = number((2.0, 4.0), "of the best step, tried together where a fit is slow")

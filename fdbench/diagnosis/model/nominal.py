@@ -32,7 +32,7 @@ class Simulation:
     Parameters
     ----------
     substeps : int
-        Substeps of the integration between two samples, at most; fewer are taken where no reading moves by a tenth of
+        Substeps of the integration between two samples, at most; fewer are taken where no reading moves by a fifth of
         its noise.
     loops : int or None
         Cycles of the controller between two samples. Without it one, or as many as records tell.

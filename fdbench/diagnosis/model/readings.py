@@ -104,7 +104,7 @@ class Readings:
             self._kept.pop(hypothesis.key, None)
 
     def coarsened(self, nominal: Hypothesis, noise_models: Mapping[str, NoiseModel]) -> "Readings":
-        """Return those with the fewest substeps that move no reading by a tenth of the noise within a run."""
+        """Return those with the fewest substeps that move no reading by a fifth of the noise within a run."""
         places = range(len(self.runs))
         n_samples = sum(run.n_samples for run in self.runs)
         for substeps in MODEL.coarser_substeps:

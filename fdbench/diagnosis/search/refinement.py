@@ -104,13 +104,32 @@ class Refinement:
         """
         form = [item.name for item in nominal_parameters(given.nominal) if isinstance(item, FrictionForm)]
         found = self.refine(self.refine(given, fixed=form)) if form else self.refine(given)
-        others = [self.refine(item) for item in found.on_one_side()]
+        others = found.on_one_side()
         if narrow:
             far = self.refine(given, fixed=form, tempered=False)
-            others += [self.refine(item) for item in (far, *far.on_one_side())]
-        return self.better(found, [found, *others])
+            others += [far, *far.on_one_side()]
+        return self.best_from(found, others, found)
 
-    def refine(self, given: Hypothesis, fixed: Collection[str] = (), *, tempered: bool = True) -> Hypothesis:
+    def best_from(
+        self, base: Hypothesis, starts: Sequence[Hypothesis], best: Hypothesis, ahead: Hypothesis | None = None
+    ) -> Hypothesis:
+        """Return the best of a hypothesis and of refinements from several starts, with the weights of a base.
+
+        A refinement that falls hopelessly behind the best so far, or what is ``ahead`` of all, is given up.
+        """
+        for start in starts:
+            leader = best if ahead is None else self.better(base, [ahead, best])
+            best = self.better(base, [best, self.refine(start, ahead=leader)])
+        return best
+
+    def refine(
+        self,
+        given: Hypothesis,
+        fixed: Collection[str] = (),
+        *,
+        tempered: bool = True,
+        ahead: Hypothesis | None = None,
+    ) -> Hypothesis:
         """Fit all numbers of a hypothesis but fixed ones on the training segments in closed loop.
 
         What is minimised are the weighted squares and, `prior_weight` times, the prior penalty, by Gauss-Newton steps.
@@ -119,14 +138,17 @@ class Refinement:
         numbers serve for further steps as long as steps keep what they promise (chords: Shamanskii 1967), and are
         simulated anew otherwise: to numbers moved by less where those had told too small a slope. What is to
         predict best, and is compared with nothing, is fitted by all samples as they are, not ``tempered``. From where a
-        fit has begun before it ends where it did.
+        fit has begun before it ends where it did. One of which ``SEARCH.hopeless`` times what a step promises would not
+        come to what a hypothesis ``ahead`` has is given up.
         """
-        begun = given.key, frozenset(fixed), tempered
+        begun = given.key, frozenset(fixed), tempered, None if ahead is None else ahead.key
         if begun not in self._refined:
-            self._refined[begun] = self._descended(given, fixed, tempered)
+            self._refined[begun] = self._descended(given, fixed, tempered, ahead)
         return self._refined[begun]
 
-    def _descended(self, given: Hypothesis, fixed: Collection[str], tempered: bool) -> Hypothesis:
+    def _descended(
+        self, given: Hypothesis, fixed: Collection[str], tempered: bool, ahead: Hypothesis | None
+    ) -> Hypothesis:
         hypothesis, tangent, kept = given, self.tangent(given), True
         moving = [place for place, item in enumerate(adjustables_of(given)) if item.name not in fixed]
         for place in range(SEARCH.steps):
@@ -135,9 +157,9 @@ class Refinement:
             alone = float(probed.squares(held_out=False)[0])
             weight = prior_weight(alone) if tempered else 1.0
             excess = alone - float((probed.weights * probed.counts)[inside].sum())
-            enough = max(SEARCH.converged * excess, SEARCH.smallest_fall)
+            enough = max(SEARCH.converged * excess, SEARCH.unnoticed * alone, SEARCH.smallest_fall)
             steps, fresh = _Steps(hypothesis, probed, moving, weight, tangent.scale), tangent.is_about(hypothesis)
-            if steps.promise < enough:
+            if steps.promise < enough or (ahead is not None and self._is_hopeless(steps, ahead)):
                 break
             hypothesis, fell = self._stepped(steps, given, fresh=fresh, likely=kept, slow=place >= SEARCH.quick)
             if fresh and fell < enough:
@@ -185,6 +207,11 @@ class Refinement:
         after = _objectives(self._squares(steps.hypothesis, trials)[1:], trials, steps.weight)
         best = int(np.argmin(after))
         return trials[best], steps.before - after[best]
+
+    def _is_hopeless(self, steps: "_Steps", ahead: Hypothesis) -> bool:
+        """Return whether several times what is promised would still be behind a hypothesis."""
+        _, fell = self._deepest(steps, [ahead])
+        return fell > SEARCH.hopeless * steps.promise
 
     def _own(self, tangent: Tangent, given: Hypothesis) -> Tangent:
         """Return the part of a tangent that serves no other fit."""
@@ -261,7 +288,8 @@ class Refinement:
         found = self.refine(weighed, tempered=False)
         if all(abs(a - b) <= SEARCH.near for a, b in zip(weighed.shifts, calibrated.shifts, strict=True)):
             return found
-        fits = [found, self.refine(dataclasses.replace(weighed, shifts=calibrated.shifts), tempered=False)]
+        other = dataclasses.replace(weighed, shifts=calibrated.shifts)
+        fits = [found, self.refine(other, tempered=False, ahead=found)]
         squares = self._squares(weighed, fits)[1:]
         return fits[int(np.argmin(_objectives(squares, fits, 1.0)))]
 

@@ -15,7 +15,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.periods import located
 from fdbench.diagnosis.search.refinement import Refinement, prior_weight
-from fdbench.diagnosis.search.stage import Stage, equivalent_misfit, look_alikes, ranked
+from fdbench.diagnosis.search.stage import Stage, equivalent_misfit, excess_of, look_alikes, ranked
 from fdbench.diagnosis.settings import SEARCH
 from fdbench.effects import Effect
 
@@ -89,9 +89,12 @@ class Search:
         every, fits = self._fitted_linearly(base, before.gap)
         sized, alone = self._sized(base, every, fits)
         worthwhile, unhidden = _worthwhile(base, sized, alone), self._unhidden(base, every)
-        hypotheses = []
+        hypotheses, ahead = [], self.refinement.better(base, [base, *unhidden.values()])
         for kind in dict.fromkeys((*sized, *unhidden)):
-            found = self._refined(base, *sized[kind]) if kind in worthwhile else None
+            found = None
+            if kind in worthwhile:
+                found = self._refined(base, *sized[kind], ahead)
+                ahead = self.refinement.better(base, [ahead, found])
             if kind in unhidden and (found is None or self.refinement.is_closer(base, unhidden[kind], found)):
                 found = unhidden[kind]
             hypotheses.append((kind, _linear(base, *sized[kind]) if found is None else found, found is not None))
@@ -134,11 +137,23 @@ class Search:
         order = sorted(sized, key=lambda kind: _cost(base, sized[kind][1].misfit, sized[kind][1]))
         return {kind: sized[kind] for kind in order}, screened.alone
 
-    def _refined(self, base: Hypothesis, candidate: Candidate, fit: Fit) -> Hypothesis:
-        """Return the best refinement of a candidate from where it may begin."""
+    def _refined(self, base: Hypothesis, candidate: Candidate, fit: Fit, ahead: Hypothesis) -> Hypothesis:
+        """Return the best refinement of a candidate; one that falls hopelessly behind what is ``ahead`` is given up."""
         self.progress(f"refining {candidate.kind.name}")
-        starts = self._starts(base, _linear(base, candidate, fit), candidate)
-        return self.refinement.better(base, [self.refined_anew(start, base) for start in starts])
+        first, *others = self._starts(base, _linear(base, candidate, fit), candidate)
+        found = self.refinement.best_from(base, others, self.refinement.refine(first, ahead=ahead), ahead)
+        return self.refined_anew(found, base, ahead)
+
+    def refined_anew(self, found: Hypothesis, base: Hypothesis, ahead: Hypothesis | None = None) -> Hypothesis:
+        """Return the better of a refinement and, where the base may stand in, of one from nominal parameters as given.
+
+        Those that stand in for an effect that is not there yet are far off, and stay there beside it; so does a free
+        form of friction beside an effect that is friction over velocity.
+        """
+        if base.far_fetched == 0.0 and found.effects[-1].type_of() != "friction_over_velocity":
+            return found
+        anew = dataclasses.replace(found, shifts=(0.0,) * len(found.shifts))
+        return self.refinement.best_from(base, [anew], found, ahead)
 
     def _looked_at_again(
         self, base: Hypothesis, kind: type[Effect], linear: Hypothesis
@@ -155,7 +170,7 @@ class Search:
         amplitude = next(item for item in kind.parameters() if item.name == kind.amplitude)
         sizes = (amplitude.typical, -amplitude.typical) if amplitude.low < 0.0 else (amplitude.typical,)
         starts = [base.with_effect(effect.within(**{amplitude.name: size})) for size in sizes]
-        return kind, self.refinement.better(base, [linear, *map(self.refinement.refine, starts)]), True
+        return kind, self.refinement.best_from(base, starts, linear), True
 
     def _unhidden(self, base: Hypothesis, every: Sequence[Candidate]) -> dict[type[Effect], Hypothesis]:
         """Return the classes that fit best beside nominal parameters as given, refined, where those of the base strain.
@@ -167,11 +182,14 @@ class Search:
         given = dataclasses.replace(base, shifts=(0.0,) * len(base.shifts))
         best = self._best_of_class(given, every, self._screen(given, every, self.split.fitted).fits)
         costs = {kind: _cost(given, fit.train, fit) for kind, (_, fit) in best.items()}
-        found = {}
+        found, ahead = {}, base
         for kind in sorted(costs, key=costs.__getitem__)[: SEARCH.unhidden]:
             self.progress(f"refining {kind.name}")
             candidate, _ = best[kind]
-            found[kind] = self.refinement.refine(given.with_effect(candidate.members[0], candidate.replaces))
+            begun = given.with_effect(candidate.members[0], candidate.replaces)
+            refined = self.refinement.refine(begun, ahead=ahead)
+            if self.refinement.better(base, [base, refined]) is refined:
+                found[kind], ahead = refined, self.refinement.better(base, [ahead, refined])
         return found
 
     def contested(self, base: Hypothesis, hypotheses: Sequence[tuple[type[Effect], Hypothesis, bool]]) -> Stage:
@@ -189,7 +207,7 @@ class Search:
             if rival.hypothesis.replaced == best.hypothesis.replaced:
                 self.progress(f"{rival.kind.name} in place of {best.kind.name}")
                 exchanged = best.hypothesis.without_effect(best.kind).with_effect(rival.effect)
-                exchanged = self.refinement.refine(exchanged)
+                exchanged = self.refinement.refine(exchanged, ahead=rival.hypothesis)
                 if self.refinement.better(base, [rival.hypothesis, exchanged]) is exchanged:
                     again[rival.kind] = exchanged
         if not again:
@@ -328,18 +346,6 @@ class Search:
         smaller = [one for item in candidate.sizes(SEARCH.starts) for one in item.hypotheses(base)]
         return [*found, self.refinement.better(base, smaller)]
 
-    def refined_anew(self, hypothesis: Hypothesis, base: Hypothesis) -> Hypothesis:
-        """Return the better of two refinements: from here, and where the base may stand in, from nominal parameters.
-
-        Nominal parameters that stand in for an effect that is not there yet are far off, and stay there beside it; so
-        does a free form of friction beside an effect that is friction over velocity.
-        """
-        found = self.refinement.refine(hypothesis)
-        if base.far_fetched == 0.0 and hypothesis.effects[-1].type_of() != "friction_over_velocity":
-            return found
-        anew = self.refinement.refine(dataclasses.replace(hypothesis, shifts=(0.0,) * len(hypothesis.shifts)))
-        return self.refinement.better(base, [found, anew])
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Screened:
@@ -359,19 +365,23 @@ def _linear(base: Hypothesis, candidate: Candidate, fit: Fit) -> Hypothesis:
 def _worthwhile(base: Hypothesis, sized: Mapping[type[Effect], tuple[Candidate, Fit]], alone: Fit) -> set[type[Effect]]:
     """Return the classes that gain most beside a fit of the base alone, on what is held out or on what is fitted.
 
-    A shape that is not fitted yet can be right on what is fitted, and wrong on what is held out.
+    A shape that is not fitted yet can be right on what is fitted, and wrong on what is held out. Where much is left, what
+    shows little in a linear fit may be far from linear.
     """
     cost, misfit = _cost(base, alone.train, alone), _equivalent(base, alone)
     falls = {kind: cost - _cost(base, fit.train, fit) for kind, (_, fit) in sized.items()}
     gains = {kind: misfit - _equivalent(base, fit) for kind, (_, fit) in sized.items()}
-    return foremost(gains) | foremost(falls)
+    if alone.misfit >= SEARCH.unexplained:
+        return foremost(gains) | foremost(falls)
+    least = SEARCH.promising * SEARCH.smallest_gain * excess_of(misfit)
+    return foremost(gains, least) | foremost(falls, SEARCH.smallest_fall)
 
 
-def foremost(gains: Mapping[type[Effect], float]) -> set[type[Effect]]:
-    """Return the classes that gain most, as far as they gain a share of the most."""
+def foremost(gains: Mapping[type[Effect], float], least: float = 0.0) -> set[type[Effect]]:
+    """Return the classes that gain most, as far as they gain a share of the most, and no less than the least."""
     most = max(gains.values(), default=0.0)
     first = sorted(gains, key=lambda kind: -gains[kind])[: SEARCH.refined]
-    return {kind for kind in first if gains[kind] >= SEARCH.serious * most > 0.0}
+    return {kind for kind in first if gains[kind] >= SEARCH.serious * most > 0.0 and gains[kind] >= least}
 
 
 def _not_oversized(every: Sequence[Candidate], sizes: Sequence[float], gap: float) -> list[Candidate]:

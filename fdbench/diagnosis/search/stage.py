@@ -107,7 +107,7 @@ class Stage:
         """
         named, cheaper = hypothesis.named_penalty(), self.base.cause_penalty() - hypothesis.cause_penalty()
         has_a_name = cheaper > 0.0 and self.base.contradiction == 0.0
-        paraphrase = has_a_name and self.misfit - misfit < SEARCH.besides * self._excess(self.misfit)
+        paraphrase = has_a_name and self.misfit - misfit < SEARCH.besides * excess_of(self.misfit)
         return Rival(
             kind=kind,
             hypothesis=hypothesis,
@@ -133,11 +133,7 @@ class Stage:
         gain = alone - equivalent_misfit(
             rival.misfit, self.base if rival.paraphrase else rival.hypothesis, self.effective
         )
-        return gain / self._excess(alone)
-
-    @staticmethod
-    def _excess(misfit: float) -> float:
-        return max(misfit - 1.0, 0.5 * misfit)
+        return gain / excess_of(alone)
 
     def log_evidence(self, misfit: float, penalty: float) -> float:
         """Return the tempered log evidence of a misfit."""
@@ -232,6 +228,11 @@ def _log_odds(z: float) -> float:
     """Return the log odds of what lies z standard errors behind."""
     z = min(z, 30.0) / math.sqrt(2.0)
     return math.log(math.erfc(z) / math.erfc(-z))
+
+
+def excess_of(misfit: float) -> float:
+    """Return what of a misfit an effect may explain: what is over noise, but at least half of it."""
+    return max(misfit - 1.0, 0.5 * misfit)
 
 
 def equivalent_misfit(misfit: float, hypothesis: Hypothesis, effective: float) -> float:

@@ -235,8 +235,9 @@ def test_beside_a_far_fetched_base_an_effect_is_also_fitted_from_the_nominal_val
     far = given.moved([8.0 if name == "motor_viscous" else 0.0 for name in names])
     assert far.far_fetched > 0.0 == given.far_fetched
     tried = far.with_effect(true.scaled(0.1))
-    found = own.refined_anew(tried, far)
-    assert found.prior_penalty() <= own.refinement.refine(tried).prior_penalty()
+    near = own.refinement.refine(tried)
+    found = own.refined_anew(near, far)
+    assert found.prior_penalty() <= near.prior_penalty()
     assert found.prior_penalty() < 5.0
     assert found.effects[0].values()[0] == pytest.approx(true.values()[0], rel=0.2)
 
@@ -264,7 +265,8 @@ def test_friction_over_velocity_is_also_fitted_without_a_free_form_of_friction()
     assert base.far_fetched == 0.0
     tried = base.with_effect(true.scaled(0.1))
     with changed({"search.quick": SEARCH.steps}):
-        found, beside_the_form = own.refined_anew(tried, base), own.refinement.refine(tried)
+        beside_the_form = own.refinement.refine(tried)
+        found = own.refined_anew(beside_the_form, base)
     assert own.refinement.better(base, [found, beside_the_form]) is found
     assert found.effects[0].values()[0] == pytest.approx(60.0, rel=0.2)
     assert beside_the_form.effects[0].values()[0] < found.effects[0].values()[0]
