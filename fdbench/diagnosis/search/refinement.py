@@ -210,8 +210,8 @@ class Refinement:
 
     def _is_hopeless(self, steps: "_Steps", ahead: Hypothesis) -> bool:
         """Return whether several times what is promised would still be behind a hypothesis."""
-        _, fell = self._deepest(steps, [ahead])
-        return fell > SEARCH.hopeless * steps.promise
+        most = SEARCH.hopeless * steps.promise
+        return most < steps.before and self._deepest(steps, [ahead])[1] > most
 
     def _own(self, tangent: Tangent, given: Hypothesis) -> Tangent:
         """Return the part of a tangent that serves no other fit."""
