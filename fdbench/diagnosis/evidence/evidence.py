@@ -234,7 +234,7 @@ def fitted_part(readings: Readings, split: Split) -> tuple[Readings, Split]:
         return readings, split
     held_out = [out[: run.n_samples] for out, run in zip(split.held_out, runs, strict=True)]
     part = dataclasses.replace(split, runs=runs, held_out=held_out, explained=explained)
-    return Readings(readings.replay, runs), part
+    return readings.up_to(runs), part
 
 
 def misfit(squares: FloatArray | float, weights: FloatArray, counts: FloatArray) -> FloatArray:

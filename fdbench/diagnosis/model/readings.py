@@ -21,11 +21,14 @@ class Readings:
     ----------
     replay : Replay
     runs : sequence of RecordedRun
+    beyond : sequence of mappings, optional
+        Of each run, what is added to each channel as it is simulated: see `coarsened`.
     """
 
-    def __init__(self, replay: Replay, runs: Sequence[RecordedRun]) -> None:
+    def __init__(self, replay: Replay, runs: Sequence[RecordedRun], beyond: Sequence[Channels] = ()) -> None:
         self.replay = replay
         self.runs = runs
+        self.beyond = beyond
         self._kept: dict[Key, dict[int, Channels]] = {}
         self._coarser: dict[int, Readings] = {}
 
@@ -62,6 +65,8 @@ class Readings:
                 variants = [hypotheses[own].variant for own in new]
                 replayed.append(Replayed(run=run, variants=variants, channels=channels, places=new))
             self.replay.fill(replayed)
+            for place, item in zip(together, replayed, strict=True):
+                self._add_what_is_beyond(place, item)
             for place, channels in zip(together, found, strict=True):
                 for own, key in enumerate(keys):
                     known = self._kept.get(key, {})
@@ -75,6 +80,19 @@ class Readings:
                         copies = {name: values[first[key]].copy() for name, values in channels.items()}
                         self._kept.setdefault(key, {})[place] = copies
                 yield channels
+
+    def _add_what_is_beyond(self, place: int, simulated: Replayed) -> None:
+        if self.beyond and simulated.places:
+            for name, values in simulated.channels.items():
+                values[list(simulated.places)] += self.beyond[place][name]
+
+    def up_to(self, runs: Sequence[RecordedRun]) -> "Readings":
+        """Return readings of the same substeps along runs that are the first samples of these."""
+        beyond = [
+            {name: values[: run.n_samples] for name, values in own.items()}
+            for own, run in zip(self.beyond, runs, strict=False)
+        ]
+        return Readings(self.replay, runs, beyond)
 
     def _together(self, places: Sequence[int], n_lanes: int) -> list[list[int]]:
         """Return the places in groups whose readings are held at once."""
@@ -104,7 +122,11 @@ class Readings:
             self._kept.pop(hypothesis.key, None)
 
     def coarsened(self, nominal: Hypothesis, noise_models: Mapping[str, NoiseModel]) -> "Readings":
-        """Return those with the fewest substeps that move no reading by a fifth of the noise within a run."""
+        """Return those with the fewest substeps that move no reading by a fifth of the noise within a run.
+
+        What they move the nominal model's readings by is taken from those of all hypotheses: of one that is near, it is
+        nearly the same.
+        """
         places = range(len(self.runs))
         n_samples = sum(run.n_samples for run in self.runs)
         for substeps in MODEL.coarser_substeps:
@@ -112,8 +134,11 @@ class Readings:
                 break
             coarse = self._coarser.setdefault(substeps, Readings(self.replay.with_substeps(substeps), self.runs))
             both = [(self.alone(place, nominal), coarse.alone(place, nominal)) for place in places]
-            moved = {name: sum(float(np.sum((a[name] - b[name]) ** 2)) for a, b in both) for name in noise_models}
+            beyond = [{name: a[name] - b[name] for name in a} for a, b in both]
+            moved = {name: sum(float(np.sum(own[name] ** 2)) for own in beyond) for name in noise_models}
             allowed = {name: n_samples * (MODEL.substeps_error * item.rms) ** 2 for name, item in noise_models.items()}
             if all(moved[name] <= allowed[name] for name in noise_models):
+                if not coarse.beyond:
+                    coarse = self._coarser[substeps] = Readings(coarse.replay, self.runs, beyond)
                 return coarse
         return self

@@ -365,8 +365,8 @@ def _linear(base: Hypothesis, candidate: Candidate, fit: Fit) -> Hypothesis:
 def _worthwhile(base: Hypothesis, sized: Mapping[type[Effect], tuple[Candidate, Fit]], alone: Fit) -> set[type[Effect]]:
     """Return the classes that gain most beside a fit of the base alone, on what is held out or on what is fitted.
 
-    A shape that is not fitted yet can be right on what is fitted, and wrong on what is held out. Where much is left, what
-    shows little in a linear fit may be far from linear.
+    A shape that is not fitted yet can be right on what is fitted, and wrong on what is held out. What shows nothing in
+    a linear fit may be far from linear, which matters where much is left.
     """
     cost, misfit = _cost(base, alone.train, alone), _equivalent(base, alone)
     falls = {kind: cost - _cost(base, fit.train, fit) for kind, (_, fit) in sized.items()}

@@ -1,0 +1,53 @@
+"""Readings at few substeps are those at many, but for what hypotheses move the error of the integration by."""
+
+import numpy as np
+from axis_lab import drive
+
+from fdbench.diagnosis.experiment.trajectory import moves
+from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.model.readings import Readings
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.noise_model import white
+from fdbench.diagnosis.records.runs import DEFLECTION, FORCE, RecordedRun
+from fdbench.effects import effects
+
+PERIOD_S = 1e-3
+FINE = 20
+NOMINAL = Nominal(plant=drive(), simulation=Simulation(substeps=FINE))
+CHANNELS = (FORCE, "position_m", DEFLECTION)
+
+
+def run() -> RecordedRun:
+    reference = moves((0.0, 0.06, 0.01), (0.08,), 2.0, PERIOD_S)
+    still = dict.fromkeys(CHANNELS, np.zeros(len(reference)))
+    return RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=still, lap=None)
+
+
+def test_few_substeps_read_what_many_do() -> None:
+    """Of the nominal model to the last digit; with other masses or one more effect most of the error is gone."""
+    own = run()
+    fine = Readings(Replay(NOMINAL.drive, NOMINAL.library, FINE), [own])
+    given = start(NOMINAL)
+    rough = Readings(fine.replay.with_substeps(2), [own])
+    errors = {name: fine.alone(0, given)[name] - rough.alone(0, given)[name] for name in CHANNELS}
+    noise = {name: white(10.0 * float(np.sqrt(np.mean(error**2))), measured=True) for name, error in errors.items()}
+    coarse = fine.coarsened(given, noise)
+    assert coarse.replay.substeps == 2
+    others = [given.moved([1.0, 1.0]), given.with_effect(effects.get("cogging").typical())]
+    for place, hypothesis in enumerate([given, *others]):
+        for name in CHANNELS:
+            true = fine.alone(0, hypothesis)[name]
+            left, was = (np.sqrt(np.mean((read.alone(0, hypothesis)[name] - true) ** 2)) for read in (coarse, rough))
+            assert left <= (0.5 * was if place else 1e-12)
+    shorter = own.up_to(400)
+    begun = coarse.up_to([shorter])
+    for name in CHANNELS:
+        np.testing.assert_array_equal(begun.alone(0, others[0])[name], coarse.alone(0, others[0])[name][:400])
+
+
+def test_what_no_coarser_substeps_read_is_read_by_all() -> None:
+    own = run()
+    fine = Readings(Replay(NOMINAL.drive, NOMINAL.library, FINE), [own])
+    silent = {name: white(1e-12, measured=True) for name in CHANNELS}
+    assert fine.coarsened(start(NOMINAL), silent) is fine
