@@ -34,7 +34,7 @@ def test_few_substeps_read_what_many_do() -> None:
     noise = {name: white(10.0 * float(np.sqrt(np.mean(error**2))), measured=True) for name, error in errors.items()}
     coarse = fine.coarsened(given, noise)
     assert coarse.replay.substeps == 2
-    others = [given.moved([1.0, 1.0]), given.with_effect(effects.get("cogging").typical())]
+    others = [given.moved_in_turn()[0], given.with_effect(effects.get("cogging").typical())]
     for place, hypothesis in enumerate([given, *others]):
         for name in CHANNELS:
             true = fine.alone(0, hypothesis)[name]
