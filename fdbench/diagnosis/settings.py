@@ -296,8 +296,9 @@ class SearchSettings:
     )
     further_dampings: tuple[float, ...] = number((30.0, 300.0, 3000.0), "tried where none of those falls as promised")
     hopeless: float = number(
-        3.0, "times what a step promises, short of another hypothesis, at which a fit that is to beat it is given up"
+        3.0, "times what a step promises, after which a fit that is still far behind another one is given up"
     )
+    far_behind: float = number(10.0, "of log evidence, that such a fit is behind: a closer one may look alike")
     quick: int = number(2, "steps after which a fit that creeps is slow, and longer steps are tried, too")
     creeping: float = number(0.05, "fall of the objective, relative to it, below which a fit creeps")
     lengths: tuple[float, ...] = number((2.0, 4.0), "of the best step, tried together where a fit is slow")

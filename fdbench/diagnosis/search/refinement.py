@@ -139,7 +139,7 @@ class Refinement:
         simulated anew otherwise: to numbers moved by less where those had told too small a slope. What is to
         predict best, and is compared with nothing, is fitted by all samples as they are, not ``tempered``. From where a
         fit has begun before it ends where it did. One of which ``SEARCH.hopeless`` times what a step promises would not
-        come to what a hypothesis ``ahead`` has is given up.
+        come near what a hypothesis ``ahead`` has is given up.
         """
         begun = given.key, frozenset(fixed), tempered, None if ahead is None else ahead.key
         if begun not in self._refined:
@@ -209,8 +209,8 @@ class Refinement:
         return trials[best], steps.before - after[best]
 
     def _is_hopeless(self, steps: "_Steps", ahead: Hypothesis) -> bool:
-        """Return whether several times what is promised would still be behind a hypothesis."""
-        most = SEARCH.hopeless * steps.promise
+        """Return whether several times what is promised would still be far behind a hypothesis, in log evidence."""
+        most = SEARCH.hopeless * steps.promise + 2.0 * SEARCH.far_behind * steps.weight
         return most < steps.before and self._deepest(steps, [ahead])[1] > most
 
     def _own(self, tangent: Tangent, given: Hypothesis) -> Tangent:
