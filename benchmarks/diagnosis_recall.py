@@ -355,13 +355,13 @@ def time_table(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         cells = words(list(line["planted"])), line["seconds"], line["seconds_wall"], words(list(causes(line)))
         yield "| {} | {:.1f} | {:.1f} | {} |".format(*cells)
     yield ""
-    with_one = sorted((line["seconds"], *line["planted"]) for line in lines if len(line["planted"]) == 1)
-    if with_one:
-        median, (longest, name) = statistics.median(seconds for seconds, _ in with_one), with_one[-1]
-        named = [set(causes(line)) == set(line["planted"]) for line in lines if len(line["planted"]) == 1]
-        yield f"- with one of {len(with_one)} effects: median {median:.1f} s, longest {longest:.1f} s ({name})"
+    if with_one := [line for line in lines if len(line["planted"]) == 1]:
+        median = statistics.median(line["seconds"] for line in with_one)
+        longest = max(with_one, key=lambda line: line["seconds"])
+        yield f"- with one of {len(with_one)} effects: median {median:.1f} s"
+        yield f"- longest {longest['seconds']:.1f} s ({words(list(longest['planted']))})"
         yield f"- bar {BAR_S:g} s CPU in the median: {'met' if median <= BAR_S else 'MISSED'}"
-        yield f"- it alone is named: {rate(named)}"
+        yield f"- it alone is named: {rate([set(causes(line)) == set(line['planted']) for line in with_one])}"
 
 
 TABLES = {"one": alone_table, "pair": pair_table, "none": empty_table, "time": time_table}

@@ -381,7 +381,7 @@ def foremost(gains: Mapping[type[Effect], float], least: float = 0.0) -> set[typ
     """Return the classes that gain most, as far as they gain a share of the most, and no less than the least."""
     most = max(gains.values(), default=0.0)
     first = sorted(gains, key=lambda kind: -gains[kind])[: SEARCH.refined]
-    return {kind for kind in first if gains[kind] >= SEARCH.serious * most > 0.0 and gains[kind] >= least}
+    return {kind for kind in first if gains[kind] >= max(SEARCH.serious * most, least)} if most > 0.0 else set()
 
 
 def _not_oversized(every: Sequence[Candidate], sizes: Sequence[float], gap: float) -> list[Candidate]:
