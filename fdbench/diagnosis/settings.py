@@ -283,6 +283,7 @@ class SearchSettings:
     kept_promise: float = number(
         0.75, "share of the promised fall that a step must reach for its responses to serve on"
     )
+    reweighings: int = number(4, "of the priors, where values may be far from those on paper")
     other_form: float = number(0.5, "deviations by which forms of friction differ, of which one may hide an effect")
     near: float = number(
         1.0, "standard deviations of a nominal parameter, over which its response is taken for constant"

@@ -23,14 +23,23 @@ class Readings:
     runs : sequence of RecordedRun
     beyond : sequence of mappings, optional
         Of each run, what is added to each channel as it is simulated: see `coarsened`.
+    finer : Readings, optional
+        Those of more substeps that these stand for.
     """
 
-    def __init__(self, replay: Replay, runs: Sequence[RecordedRun], beyond: Sequence[Channels] = ()) -> None:
+    def __init__(
+        self,
+        replay: Replay,
+        runs: Sequence[RecordedRun],
+        beyond: Sequence[Channels] = (),
+        finer: "Readings | None" = None,
+    ) -> None:
         self.replay = replay
         self.runs = runs
         self.beyond = beyond
+        self.finer = finer
         self._kept: dict[Key, dict[int, Channels]] = {}
-        self._coarser: dict[int, Readings] = {}
+        self._coarser: dict[tuple[int, Key], Readings] = {}
 
     def of(
         self, place: int, hypotheses: Sequence[Hypothesis], keep: Sequence[Hypothesis] = ()
@@ -127,18 +136,38 @@ class Readings:
         What they move the nominal model's readings by is taken from those of all hypotheses: of one that is near, it is
         nearly the same.
         """
-        places = range(len(self.runs))
-        n_samples = sum(run.n_samples for run in self.runs)
         for substeps in MODEL.coarser_substeps:
             if substeps >= self.replay.substeps:
                 break
-            coarse = self._coarser.setdefault(substeps, Readings(self.replay.with_substeps(substeps), self.runs))
-            both = [(self.alone(place, nominal), coarse.alone(place, nominal)) for place in places]
-            beyond = [{name: a[name] - b[name] for name in a} for a, b in both]
-            moved = {name: sum(float(np.sum(own[name] ** 2)) for own in beyond) for name in noise_models}
-            allowed = {name: n_samples * (MODEL.substeps_error * item.rms) ** 2 for name, item in noise_models.items()}
-            if all(moved[name] <= allowed[name] for name in noise_models):
-                if not coarse.beyond:
-                    coarse = self._coarser[substeps] = Readings(coarse.replay, self.runs, beyond)
+            place = substeps, nominal.key
+            if place not in self._coarser:
+                replay = self.replay.with_substeps(substeps)
+                self._coarser[place] = Readings(
+                    replay, self.runs, self._less(Readings(replay, self.runs), nominal), self
+                )
+            coarse = self._coarser[place]
+            if self._are_small(coarse.beyond, noise_models):
                 return coarse
         return self
+
+    def about(self, hypothesis: Hypothesis, noise_models: Mapping[str, NoiseModel]) -> "Readings":
+        """Return those that are right for a hypothesis, too, where these are off by a fifth of the noise.
+
+        Effects that come at once, such as a tooth that enters, are integrated worse than the nominal model.
+        """
+        if self.finer is None or self._are_small(self.finer._less(self, hypothesis), noise_models):
+            return self
+        return self.finer.coarsened(hypothesis, noise_models)
+
+    def _less(self, other: "Readings", hypothesis: Hypothesis) -> list[dict[str, FloatArray]]:
+        """Return, of each run, what a hypothesis reads here less what it reads by others."""
+        both = [(self.alone(place, hypothesis), other.alone(place, hypothesis)) for place in range(len(self.runs))]
+        return [{name: own[name] - others[name] for name in own} for own, others in both]
+
+    def _are_small(self, errors: Sequence[Channels], noise_models: Mapping[str, NoiseModel]) -> bool:
+        """Return whether errors of all runs are within what few substeps may move readings by."""
+        n_samples = sum(run.n_samples for run in self.runs)
+        return all(
+            sum(float(np.sum(own[name] ** 2)) for own in errors) <= n_samples * (MODEL.substeps_error * item.rms) ** 2
+            for name, item in noise_models.items()
+        )

@@ -22,21 +22,20 @@ def located(readings: Readings, split: Split, base: Hypothesis) -> Mapping[str, 
 
     Lines are sought in the residual over time; wavelengths in the inverse-dynamics residual over position, also
     multiplied by the motor force, to expose effects that are proportional to it. Pitches are the wavelengths that a
-    motor may have: a slow change along the way is one only at a known order of its turn.
+    motor may have: a slow change along the way is one only at a known order of its turn. What changes from run to run
+    is shrunk to the noise, for it may be far larger.
     """
     simulated: list[dict[str, FloatArray]] = []
     for place, run in enumerate(split.runs):
         found = readings.alone(place, base)
         finite = np.logical_and.reduce([np.isfinite(values) for values in found.values()])
         simulated.append({name: np.where(finite, values, run.channels[name]) for name, values in found.items()})
+    in_noise = [split.gap(place, own) for place, own in enumerate(simulated)]
     gaps = [
-        {name: measured - own[name] for name, measured in run.channels.items()}
-        for run, own in zip(split.runs, simulated, strict=True)
+        {name: values / split.per_unit(place, name) for name, values in own.items()}
+        for place, own in enumerate(in_noise)
     ]
-    scaled = [
-        np.stack([values for name, values in split.gap(place, own).items() if name != "position_m"])
-        for place, own in enumerate(simulated)
-    ]
+    scaled = [np.stack([values for name, values in own.items() if name != "position_m"]) for own in in_noise]
     turned = [gap * np.sign(run.reference[:, 1]) for gap, run in zip(scaled, split.runs, strict=True)]
     lacking = [
         inverse_dynamics_residuals(run, own, split.noise_models, base.nominal.drive)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdbench.diagnosis.evidence.evidence import Evidence, fitted_part, gather
-from fdbench.diagnosis.evidence.least_squares import Scores
+from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.friction_parameters import FrictionForm
 from fdbench.diagnosis.model.hypothesis import Hypothesis
@@ -94,6 +94,14 @@ class Refinement:
         self.readings, self.split = readings, split
         self._fitted_readings, self._fitted_split = fitted_part(readings, split)
         self._refined: dict[Hashable, Hypothesis] = {}
+
+    def look_closely(self, hypothesis: Hypothesis) -> Hypothesis:
+        """Return a hypothesis fitted anew to readings that few substeps are right for, where these are not."""
+        readings = self.readings.about(hypothesis, self.split.noise_models)
+        if readings is self.readings:
+            return hypothesis
+        self.look_at(readings, self.split)
+        return self.refine(hypothesis)
 
     def calibrate(self, given: Hypothesis, *, narrow: bool = False) -> Hypothesis:
         """Fit the nominal parameters: first those that a data sheet has, then the form of friction beside them.
@@ -342,23 +350,44 @@ class _Steps:
     def __init__(
         self, hypothesis: Hypothesis, probed: Evidence, moving: Sequence[int], weight: float, scale: float = 1.0
     ) -> None:
-        self.hypothesis, self.moving, self.weight = hypothesis, list(moving), weight
+        self.hypothesis, self.moving, self.weight, self.scale = hypothesis, list(moving), weight, scale
         self.numbers, self.values = adjustables_of(hypothesis), parameter_vector(hypothesis)
         self.sizes = scale * np.array([item.step for item in self.numbers])
-        known = [(column, place) for column, place in enumerate(moving, 1) if self.numbers[place].prior]
-        priors = [(stand / scale, own * scale**2) for stand, own in hypothesis.priors(weight)]
+        self._known = [(column, place) for column, place in enumerate(moving, 1) if self.numbers[place].prior]
         limits = np.array([(item.low, item.high) for item in self.numbers]) - self.values[:, None]
         room = (limits / np.where(self.sizes > 0.0, self.sizes, math.inf)[:, None]).tolist()
         room[: len(hypothesis.shifts)] = [(low / scale, high / scale) for low, high in hypothesis.room()]
-        self.scores = Scores(
-            probed,
-            {column: priors[place] for column, place in known},
-            {column: room[place] for column, place in enumerate(moving, 1)},
-        )
-        fit = self.scores.fit(self._columns)
-        self.undamped, self.squares = self._to(fit.coefficients), fit.squares
+        self.scores = Scores(probed, {}, {column: room[place] for column, place in enumerate(moving, 1)})
+        near = self._fitted(hypothesis.priors(weight))
+        self.undamped, self.squares = self._to(near.coefficients), near.squares
+        self._look_far()
         self.before = float(probed.squares(held_out=False)[0]) + weight * hypothesis.prior_penalty()
         self.promise = self.before - self.squares - weight * self.undamped.prior_penalty()
+
+    def _fitted(self, priors: Sequence[tuple[float, float]]) -> Fit:
+        """Return the step in which the squares of shifts have the weights of these priors."""
+        stands = self.hypothesis.shifts
+        self.scores.priors = {
+            column: (stands[place] / self.scale, priors[place][1] * self.scale**2) for column, place in self._known
+        }
+        return self.scores.fit(self._columns)
+
+    def _look_far(self) -> None:
+        """Step to where priors weigh little, if the objective is lower there.
+
+        A quadratic in place of a Student's t far overrates what a large shift costs, and a fit would creep towards it.
+        Weights follow the shifts (iteratively reweighted least squares: Holland, Welsch 1977).
+        """
+        priors, far = self.scores.priors, self._fitted(self.hypothesis.priors(1.0))
+        if self.squares - far.squares > 2.0 * SEARCH.far_behind * self.weight:
+            for _ in range(SEARCH.reweighings):
+                far = self._fitted(self._to(far.coefficients).priors(self.weight))
+            there = self._to(far.coefficients)
+            gained = self.weight * (self.undamped.prior_penalty() - there.prior_penalty())
+            if far.squares < self.squares + gained:
+                self.undamped, self.squares = there, far.squares
+                return
+        self.scores.priors = priors
 
     def damped(self, dampings: Sequence[float]) -> list[Hypothesis]:
         """Return the hypothesis after the step of each damping, of which 0 is none."""

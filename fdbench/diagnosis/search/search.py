@@ -48,6 +48,7 @@ class Search:
         """Return the final hypothesis and the stages that led to it."""
         stages: list[Stage] = []
         while len(base.effects) < SEARCH.most_effects:
+            base = self.refinement.look_closely(base)
             self.progress(f"looking for effect {len(base.effects) + 1}")
             stage = self.stage(base)
             if stage is None:

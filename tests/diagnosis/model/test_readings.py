@@ -51,3 +51,23 @@ def test_what_no_coarser_substeps_read_is_read_by_all() -> None:
     fine = Readings(Replay(NOMINAL.drive, NOMINAL.library, FINE), [own])
     silent = {name: white(1e-12, measured=True) for name in CHANNELS}
     assert fine.coarsened(start(NOMINAL), silent) is fine
+
+
+def test_what_comes_at_once_is_read_with_more_substeps() -> None:
+    """A tooth that enters moves a force at once; beside it more substeps are needed than for the nominal model."""
+    own = run()
+    fine = Readings(Replay(NOMINAL.drive, NOMINAL.library, FINE), [own])
+    given = start(NOMINAL)
+    milling = given.with_effect(effects.get("tooth_passing_force").typical(axial_depth_m=2e-3))
+    rough = Readings(fine.replay.with_substeps(2), [own])
+    lost = {
+        name: np.sqrt(np.mean((fine.alone(0, milling)[name] - rough.alone(0, milling)[name]) ** 2)) for name in CHANNELS
+    }
+    noise = {name: white(2.0 * float(own), measured=True) for name, own in lost.items()}
+    coarse = fine.coarsened(given, noise)
+    assert coarse.about(given, noise) is coarse
+    closer = coarse.about(milling, noise)
+    assert coarse.replay.substeps < closer.replay.substeps < FINE
+    for name in CHANNELS:
+        np.testing.assert_allclose(closer.alone(0, milling)[name], fine.alone(0, milling)[name], rtol=0.0, atol=1e-12)
+    assert fine.about(milling, noise) is fine

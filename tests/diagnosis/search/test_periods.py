@@ -1,12 +1,23 @@
 """Periods are located: lines over time, wavelengths over position, in what a gap asks for."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+from axis_lab import drive
 
+from fdbench.diagnosis.evidence.run_to_run import Change
+from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import moves
-from fdbench.diagnosis.records.runs import RecordedRun
-from fdbench.diagnosis.search.periods import _lines_in_position, _pitches, _telling
+from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.nominal import Nominal, Simulation
+from fdbench.diagnosis.model.readings import Readings
+from fdbench.diagnosis.model.replay import Replay
+from fdbench.diagnosis.records.noise_model import white
+from fdbench.diagnosis.records.runs import DEFLECTION, RecordedRun
+from fdbench.diagnosis.search.periods import _lines_in_position, _pitches, _telling, located
 from fdbench.diagnosis.settings import SEARCH
+from fdbench.effects import effects
 
 PERIOD_S = 1e-3
 STROKES = moves((0.0, 0.2, 0.0), (0.1,), 4.0, PERIOD_S)
@@ -91,3 +102,28 @@ def test_a_turn_of_a_pulley_is_tried_though_the_travel_has_few_of_it() -> None:
     assert min(abs(own / turn_m - 1.0) for own in found) < 0.03
     assert all(own < 0.14 for own in found)
     assert min(_pitches([0.4, turn_m], travel, None, 1.0), default=None) is None
+
+
+def test_what_changes_from_run_to_run_hides_no_pitch() -> None:
+    """Beside 600 N s/m of friction that a run may have, a ripple of 1.2 % is far smaller."""
+    nominal = Nominal(plant=drive(), simulation=Simulation(substeps=4))
+    reference = moves((0.0, 0.2, 0.05, 0.15, 0.0, 0.2, 0.1), (0.1, 0.3, 0.5, 0.2, 0.4, 0.05), 4.0, PERIOD_S)
+    still = dict.fromkeys(("motor_force_N", "position_m", DEFLECTION), np.zeros(len(reference)))
+    run = RecordedRun(name="x", period_s=PERIOD_S, reference=reference, channels=still, lap=None)
+    replay, given = Replay(nominal.drive, nominal.library, 4), start(nominal)
+    rubbing = given.with_effect(effects.get("viscous_friction").typical(viscous_friction_N_s_per_m=600.0))
+    rippled = rubbing.with_effect(effects.get("torque_ripple").typical(relative_ripple=0.012, pitch_m=1.75e-3))
+    alone, moved, measured = ({**Readings(replay, [run]).alone(0, item)} for item in (given, rubbing, rippled))
+    noise = {"motor_force_N": 3.0, "position_m": 3e-7, DEFLECTION: 1e-7}
+    generator = np.random.default_rng(5)
+    noisy = {name: values + noise[name] * generator.standard_normal(len(values)) for name, values in measured.items()}
+    run = dataclasses.replace(run, channels=noisy)
+    direction = np.stack([(moved[name] - alone[name]) / rms for name, rms in noise.items()])
+    split = Split(
+        runs=[run],
+        held_out=[np.zeros(len(reference), dtype=np.bool_)],
+        noise_models={name: white(rms, measured=True) for name, rms in noise.items()},
+        changes=[Change(directions=direction[None] / np.linalg.norm(direction), shrinkage=np.array([0.999]))],
+    )
+    found = located(Readings(replay, [run]), split, given)["pitch_of_ratio"]
+    assert min(abs(pitch / 1.75e-3 - 1.0) for pitch in found) < 0.01
