@@ -228,21 +228,28 @@ def _error(wave: complex, position: FloatArray, period_m: float) -> FloatArray:
 
 
 def _fitted(readings: Sequence[FloatArray], bends: Sequence[FloatArray], period_m: float) -> _Wave:
-    """Return the wave of a period, fitted to the bends of readings; its phase may differ from run to run."""
-    errors, between = [], []
+    """Return the wave of a period, fitted to the bends of readings; its phase may differ from run to run.
+
+    Each run counts by the squares of the bends that a wave has there: where an axis creeps there are hardly any, and
+    any size fits.
+    """
+    errors, between, told = [], [], []
     for values, bend in zip(readings, bends, strict=True):
         first, steady = np.arange(len(bend)) * PARTS // len(bend) % 2 == 0, ~_is_sudden(bend)
-        halves, true = [0j, 0j], values
+        halves, true, squares = [0j, 0j], values, 0.0
         for _ in range(ROUNDS):
             true = values - _error(0.5 * (halves[0] + halves[1]), true, period_m)
             angle = 2.0 * math.pi / period_m * true
             columns = np.stack([np.convolve(own, BENDS, "valid") for own in (np.cos(angle), np.sin(angle))])
+            squares = float(np.sum(columns[:, steady] ** 2))
             for place, half in enumerate((first & steady, ~first & steady)):
                 part = columns[:, half]
                 found = np.linalg.lstsq(part @ part.T, part @ bend[half], rcond=None)[0]
                 halves[place] = complex(found[0], -found[1])
         errors.append(0.5 * (halves[0] + halves[1]))
         between.append(abs(0.5 * (halves[0] - halves[1])))
-    size = math.sqrt(float(np.mean(np.abs(errors) ** 2)))
-    spread = math.sqrt(float(np.mean(np.square(between)))) / max(size, 1e-300)
-    return _Wave(period_m=period_m, error=size * errors[0] / max(abs(errors[0]), 1e-300), spread=spread)
+        told.append(max(squares, 1e-300))
+    size = math.sqrt(float(np.average(np.abs(errors) ** 2, weights=told)))
+    spread = math.sqrt(float(np.average(np.square(between), weights=told))) / max(size, 1e-300)
+    clearest = errors[int(np.argmax(told))]
+    return _Wave(period_m=period_m, error=size * clearest / max(abs(clearest), 1e-300), spread=spread)

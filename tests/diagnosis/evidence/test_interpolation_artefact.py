@@ -19,9 +19,9 @@ NOMINAL = Nominal(plant=drive(), simulation=Simulation(substeps=10))
 WAVE_M, PHASE_RAD = 1.5e-5, 0.7
 
 
-def run_of(error_m: float, wave_m: float = WAVE_M, seed: int = 0) -> RecordedRun:
-    """Return a run whose samples are up to 400 micrometres apart, with an error of the reading."""
-    true = 0.1 * np.sin(4.0 * TIME_S) + 0.01 * np.sin(11.0 * TIME_S)
+def run_of(error_m: float, wave_m: float = WAVE_M, seed: int = 0, way: float = 1.0) -> RecordedRun:
+    """Return a run whose samples are up to 400 micrometres apart, or a share of the way, with an error of the reading."""
+    true = way * (0.1 * np.sin(4.0 * TIME_S) + 0.01 * np.sin(11.0 * TIME_S))
     reading = true + error_m * np.sin(2.0 * np.pi * true / wave_m + PHASE_RAD)
     reading += NOISE_M * np.random.default_rng(seed).standard_normal(N)
     reference = np.column_stack((true, np.gradient(true, PERIOD_S), np.zeros(N)))
@@ -37,6 +37,14 @@ def test_a_wave_is_found_with_its_size_and_period(error_m: float) -> None:
     assert found.size_m == pytest.approx(error_m, rel=0.05)
     assert found.low_m < error_m < found.high_m
     assert found.effect.values()[1] == pytest.approx(WAVE_M, rel=1e-4)
+
+
+def test_where_an_axis_creeps_a_wave_is_any_size_and_that_is_none() -> None:
+    """Along 2 mm there are 200 samples to a wave of 0.15 mm, of which no bend is above the noise."""
+    runs = [run_of(1e-6, 1.5e-4, seed, way) for seed, way in enumerate((1.0, 0.02, 1.0))]
+    found = interpolation_error(runs, NOMINAL)
+    assert found is not None
+    assert found.size_m == pytest.approx(1e-6, rel=0.05)
 
 
 def test_a_wave_of_the_scale_that_the_loop_is_closed_over_is_one_of_the_scale() -> None:
