@@ -20,7 +20,7 @@ WAVE_M, PHASE_RAD = 1.5e-5, 0.7
 
 
 def run_of(error_m: float, wave_m: float = WAVE_M, seed: int = 0, way: float = 1.0) -> RecordedRun:
-    """Return a run whose samples are up to 400 micrometres apart, or a share of the way, with an error of the reading."""
+    """Return a run whose samples are up to 400 um apart, or a share of that, with an error of the reading."""
     true = way * (0.1 * np.sin(4.0 * TIME_S) + 0.01 * np.sin(11.0 * TIME_S))
     reading = true + error_m * np.sin(2.0 * np.pi * true / wave_m + PHASE_RAD)
     reading += NOISE_M * np.random.default_rng(seed).standard_normal(N)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -41,6 +42,7 @@ class Told(Search):
     def __init__(self, stages: Sequence[Stage], of_the_pair: float) -> None:
         self._stages, self._of_the_pair = stages, of_the_pair
         self.progress = lambda text: None
+        self.refinement: Any = SimpleNamespace(look_closely=lambda base: base)
 
     def stage(self, base: Hypothesis) -> Stage | None:
         return next((item for item in self._stages if item.base.effects == base.effects), None)

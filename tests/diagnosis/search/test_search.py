@@ -282,16 +282,15 @@ def test_what_is_right_on_what_is_fitted_is_refined_too() -> None:
 
 
 def test_a_load_on_the_table_is_not_left_on_the_motor() -> None:
-    """80 kg: 44 deviations of the table, 23 of the motor, where short steps stop; put over, they go on."""
+    """80 kg: 44 deviations of the table, 23 of the motor, on which a quadratic in place of a Student's t would end."""
     true = effects.get("inertia_mismatch").typical(extra_mass_kg=80.0)
     own = search(true)
     places = {item.name: place for place, item in enumerate(nominal_parameters(NOMINAL))}
     sizes = [item.size(NOMINAL.drive) for item in nominal_parameters(NOMINAL)]
     motor, table = places["motor_mass"], places["table_mass"]
-    with changed({"search.quick": SEARCH.steps}):
-        found, stopped = own.refinement.calibrate(start(NOMINAL)), own.refinement.refine(start(NOMINAL))
-    assert found.shifts[table] * sizes[table] == pytest.approx(80.0, rel=0.02)
-    assert abs(found.shifts[motor]) < 1.0 < abs(stopped.shifts[motor])
+    for found in (own.refinement.calibrate(start(NOMINAL)), own.refinement.refine(start(NOMINAL))):
+        assert found.shifts[table] * sizes[table] == pytest.approx(80.0, rel=0.02)
+        assert abs(found.shifts[motor]) < 1.0
 
 
 def test_what_is_far_off_on_one_side_is_tried_on_either_alone() -> None:
