@@ -136,28 +136,34 @@ class Readings:
         What they move the nominal model's readings by is taken from those of all hypotheses: of one that is near, it is
         nearly the same.
         """
-        for substeps in MODEL.coarser_substeps:
-            if substeps >= self.replay.substeps:
-                break
-            place = substeps, nominal.key
-            if place not in self._coarser:
-                replay = self.replay.with_substeps(substeps)
-                self._coarser[place] = Readings(
-                    replay, self.runs, self._less(Readings(replay, self.runs), nominal), self
-                )
-            coarse = self._coarser[place]
-            if self._are_small(coarse.beyond, noise_models):
-                return coarse
-        return self
+        return self._fewest(nominal, noise_models, self._coarser)
 
     def about(self, hypothesis: Hypothesis, noise_models: Mapping[str, NoiseModel]) -> "Readings":
         """Return those that are right for a hypothesis, too, where these are off by a fifth of the noise.
 
         Effects that come at once, such as a tooth that enters, are integrated worse than the nominal model.
         """
-        if self.finer is None or self._are_small(self.finer._less(self, hypothesis), noise_models):
+        if self.finer is None:
             return self
-        return self.finer.coarsened(hypothesis, noise_models)
+        is_right = self._are_small(self.finer._less(self, hypothesis), noise_models)
+        found = self if is_right else self.finer._fewest(hypothesis, noise_models, {})
+        self.finer.forget([hypothesis])
+        return found
+
+    def _fewest(
+        self, hypothesis: Hypothesis, noise_models: Mapping[str, NoiseModel], known: dict[tuple[int, Key], "Readings"]
+    ) -> "Readings":
+        """Return those with the fewest substeps that move no reading of a hypothesis by much; what was tried is kept."""
+        for substeps in MODEL.coarser_substeps:
+            if substeps >= self.replay.substeps:
+                break
+            place = substeps, hypothesis.key
+            if place not in known:
+                replay = self.replay.with_substeps(substeps)
+                known[place] = Readings(replay, self.runs, self._less(Readings(replay, self.runs), hypothesis), self)
+            if self._are_small(known[place].beyond, noise_models):
+                return known[place]
+        return self
 
     def _less(self, other: "Readings", hypothesis: Hypothesis) -> list[dict[str, FloatArray]]:
         """Return, of each run, what a hypothesis reads here less what it reads by others."""
