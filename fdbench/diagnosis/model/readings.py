@@ -153,7 +153,7 @@ class Readings:
     def _fewest(
         self, hypothesis: Hypothesis, noise_models: Mapping[str, NoiseModel], known: dict[tuple[int, Key], "Readings"]
     ) -> "Readings":
-        """Return those with the fewest substeps that move no reading of a hypothesis by much; what was tried is kept."""
+        """Return those with the fewest substeps that move no reading by much, and keep what was tried."""
         for substeps in MODEL.coarser_substeps:
             if substeps >= self.replay.substeps:
                 break
