@@ -32,7 +32,7 @@ PARTS = 40  # of a run, that belong in turn to either of two halves
 
 @dataclass(frozen=True, kw_only=True)
 class _Wave:
-    """Error a cos(2 pi y / p) + b sin(2 pi y / p) over the reading y, as a - ib, and how far two halves differ."""
+    """Error a cos(2 pi y / p) + b sin(2 pi y / p) over the reading y, as a - ib; how far halves and runs differ."""
 
     period_m: float
     error: complex
@@ -66,7 +66,7 @@ def interpolation_error(runs: Sequence[RecordedRun], nominal: Nominal) -> Interp
     .. math:: P(\kappa) = \sum_{\text{runs}} \left|\sum_k d_k e^{-i \kappa y_k}\right|^2 / \sum_k d_k^2
 
     is largest; samples may be further apart than the wave is long. The wave is fitted to two halves of each run, parts
-    of it in turn, and is there where both agree.
+    of it in turn, and is there where both agree, and all runs on its size.
 
     Parameters
     ----------
@@ -249,7 +249,10 @@ def _fitted(readings: Sequence[FloatArray], bends: Sequence[FloatArray], period_
         errors.append(0.5 * (halves[0] + halves[1]))
         between.append(abs(0.5 * (halves[0] - halves[1])))
         told.append(max(squares, 1e-300))
-    size = math.sqrt(float(np.average(np.abs(errors) ** 2, weights=told)))
-    spread = math.sqrt(float(np.average(np.square(between), weights=told))) / max(size, 1e-300)
+    sizes = np.abs(errors)
+    size = math.sqrt(float(np.average(sizes**2, weights=told)))
+    # What the motion itself has of such a wave is in some runs, an encoder errs alike in all.
+    apart = np.square(between) + (sizes - np.average(sizes, weights=told)) ** 2
+    spread = math.sqrt(float(np.average(apart, weights=told))) / max(size, 1e-300)
     clearest = errors[int(np.argmax(told))]
     return _Wave(period_m=period_m, error=size * clearest / max(abs(clearest), 1e-300), spread=spread)

@@ -47,6 +47,12 @@ def test_where_an_axis_creeps_a_wave_is_any_size_and_that_is_none() -> None:
     assert found.size_m == pytest.approx(1e-6, rel=0.05)
 
 
+def test_what_some_runs_have_alone_is_no_error_of_an_encoder() -> None:
+    runs = [run_of(error_m, seed=seed) for seed, error_m in enumerate((4e-7, 4e-7, 1e-8, 1e-8))]
+    assert interpolation_error(runs[:2], NOMINAL) is not None
+    assert interpolation_error(runs, NOMINAL) is None
+
+
 def test_a_wave_of_the_scale_that_the_loop_is_closed_over_is_one_of_the_scale() -> None:
     axis = drive()
     over_scale = replace(axis, controller=replace(axis.controller, feedback="table"))
