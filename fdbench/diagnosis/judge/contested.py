@@ -108,7 +108,7 @@ def is_no_cause(effect: Effect, final: Hypothesis) -> bool:
     what is no cause of a friction of the same law either.
     """
     if effect.calibrates != KnownAmplitude.kind:
-        return is_corner(effect, final.nominal.uncertainty.transition_velocity)
+        return is_corner(effect)
     drive, scale = final.nominal.drive, zip(nominal_parameters(final.nominal), final.shifts, strict=True)
     known = [
         (item.size(drive), shift) for item, shift in scale if isinstance(item, KnownAmplitude) and item.is_friction

@@ -387,14 +387,11 @@ def _lacks_amplitude(effect: Effect) -> bool:
     return bool(own < MODEL.hollow * max(further, default=0.0))
 
 
-def is_corner(effect: Effect, doubt: float = 1.0) -> bool:
-    """Return whether a friction only bends where it turns its sign, as it does by another law of rounding.
-
-    The smaller the ``doubt`` of the logarithm of that speed, the nearer to it another one is something else.
-    """
+def is_corner(effect: Effect) -> bool:
+    """Return whether a friction only bends where it turns its sign, as it does by another law of rounding."""
     speeds = [item.name for item in type(effect).parameters() if item.unit == "m/s" and item.grid]
     width = getattr(effect, WIDTH, 0.0)
-    return any(getattr(effect, name) < MODEL.corner**doubt * width for name in speeds)
+    return any(getattr(effect, name) < MODEL.corner * width for name in speeds)
 
 
 def penalty(shift: float) -> float:

@@ -190,14 +190,11 @@ def test_a_cable_that_only_rubs_is_none() -> None:
 
 
 def test_a_bump_where_friction_turns_its_sign_is_no_stribeck_friction() -> None:
-    """Another law of rounding looks like one; so none is named that falls within twice that speed, if it is not known well."""
+    """Another law of rounding looks like one; so is none named that falls within twice that speed."""
     stribeck: Any = effects.get("stribeck_friction")
     speeds = {WIDTH: 1e-3, "stribeck_velocity_m_per_s": 3e-3}
     assert not is_corner(stribeck.typical(**speeds))
-    close = stribeck.typical(**(speeds | {WIDTH: 2e-3}))
-    assert is_corner(close)
-    assert is_corner(close, 0.6)
-    assert not is_corner(close, 0.5)  # the square root of 2 is less than 1.5
+    assert is_corner(stribeck.typical(**(speeds | {WIDTH: 2e-3})))
     assert not any(is_corner(effects.get(name).typical()) for name in ("coulomb_friction", "lugre_friction", "cogging"))
 
 
