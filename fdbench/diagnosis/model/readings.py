@@ -141,7 +141,7 @@ class Readings:
     def about(self, hypothesis: Hypothesis, noise_models: Mapping[str, NoiseModel]) -> "Readings":
         """Return those that are right for a hypothesis, too, where these are off by a fifth of the noise.
 
-        Effects that come at once, such as a tooth that enters, are integrated worse than the nominal model.
+        Forces that come at once, such as that of a tooth that enters, are integrated worse than the nominal model.
         """
         if self.finer is None:
             return self

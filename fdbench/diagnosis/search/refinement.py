@@ -96,7 +96,13 @@ class Refinement:
         self._refined: dict[Hashable, Hypothesis] = {}
 
     def look_closely(self, hypothesis: Hypothesis) -> Hypothesis:
-        """Return a hypothesis fitted anew to readings that few substeps are right for, where these are not."""
+        """Return a hypothesis fitted anew to readings that few substeps are right for, where these are not.
+
+        Only beside a process force, such as that of a tooth that enters a cut: it comes at once. Where a friction or a
+        play is chaotic, no number of substeps reads what another one does.
+        """
+        if not any(item.disturbance for item in hypothesis.effects):
+            return hypothesis
         readings = self.readings.about(hypothesis, self.split.noise_models)
         if readings is self.readings:
             return hypothesis
