@@ -236,19 +236,18 @@ def _fitted(readings: Sequence[FloatArray], bends: Sequence[FloatArray], period_
     errors, between, told = [], [], []
     for values, bend in zip(readings, bends, strict=True):
         first, steady = np.arange(len(bend)) * PARTS // len(bend) % 2 == 0, ~_is_sudden(bend)
-        halves, true, squares = [0j, 0j], values, 0.0
+        halves, true = [0j, 0j], values
         for _ in range(ROUNDS):
             true = values - _error(0.5 * (halves[0] + halves[1]), true, period_m)
             angle = 2.0 * math.pi / period_m * true
             columns = np.stack([np.convolve(own, BENDS, "valid") for own in (np.cos(angle), np.sin(angle))])
-            squares = float(np.sum(columns[:, steady] ** 2))
             for place, half in enumerate((first & steady, ~first & steady)):
                 part = columns[:, half]
                 found = np.linalg.lstsq(part @ part.T, part @ bend[half], rcond=None)[0]
                 halves[place] = complex(found[0], -found[1])
         errors.append(0.5 * (halves[0] + halves[1]))
         between.append(abs(0.5 * (halves[0] - halves[1])))
-        told.append(max(squares, 1e-300))
+        told.append(max(float(np.sum(columns[:, steady] ** 2)), 1e-300))
     sizes = np.abs(errors)
     size = math.sqrt(float(np.average(sizes**2, weights=told)))
     # What the motion itself has of such a wave is in some runs, an encoder errs alike in all.
