@@ -23,6 +23,22 @@ ERRORS: Mapping[str, float] = MappingProxyType(
     }
 )
 NOTHING: Mapping[str, float] = MappingProxyType({})
+# Uncertainties of what the nominal model says as it is, and of which `ERRORS` says nothing.
+EXACT: Mapping[str, float] = MappingProxyType(
+    dict.fromkeys(
+        (
+            "stiffness",
+            "damping",
+            "transition_velocity",
+            "friction_side",
+            "friction_form",
+            "controller_gains",
+            "velocity_filter",
+            "loop_lag",
+        ),
+        0.0,
+    )
+)
 
 Injected = Mapping[str, Mapping[str, float]]
 """Parameters of each imperfection by its name."""
@@ -50,9 +66,13 @@ class Bench(ABC):
     ----------------
     nominal_errors : mapping of str to float
         Nominal parameters that may be off, and by what standard deviation.
+    known : mapping of str to float
+        What its owner knows better than one does of any machine, as values of
+        `fdbench.diagnosis.model.nominal.Uncertainty`.
     """
 
     nominal_errors: ClassVar[Mapping[str, float]] = ERRORS
+    known: ClassVar[Mapping[str, float]] = NOTHING
 
     @abstractmethod
     def names(self, listed: bool) -> list[str]:

@@ -85,6 +85,8 @@ def draw_case(tier: Tier, effects: Sequence[str], rng: np.random.Generator) -> C
         If no effect that was drawn shows in the motions.
     """
     model = model_tables(rng)
+    if tier is not Tier.L:  # what is learned is to hold for sheets that say less
+        model["uncertainty"] |= (LibraryBench if tier is Tier.A else IndependentBench).known
     nominal = read(Nominal, model, "axis.toml: model")
     thin = tier is Tier.D or (tier is Tier.L and rng.random() < LIMITED_DATA)
     motions = protocol.production_cycle(rng) if thin else protocol.full_protocol(rng)

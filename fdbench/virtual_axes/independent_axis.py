@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import final
 
 import numpy as np
@@ -17,6 +18,7 @@ from fdbench.record import FloatArray
 from fdbench.specification import load_toml, read
 from fdbench.virtual_axes import independent_simulator
 from fdbench.virtual_axes.bench import (
+    EXACT,
     FORCE_NOISE_N,
     NOTHING,
     POSITION_NOISE_M,
@@ -95,6 +97,8 @@ class IndependentBench(Bench):
     The nominal model has one known effect, sliding friction with a transition velocity, and a cascade. What no model
     has (latency, colour of the noise, transition velocity) is drawn.
     """
+
+    known = MappingProxyType({**EXACT, "transition_velocity": 0.06, "loop_lag": 0.03})
 
     def __init__(
         self, nominal: Nominal, errors: Mapping[str, float], period_s: float, rng: np.random.Generator

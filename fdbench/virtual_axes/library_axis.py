@@ -20,6 +20,7 @@ from fdbench.plants.feed_drive import FeedDrive, RotaryMotor
 from fdbench.record import FloatArray
 from fdbench.simulate.system import Noise, Setup, Timing
 from fdbench.virtual_axes.bench import (
+    EXACT,
     FORCE_NOISE_N,
     NOTHING,
     POSITION_NOISE_M,
@@ -127,6 +128,8 @@ class LibraryBench(Bench):
     substeps : int
         Of its integration.
     """
+
+    known = EXACT
 
     def __init__(
         self,

@@ -29,6 +29,7 @@ from fdbench.trials.diagnoser import CaseAnswer, diagnosers
 from fdbench.trials.make import MANIFEST, listed_effects, make, read_manifest
 from fdbench.trials.score import AnswerTable, score, sheet
 from fdbench.virtual_axes import cases as tiers
+from fdbench.virtual_axes import independent_axis as independent_axis
 from fdbench.virtual_axes import independent_simulator as independent_simulator
 from fdbench.virtual_axes import protocol
 from fdbench.virtual_axes.bench import ERRORS
@@ -165,6 +166,20 @@ def test_nominal_values_are_drawn_beyond_their_uncertainty() -> None:
     for _ in range(20):
         extra_kg = bench.draw("inertia_mismatch", rng)["extra_mass_kg"]
         assert extra_kg > 2.5 * model.uncertainty.mass * math.hypot(60.0, model.drive.motor.mass_kg)
+
+
+@pytest.mark.parametrize("tier", [Tier.A, Tier.D, Tier.L])
+def test_a_sheet_says_what_its_axis_holds_exactly(tier: Tier) -> None:
+    """What an axis may be off by is in doubt by more than that; a tier to learn from says no more than any sheet."""
+    drawn = tiers.draw_case(tier, listed_effects(), np.random.default_rng(2))
+    stated = read(Nominal, drawn.model, "model").uncertainty
+    assert stated.mass > ERRORS["table_mass"]
+    assert stated.viscous > ERRORS["table_viscous"]
+    assert stated.known_effects > ERRORS["known"]
+    assert (stated.stiffness, stated.controller_gains) == ((0.05, 0.02) if tier is Tier.L else (0.0, 0.0))
+    latency, sliding = (max(independent_axis.LATENCY), max(independent_axis.SLIDING) - 1.0)
+    assert stated.loop_lag == {Tier.A: 0.0, Tier.D: 0.6 * latency, Tier.L: 0.05}[tier]
+    assert stated.transition_velocity == {Tier.A: 0.0, Tier.D: pytest.approx(0.6 * sliding), Tier.L: 1.0}[tier]
 
 
 def test_numbers_of_effects_follow_the_protocol() -> None:

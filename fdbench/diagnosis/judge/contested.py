@@ -104,11 +104,11 @@ def _in_part(effect: Effect, remainder: Remainder | None, *, stands_in: bool) ->
 def is_no_cause(effect: Effect, final: Hypothesis) -> bool:
     """Return whether an effect says how a known friction turns its sign, or no more than what that is in doubt of.
 
-    Such is friction of another law on top of the known one, where both together are as large as that may be: within
-    what is no cause of a friction of the same law either.
+    A friction whose turn is known exactly has no other rounding. Of another law on top of the known one, it is no cause
+    where both together are as large as that may be: within what is no cause of a friction of the same law either.
     """
     if effect.calibrates != KnownAmplitude.kind:
-        return is_corner(effect)
+        return is_corner(effect) and final.nominal.uncertainty.transition_velocity > 0.0
     drive, scale = final.nominal.drive, zip(nominal_parameters(final.nominal), final.shifts, strict=True)
     known = [
         (item.size(drive), shift) for item, shift in scale if isinstance(item, KnownAmplitude) and item.is_friction

@@ -256,6 +256,14 @@ class Hypothesis:
                     found.append(dataclasses.replace(self, shifts=tuple(shifts)))
         return found
 
+    def apart_from(self, other: "Hypothesis") -> float:
+        """Return by how many standard deviations the nominal parameter differs that does so most."""
+        return max((abs(own - theirs) for own, theirs in zip(self.shifts, other.shifts, strict=True)), default=0.0)
+
+    def is_nearer_to(self, other: "Hypothesis") -> bool:
+        """Return whether nominal parameters are nearer to those of another one than to those on paper."""
+        return self.apart_from(other) < max(map(abs, self.shifts), default=0.0)
+
     def moved(self, change: Sequence[float] | FloatArray) -> "Hypothesis":
         """Return the hypothesis with its nominal parameters moved by the first numbers of ``change``, in deviations."""
         shifts = tuple(float(old + new) for old, new in zip(self.shifts, change, strict=False))
@@ -268,8 +276,8 @@ class Hypothesis:
             theirs if isinstance(item, FrictionForm) else own
             for item, own, theirs in zip(scale, self.shifts, other.shifts, strict=True)
         )
-        apart = max((abs(a - b) for a, b in zip(shifts, self.shifts, strict=True)), default=0.0)
-        return dataclasses.replace(self, shifts=shifts) if apart > SEARCH.other_form else self
+        formed = dataclasses.replace(self, shifts=shifts)
+        return formed if formed.apart_from(self) > SEARCH.other_form else self
 
     def moved_in_turn(self) -> "list[Hypothesis]":
         """Return for each nominal parameter the hypothesis with that one moved by a standard deviation."""

@@ -65,7 +65,7 @@ class Tangent:
         """Return how far a hypothesis is from those about which numbers are moved, in standard deviations of one."""
         if any(hypothesis.replaced != item.replaced for item in self.about):
             return math.inf
-        return max((abs(np.subtract(hypothesis.shifts, item.shifts)).max() for item in self.about), default=0.0)
+        return max(map(hypothesis.apart_from, self.about), default=0.0)
 
 
 class Refinement:
@@ -143,6 +143,7 @@ class Refinement:
         *,
         tempered: bool = True,
         ahead: Hypothesis | None = None,
+        away_from: Hypothesis | None = None,
     ) -> Hypothesis:
         """Fit all numbers of a hypothesis but fixed ones on the training segments in closed loop.
 
@@ -153,15 +154,21 @@ class Refinement:
         simulated anew otherwise: to numbers moved by less where those had told too small a slope. What is to
         predict best, and is compared with nothing, is fitted by all samples as they are, not ``tempered``. From where a
         fit has begun before it ends where it did. One of which ``SEARCH.hopeless`` times what a step promises would not
-        come near what a hypothesis ``ahead`` has is given up.
+        come near what a hypothesis ``ahead`` has is given up. So is one whose nominal parameters are nearer to those of
+        what it is to keep ``away_from`` than to those on paper.
         """
-        begun = given.key, frozenset(fixed), tempered, None if ahead is None else ahead.key
+        begun = given.key, frozenset(fixed), tempered, *(item and item.key for item in (ahead, away_from))
         if begun not in self._refined:
-            self._refined[begun] = self._descended(given, fixed, tempered, ahead)
+            self._refined[begun] = self._descended(given, fixed, tempered, ahead, away_from)
         return self._refined[begun]
 
     def _descended(
-        self, given: Hypothesis, fixed: Collection[str], tempered: bool, ahead: Hypothesis | None
+        self,
+        given: Hypothesis,
+        fixed: Collection[str],
+        tempered: bool,
+        ahead: Hypothesis | None,
+        away_from: Hypothesis | None,
     ) -> Hypothesis:
         hypothesis, tangent, kept = given, self.tangent(given), True
         moving = [place for place, item in enumerate(adjustables_of(given)) if item.name not in fixed]
@@ -176,7 +183,7 @@ class Refinement:
             if steps.promise < enough or (ahead is not None and self._is_hopeless(steps, ahead)):
                 break
             hypothesis, fell = self._stepped(steps, given, fresh=fresh, likely=kept, slow=place >= SEARCH.quick)
-            if fresh and fell < enough:
+            if (fresh and fell < enough) or (away_from and hypothesis.is_nearer_to(away_from)):
                 break
             kept = fell >= SEARCH.kept_promise * steps.promise
             if not kept or fell > steps.promise / SEARCH.kept_promise:
@@ -300,7 +307,7 @@ class Refinement:
         That may be another valley, and a deeper one; from near it no other fit is made.
         """
         found = self.refine(weighed, tempered=False)
-        if all(abs(a - b) <= SEARCH.near for a, b in zip(weighed.shifts, calibrated.shifts, strict=True)):
+        if weighed.apart_from(calibrated) <= SEARCH.near:
             return found
         other = dataclasses.replace(weighed, shifts=calibrated.shifts)
         fits = [found, self.refine(other, tempered=False, ahead=found)]

@@ -176,7 +176,8 @@ class Search:
     def _unhidden(self, base: Hypothesis, every: Sequence[Candidate]) -> dict[type[Effect], Hypothesis]:
         """Return the classes that fit best beside nominal parameters as given, refined, where those of the base strain.
 
-        An effect that they stand in for has nothing to explain beside them, and their responses are others there.
+        An effect that they stand in for has nothing to explain beside them, and their responses are others there. One
+        beside which they go back to the base is refined from there, if at all.
         """
         if max(map(abs, base.shifts), default=0.0) <= SEARCH.strained:
             return {}
@@ -188,8 +189,8 @@ class Search:
             self.progress(f"refining {kind.name}")
             candidate, _ = best[kind]
             begun = given.with_effect(candidate.members[0], candidate.replaces)
-            refined = self.refinement.refine(begun, ahead=ahead)
-            if self.refinement.better(base, [base, refined]) is refined:
+            refined = self.refinement.refine(begun, ahead=ahead, away_from=base)
+            if not refined.is_nearer_to(base) and self.refinement.better(base, [base, refined]) is refined:
                 found[kind], ahead = refined, self.refinement.better(base, [ahead, refined])
         return found
 

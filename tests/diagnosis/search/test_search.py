@@ -257,6 +257,19 @@ def test_what_strained_values_hide_from_a_linear_fit_is_sought_beside_them_as_gi
     assert type(true) in {kind.declared for kind in own._unhidden(strained, every)}
 
 
+def test_a_fit_beside_values_as_given_ends_where_it_goes_back_to_those_of_the_base() -> None:
+    """Of a mass that is wrong nothing is hidden: beside a cogging that is not there it has to be as wrong again."""
+    own, given = search(effects.get("inertia_mismatch").typical(extra_mass_kg=20.0)), start(NOMINAL)
+    base = own.refinement.refine(given)
+    assert max(map(abs, base.shifts)) > SEARCH.strained
+    begun = given.with_effect(effects.get("cogging").typical().scaled(0.1))
+    ended, whole = own.refinement.refine(begun, away_from=base), own.refinement.refine(begun)
+    assert ended.is_nearer_to(base)
+    assert whole.apart_from(base) < 0.5 * ended.apart_from(base)
+    every = [item for item in candidates(base, period_s=PERIOD_S) if item.kind.name == "cogging"]
+    assert own._unhidden(base, every) == {}
+
+
 def test_friction_over_velocity_is_also_fitted_without_a_free_form_of_friction() -> None:
     """A form of friction at its limit stands in for Stribeck friction; beside it, short steps stay there."""
     true = effects.get("stribeck_friction").typical(stribeck_force_N=60.0)
