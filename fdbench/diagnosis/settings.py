@@ -274,9 +274,14 @@ class SearchSettings:
     effective_samples: float = number(60.0, "independent samples that a misfit is worth at most, for probabilities")
     of_a_stretch: float = number(2.5, "such samples in a stretch of time that is judged on, 0.25 s long")
     paired: float = number(
-        0.2,
+        0.3,
         "of the standard errors by which look-alikes differ over stretches of time, that count: forms are not exact",
-        "likeliest for 122 pairs of look-alikes in opened trials A, B, D, F and G",
+        "likeliest for 128 pairs of a lag and a dead time in opened trials A, B, F and G",
+    )
+    imitates: float = number(
+        0.1,
+        "relative distance to a bound of its form, from which a look-alike imitates another one",
+        "likeliest for the same pairs",
     )
     steps: int = number(12, "Gauss-Newton steps of a refinement at most")
     fine: float = number(0.1, "of the steps of numbers, with which a fit goes on where whole ones tell no slope")

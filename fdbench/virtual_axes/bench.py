@@ -23,21 +23,16 @@ ERRORS: Mapping[str, float] = MappingProxyType(
     }
 )
 NOTHING: Mapping[str, float] = MappingProxyType({})
-# Uncertainties of what the nominal model says as it is, and of which `ERRORS` says nothing.
-EXACT: Mapping[str, float] = MappingProxyType(
-    dict.fromkeys(
-        (
-            "stiffness",
-            "damping",
-            "transition_velocity",
-            "friction_side",
-            "friction_form",
-            "controller_gains",
-            "velocity_filter",
-            "loop_lag",
-        ),
-        0.0,
-    )
+# What an owner has read from the controller, measured in slow motions, and from the sheet of the screw.
+KNOWN: Mapping[str, float] = MappingProxyType(
+    {
+        "stiffness": 0.02,
+        "transition_velocity": 0.0,
+        "friction_side": 0.0,
+        "controller_gains": 0.0,
+        "velocity_filter": 0.0,
+        "loop_lag": 0.0,
+    }
 )
 
 Injected = Mapping[str, Mapping[str, float]]

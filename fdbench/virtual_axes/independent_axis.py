@@ -18,8 +18,8 @@ from fdbench.record import FloatArray
 from fdbench.specification import load_toml, read
 from fdbench.virtual_axes import independent_simulator
 from fdbench.virtual_axes.bench import (
-    EXACT,
     FORCE_NOISE_N,
+    KNOWN,
     NOTHING,
     POSITION_NOISE_M,
     PROCESS_FORCE_N,
@@ -98,7 +98,7 @@ class IndependentBench(Bench):
     has (latency, colour of the noise, transition velocity) is drawn.
     """
 
-    known = MappingProxyType({**EXACT, "transition_velocity": 0.06, "loop_lag": 0.03})
+    known = MappingProxyType({**KNOWN, "transition_velocity": 0.06, "loop_lag": 0.03})
 
     def __init__(
         self, nominal: Nominal, errors: Mapping[str, float], period_s: float, rng: np.random.Generator

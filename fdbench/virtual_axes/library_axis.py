@@ -20,8 +20,8 @@ from fdbench.plants.feed_drive import FeedDrive, RotaryMotor
 from fdbench.record import FloatArray
 from fdbench.simulate.system import Noise, Setup, Timing
 from fdbench.virtual_axes.bench import (
-    EXACT,
     FORCE_NOISE_N,
+    KNOWN,
     NOTHING,
     POSITION_NOISE_M,
     PROCESS_FORCE_N,
@@ -129,7 +129,7 @@ class LibraryBench(Bench):
         Of its integration.
     """
 
-    known = EXACT
+    known = KNOWN
 
     def __init__(
         self,

@@ -357,17 +357,19 @@ def adjustables(effect: Effect, covered: Covered | None = None, also: Sequence[s
     return found
 
 
-def at_bound(effect: Effect) -> list[str]:
+def at_bound(effect: Effect, within: float | None = None) -> list[str]:
     """Return the fitted parameters that lie on a bound of what the library allows; at 0 there is nothing beyond.
+
+    They are as near as a relative distance ``within`` of it, without as ``MODEL.at_bound``.
 
     The period of an effect that has next to nothing periodic of it is none of them.
     """
-    found = []
+    found, share = [], MODEL.at_bound if within is None else within
     unseen = {item.name for item in effect.parameters() if item.locate} if _lacks_amplitude(effect) else set()
     for item in adjustables(effect):
         value = item.of(effect)
         bounds = (bound for bound in (item.low, item.high) if math.isfinite(bound) and bound != 0.0)
-        if item.name not in unseen and any(abs(value - bound) <= MODEL.at_bound * abs(bound) for bound in bounds):
+        if item.name not in unseen and any(abs(value - bound) <= share * abs(bound) for bound in bounds):
             found.append(item.name)
     return found
 

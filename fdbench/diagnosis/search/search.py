@@ -15,7 +15,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.periods import located
 from fdbench.diagnosis.search.refinement import Refinement, prior_weight
-from fdbench.diagnosis.search.stage import Stage, equivalent_misfit, excess_of, look_alikes, ranked
+from fdbench.diagnosis.search.stage import Rival, Stage, equivalent_misfit, excess_of, look_alikes, ranked
 from fdbench.diagnosis.settings import SEARCH
 from fdbench.effects import Effect
 
@@ -212,9 +212,35 @@ class Search:
                 exchanged = self.refinement.refine(exchanged, ahead=rival.hypothesis)
                 if self.refinement.better(base, [rival.hypothesis, exchanged]) is exchanged:
                     again[rival.kind] = exchanged
-        if not again:
+        if again:
+            stage = self.compared(base, [(kind, again.get(kind, own), refined) for kind, own, refined in hypotheses])
+        return self._with_delays_told(stage)
+
+    def _with_delays_told(self, stage: Stage) -> Stage:
+        r"""Return a stage in which delays that look alike are those of all substeps.
+
+        A force that changes within a substep h is delivered as its mean, by which the motion is as late as by
+
+        .. math:: h^2 s^2 / 12
+
+        beyond the delay itself: as much as a lag and a dead time of a third of a sampling time differ by. A fit that
+        stopped where its shape makes up for this begins anew from the usual one, too.
+        """
+        delays = [rival for rival in look_alikes(stage) if rival.kind.cause_type == "delay"]
+        if len(delays) < 2 or self.readings.finer is None:
             return stage
-        return self.compared(base, [(kind, again.get(kind, own), refined) for kind, own, refined in hypotheses])
+        closely = Search(Refinement(self.readings.of_all_substeps(), self.split), self.progress)
+        fits = [(rival.kind, closely._refined_from_usual_shape(stage.base, rival), True) for rival in delays]
+        told = {rival.kind: rival for rival in closely.compared(stage.base, fits).rivals}
+        rivals = sorted((told.get(rival.kind, rival) for rival in stage.rivals), key=stage.evidence_of, reverse=True)
+        return dataclasses.replace(stage, rivals=tuple(rivals))
+
+    def _refined_from_usual_shape(self, base: Hypothesis, rival: Rival) -> Hypothesis:
+        """Return the better refinement of a rival and of it with the usual shape of its effect."""
+        effect = rival.effect
+        usual = {item.name: item.typical for item in effect.parameters() if item.grid}
+        begun = rival.hypothesis.without_effect(rival.kind).with_effect(effect.within(**usual))
+        return self.refinement.best_from(base, [begun], self.refinement.refine(rival.hypothesis))
 
     def compared(self, base: Hypothesis, hypotheses: Sequence[tuple[type[Effect], Hypothesis, bool]]) -> Stage:
         """Judge hypotheses beside a base on the held-out segments, with the weights of the base."""

@@ -188,7 +188,7 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
 
     against another one (Vuong 1989, Econometrica 57, 307-333, eq. 4.1), with c = ``SEARCH.paired`` and the penalties p;
     what they have together stays as it was. Stretches that were fitted count, too: what look-alikes differ by is far
-    more than another number fits there, which costs nothing. One that lies on a bound of its form is no closer for it
+    more than another number fits there, which costs nothing. One that is near a bound of its form is no closer for it
     than the closest that does not: it imitates the other as far as it may, and the number that brought it there costs 1
     (Akaike 1974), by half, for at a bound it is free to one side alone (Self, Liang 1987, J. American Statistical
     Association 82, 605-610, case 5).
@@ -202,7 +202,8 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
     rivals, own = list(stage.rivals), [stage.evidence_of(rival) for rival in stage.rivals]
     alike = [rivals.index(rival) for rival in look_alikes(stage)]
     if len(alike) > 1 and len(squares) > 1:
-        within = [place for place in alike if not any(map(at_bound, rivals[place].hypothesis.effects[-1:]))]
+        last = {place: rivals[place].hypothesis.effects[-1:] for place in alike}
+        within = [place for place in alike if not any(at_bound(item, SEARCH.imitates) for item in last[place])]
         behind = squares[:, alike] - squares[:, (within or alike)[:1]]
         scatter = np.sqrt(len(squares)) * behind.std(axis=0, ddof=1)
         scores = np.divide(behind.sum(axis=0), scatter, out=np.zeros(len(alike)), where=scatter > 0.0)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+import search_lab
 from search_lab import NOMINAL, PERIOD_S, search
 
 from fdbench.diagnosis.evidence.evidence import gather
@@ -16,8 +17,8 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis, penalty, start
 from fdbench.diagnosis.model.nominal import Covered, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import Replay, Replayed
-from fdbench.diagnosis.search.refinement import Tangent, _Steps
-from fdbench.diagnosis.search.search import foremost
+from fdbench.diagnosis.search.refinement import Refinement, Tangent, _Steps
+from fdbench.diagnosis.search.search import Search, foremost
 from fdbench.diagnosis.search.stage import Rival, Stage, ranked
 from fdbench.diagnosis.settings import MODEL, SEARCH, changed
 from fdbench.effects import Effect, effects
@@ -268,6 +269,20 @@ def test_a_fit_beside_values_as_given_ends_where_it_goes_back_to_those_of_the_ba
     assert whole.apart_from(base) < 0.5 * ended.apart_from(base)
     every = [item for item in candidates(base, period_s=PERIOD_S) if item.kind.name == "cogging"]
     assert own._unhidden(base, every) == {}
+
+
+def test_a_short_lag_is_told_from_a_dead_time_by_all_substeps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few substeps are later by as much as the two differ; a lag that makes up for that is a dead time."""
+    monkeypatch.setattr(search_lab, "FLOORS", {name: 0.1 * rms for name, rms in search_lab.FLOORS.items()})
+    true = effects.get("current_loop_lag").typical(time_constant_s=3e-4, inverter_ratio=0.1)
+    fine = search(true, speeds_m_per_s=(0.3,))
+    readings = fine.readings.coarsened(start(NOMINAL), fine.split.noise_models)
+    assert readings.replay.substeps < NOMINAL.simulation.substeps
+    stage = Search(Refinement(readings, fine.split)).stage(start(NOMINAL))
+    assert stage is not None
+    first, second = stage.rivals[:2]
+    assert (first.kind.name, second.kind.name) == ("current_loop_lag", "dead_time")
+    assert stage.evidence_of(first) - stage.evidence_of(second) > 1.5
 
 
 def test_friction_over_velocity_is_also_fitted_without_a_free_form_of_friction() -> None:
