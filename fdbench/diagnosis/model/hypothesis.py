@@ -256,13 +256,17 @@ class Hypothesis:
                     found.append(dataclasses.replace(self, shifts=tuple(shifts)))
         return found
 
+    def as_on_paper(self) -> "Hypothesis":
+        """Return it with nominal parameters as they are on paper."""
+        return dataclasses.replace(self, shifts=(0.0,) * len(self.shifts))
+
     def apart_from(self, other: "Hypothesis") -> float:
         """Return by how many standard deviations the nominal parameter differs that does so most."""
         return max((abs(own - theirs) for own, theirs in zip(self.shifts, other.shifts, strict=True)), default=0.0)
 
     def is_nearer_to(self, other: "Hypothesis") -> bool:
         """Return whether nominal parameters are nearer to those of another one than to those on paper."""
-        return self.apart_from(other) < max(map(abs, self.shifts), default=0.0)
+        return self.apart_from(other) < self.apart_from(self.as_on_paper())
 
     def moved(self, change: Sequence[float] | FloatArray) -> "Hypothesis":
         """Return the hypothesis with its nominal parameters moved by the first numbers of ``change``, in deviations."""

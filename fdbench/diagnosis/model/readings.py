@@ -95,11 +95,6 @@ class Readings:
             for name, values in simulated.channels.items():
                 values[list(simulated.places)] += self.beyond[place][name]
 
-    def of_all_substeps(self) -> "Readings":
-        """Return readings of as many substeps as the model has, which keep nothing of these."""
-        whole = self.finer or self
-        return Readings(whole.replay, whole.runs, whole.beyond)
-
     def up_to(self, runs: Sequence[RecordedRun]) -> "Readings":
         """Return readings of the same substeps along runs that are the first samples of these."""
         beyond = [

@@ -1,6 +1,5 @@
 """In place of a value: an effect that explains what a nominal parameter was moved for, and leaves it as it is known."""
 
-import dataclasses
 from dataclasses import dataclass
 
 from scipy.special import expit
@@ -71,7 +70,7 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
     if not tried and not scaling:
         return None
     hypotheses = [(rival.kind, search.refinement.refine(rival.added_to(base, stage.base)), True) for rival in tried]
-    as_given = dataclasses.replace(base, shifts=(0.0,) * len(base.shifts))
+    as_given = base.as_on_paper()
     hypotheses += [(kind, search.refinement.refine(as_given.with_effect(kind.typical())), True) for kind in scaling]
     compared = search.compared(base, hypotheses)
     as_it_is = compared.log_evidence(compared.misfit, compared.penalty) + 0.5 * base.cost_of_a_cause

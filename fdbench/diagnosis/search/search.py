@@ -153,8 +153,7 @@ class Search:
         """
         if base.far_fetched == 0.0 and found.effects[-1].type_of() != "friction_over_velocity":
             return found
-        anew = dataclasses.replace(found, shifts=(0.0,) * len(found.shifts))
-        return self.refinement.best_from(base, [anew], found, ahead)
+        return self.refinement.best_from(base, [found.as_on_paper()], found, ahead)
 
     def _looked_at_again(
         self, base: Hypothesis, kind: type[Effect], linear: Hypothesis
@@ -179,9 +178,9 @@ class Search:
         An effect that they stand in for has nothing to explain beside them, and their responses are others there. One
         beside which they go back to the base is refined from there, if at all.
         """
-        if max(map(abs, base.shifts), default=0.0) <= SEARCH.strained:
+        given = base.as_on_paper()
+        if base.apart_from(given) <= SEARCH.strained:
             return {}
-        given = dataclasses.replace(base, shifts=(0.0,) * len(base.shifts))
         best = self._best_of_class(given, every, self._screen(given, every, self.split.fitted).fits)
         costs = {kind: _cost(given, fit.train, fit) for kind, (_, fit) in best.items()}
         found, ahead = {}, base
@@ -227,9 +226,10 @@ class Search:
         stopped where its shape makes up for this begins anew from the usual one, too.
         """
         delays = [rival for rival in look_alikes(stage) if rival.kind.cause_type == "delay"]
-        if len(delays) < 2 or self.readings.finer is None:
+        finer = self.readings.finer
+        if len(delays) < 2 or finer is None:
             return stage
-        closely = Search(Refinement(self.readings.of_all_substeps(), self.split), self.progress)
+        closely = Search(Refinement(finer.up_to(finer.runs), self.split), self.progress)
         fits = [(rival.kind, closely._refined_from_usual_shape(stage.base, rival), True) for rival in delays]
         told = {rival.kind: rival for rival in closely.compared(stage.base, fits).rivals}
         rivals = sorted((told.get(rival.kind, rival) for rival in stage.rivals), key=stage.evidence_of, reverse=True)
@@ -237,10 +237,12 @@ class Search:
 
     def _refined_from_usual_shape(self, base: Hypothesis, rival: Rival) -> Hypothesis:
         """Return the better refinement of a rival and of it with the usual shape of its effect."""
-        effect = rival.effect
-        usual = {item.name: item.typical for item in effect.parameters() if item.grid}
-        begun = rival.hypothesis.without_effect(rival.kind).with_effect(effect.within(**usual))
-        return self.refinement.best_from(base, [begun], self.refinement.refine(rival.hypothesis))
+        found = self.refinement.refine(rival.hypothesis)
+        usual = {item.name: item.typical for item in rival.kind.parameters() if item.grid}
+        if not usual:
+            return found
+        begun = rival.hypothesis.with_effect(rival.effect.within(**usual))
+        return self.refinement.best_from(base, [begun], found)
 
     def compared(self, base: Hypothesis, hypotheses: Sequence[tuple[type[Effect], Hypothesis, bool]]) -> Stage:
         """Judge hypotheses beside a base on the held-out segments, with the weights of the base."""

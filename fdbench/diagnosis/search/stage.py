@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -202,8 +203,8 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
     rivals, own = list(stage.rivals), [stage.evidence_of(rival) for rival in stage.rivals]
     alike = [rivals.index(rival) for rival in look_alikes(stage)]
     if len(alike) > 1 and len(squares) > 1:
-        last = {place: rivals[place].hypothesis.effects[-1:] for place in alike}
-        within = [place for place in alike if not any(at_bound(item, SEARCH.imitates) for item in last[place])]
+        imitates = partial(at_bound, within=SEARCH.imitates)
+        within = [place for place in alike if not any(map(imitates, rivals[place].hypothesis.effects[-1:]))]
         behind = squares[:, alike] - squares[:, (within or alike)[:1]]
         scatter = np.sqrt(len(squares)) * behind.std(axis=0, ddof=1)
         scores = np.divide(behind.sum(axis=0), scatter, out=np.zeros(len(alike)), where=scatter > 0.0)
