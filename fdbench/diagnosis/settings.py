@@ -354,7 +354,12 @@ class JudgeSettings:
     enough: float = number(0.5, "share of the gap that everything named must explain to be believed")
     worse: float = number(1.5, "times as large as without it, or as noise, is no channel's gap with what is a cause")
     unrepeated: float = number(10.0, "ratio to the floor of three repeats that one run may reach by chance")
-    alike: float = number(0.9, "of what the best removes, removed by a rival that is indistinguishable", zero=1.0)
+    alike: float = number(
+        0.75,
+        "of what an effect removes, removed by a rival that shares its probability",
+        "likeliest of 0.5 to 0.97 for opened trials: 600 axes of tiers A to D and 440 of G",
+        zero=1.0,
+    )
     fewest: float = number(0.01, "probability of a rival that is worth mentioning")
     level: float = number(0.9, "probability with which the cause is one of a set", CONVENTION, zero=1.0)
     rest_cells: int = number(24, "of a function that the rest may depend on")

@@ -123,6 +123,10 @@ class Detectability:
         moved = [self._joined(bench.axis({}, {name: size})) for name, size in bench.nominal_errors.items()]
         self.nominal_changes, _ = np.linalg.qr(np.stack(moved, axis=1))
 
+    def beside(self, axis: VirtualAxis) -> None:
+        """Take a machine as it is, with its traces, so that no other counts as visible for these."""
+        self.clean = self._quiet(axis)
+
     def noise_amplification(self, axis: VirtualAxis, rng: np.random.Generator) -> FloatArray:
         """Return what noise does to each channel as root mean square in units of that of the healthy axis."""
         noisy = [self._channels(axis.readings(motion, rng)) for motion in self.motions]
@@ -130,7 +134,7 @@ class Detectability:
         return np.asarray(np.sqrt(np.mean(differences**2, axis=1, keepdims=True)) / self.noise)
 
     def mean_square(self, axis: VirtualAxis, beside_nominal_errors: bool) -> float:
-        """Return the largest mean square over the motions of the deviation from the healthy machine, without noise.
+        """Return the largest mean square over the motions of the deviation from the machine as it is, without noise.
 
         Parameters
         ----------

@@ -201,6 +201,7 @@ def inject(
     wanted = [listed] * n_listed + [bench.names(listed=False)] * n_unlisted
     detectability = Detectability(bench, motions, sides, rng)
     bench.add_background(detectability, rng)
+    detectability.beside(bench.axis({}))
     injected: dict[str, dict[str, float]] = {}
     sizes: dict[str, float] = {}
     for _ in range(MOST_DRAWS):

@@ -19,7 +19,7 @@ from fdbench.diagnosis.evidence.least_squares import solved
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import Trajectory
 from fdbench.diagnosis.judge import probability_models as confidence
-from fdbench.diagnosis.judge.look_alikes import divided, indistinguishable
+from fdbench.diagnosis.judge.look_alikes import akin, divided
 from fdbench.diagnosis.judge.probability_models import Beside, ProbabilityModels
 from fdbench.diagnosis.model.candidates import candidates, middle_shapes
 from fdbench.diagnosis.model.readings import Readings
@@ -57,7 +57,7 @@ class VerdictReader:
         best = int(np.argmax(own))
         kind, beside = stage.rivals[best].kind, Beside(worst=self.worst)
         if own[best] > none:
-            same = indistinguishable(stage, kind)
+            same = akin(stage, kind)
             features = confidence.effect_features(stage, kind, beside, same)
             chance = self.models.effect.probability(features, [kind.name, *same])
         else:

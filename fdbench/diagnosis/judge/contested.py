@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.findings import Findings
-from fdbench.diagnosis.judge.look_alikes import divided, indistinguishable
+from fdbench.diagnosis.judge.look_alikes import akin, divided
 from fdbench.diagnosis.judge.probability_models import Beside, Features, ProbabilityModels
 from fdbench.diagnosis.judge.shares import Parts
 from fdbench.diagnosis.model.friction_parameters import KnownAmplitude
@@ -28,14 +28,14 @@ class Contested:
     effect : Effect
     contest : Stage
     same : list of str
-        Names of the rivals that are indistinguishable from it.
+        Names of the rivals that it shares its probability with, see `look_alikes.akin`.
     own_size : float
         See `fdbench.diagnosis.search.stage.Rival`; 0 of what is no cause.
     features : mapping of str to float
     probability : float
-        That it is one of them, as though no cause could be unknown.
+        That it is it or one of them, as though no cause could be unknown.
     odds : mapping of str to float
-        How it is divided among the effect, those, and others that may be there instead.
+        How it is divided among the effect, them, and others that may be there instead.
     in_part : float
         Probability that it is only a part of what it is called, see `is_hollow`, `Remainder`, and
         `Parts.is_worse_in_a_channel`: then an unknown cause is as probable.
@@ -52,6 +52,12 @@ class Contested:
     odds: Mapping[str, float]
     in_part: float
     no_cause: bool
+
+    @property
+    def indistinguishable(self) -> list[str]:
+        """Names of those that hold so much of the shared probability that records do not tell them from it."""
+        own = {name: self.odds.get(name, 0.0) for name in (self.effect.name, *self.same)}
+        return [name for name in self.same if own[name] > (1.0 - JUDGE.level) * sum(own.values())]
 
     def most(self, is_better_with: bool) -> float:
         """Return the highest probability that it may have.
@@ -71,7 +77,7 @@ def contested(
     sizes = [size_as_cause(effect, contest, found.final) for effect, contest in pairs]
     every = []
     for index, ((effect, contest), own_size) in enumerate(zip(pairs, sizes, strict=True)):
-        same = indistinguishable(contest, type(effect))
+        same = akin(contest, type(effect))
         beside = Beside(largest=max((*sizes[:index], *sizes[index + 1 :]), default=0.0), worst=worst)
         features = confidence.effect_features(contest, type(effect), beside, same)
         own = models.effect.probability(features, [effect.name, *same])

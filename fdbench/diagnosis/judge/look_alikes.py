@@ -8,8 +8,8 @@ from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
 
 
-def indistinguishable(contest: Stage, kind: type[Effect]) -> list[str]:
-    """Return the names of rivals that explain nearly as much as an effect."""
+def akin(contest: Stage, kind: type[Effect]) -> list[str]:
+    """Return the names of rivals that explain nearly as much as an effect: one of them is there, if any."""
     own = next(rival for rival in contest.rivals if rival.kind is kind)
     return [rival.kind.name for rival in contest.alike(contest.gain(own)) if rival is not own]
 
@@ -38,7 +38,7 @@ def force_balances(removed: Mapping[type[Effect], float], kind: type[Effect], sa
 def divided(contest: Stage, kind: type[Effect], same: Collection[str], probability: float) -> dict[str, float]:
     """Return the probabilities of an effect and its rivals.
 
-    The effect and those indistinguishable from it divide ``probability`` as the contest has it. The others divide
+    The effect and those ``same`` as it divide ``probability`` as the contest has it. The others divide
     the chance that it is another or none, but keep their odds against these.
     """
     chances = {rival.kind.name: p for rival, p in zip(contest.rivals, contest.probabilities(), strict=True)}

@@ -97,10 +97,8 @@ class Beside:
     worst: float = 1.0
 
 
-def effect_features(
-    contest: Stage, kind: type[Effect], beside: Beside, indistinguishable: Collection[str] = ()
-) -> dict[str, float]:
-    """Return the features of an effect, or of one of several that are indistinguishable.
+def effect_features(contest: Stage, kind: type[Effect], beside: Beside, same: Collection[str] = ()) -> dict[str, float]:
+    """Return the features of an effect, or of one of several that share its probability.
 
     What an effect changes counts beside the evidence for it: machines have traces of every effect, and forms that are
     not quite the library's look like further effects that are small. It counts twice: as what it changes in the base,
@@ -114,13 +112,11 @@ def effect_features(
         The model without the effect, and what rivals make of that.
     kind : Effect class
     beside : Beside
-    indistinguishable : collection of str
-        Names of the rivals that are indistinguishable from it.
+    same : collection of str
+        Names of the rivals that it shares its probability with.
     """
     own = next(rival for rival in contest.rivals if rival.kind is kind)
-    different = (
-        rival for rival in contest.rivals if rival.kind is not kind and rival.kind.name not in indistinguishable
-    )
+    different = (rival for rival in contest.rivals if rival.kind is not kind and rival.kind.name not in same)
     others = [contest.log_evidence(rival.misfit, rival.penalty) for rival in different]
     best = max([contest.log_evidence(contest.misfit, contest.penalty), *others])
     size, own_size = (max(item, JUDGE.smallest_size) for item in (own.size, own.own_size))

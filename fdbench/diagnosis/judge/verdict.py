@@ -40,7 +40,7 @@ class Verdict:
     unknown_probability, no_gap_probability : float
     features : mapping
         By the kind of claim (see `fdbench.diagnosis.judge.probability_models.ProbabilityModels`) and the name
-        of what is claimed; names of indistinguishable effects are joined by " or ".
+        of what is claimed; names of effects that share a probability are joined by " or ".
     worst : float
         See `fdbench.diagnosis.judge.probability_models.Beside`.
     """
@@ -155,7 +155,7 @@ def _named(
     bounds: Mapping[str, Pair],
 ) -> Cause:
     """Return an effect of the final hypothesis as a cause."""
-    effect, contest, same, search = item.effect, item.contest, item.same, found.search
+    effect, contest, same, search = item.effect, item.contest, item.indistinguishable, found.search
     with_equivalents = found.final.nominal.with_equivalents
     fitted = [rival for rival in contest.rivals if rival.refined or rival.kind is type(effect)]
     removed = force_balances_removed(search.readings, search.split, dataclasses.replace(contest, rivals=tuple(fitted)))

@@ -185,6 +185,7 @@ class ForeignBench(Bench):
             amplitude = next(iter(self.items[name].draw))
             share = np.sqrt(between(rng, *TRACE) / max(size, 1e-12))
             self.background[name] = drawn | {amplitude: drawn[amplitude] * min(1.0, float(share))}
+            detectability.beside(self.axis({}))
 
     def without_background(self) -> "ForeignBench":
         """Return the machine without its cogging, ripple of the friction and error of screw or encoder."""

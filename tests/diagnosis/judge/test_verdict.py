@@ -1,6 +1,7 @@
 """Probabilities of look-alikes: one claim, divided as the misfits have it."""
 
 import dataclasses
+import math
 
 import pytest
 from axis_lab import as_built, drive, other_friction, protocol, record
@@ -8,8 +9,9 @@ from axis_lab import as_built, drive, other_friction, protocol, record
 from fdbench.diagnosis import answer
 from fdbench.diagnosis.answer import ForceBalances
 from fdbench.diagnosis.diagnose import diagnose
-from fdbench.diagnosis.judge.contested import is_no_cause, size_as_cause
-from fdbench.diagnosis.judge.look_alikes import divided, force_balances
+from fdbench.diagnosis.judge.contested import Contested, is_no_cause, size_as_cause
+from fdbench.diagnosis.judge.look_alikes import akin, divided, force_balances
+from fdbench.diagnosis.judge.probability_models import Beside, effect_features
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
@@ -49,6 +51,34 @@ def test_beyond_all_doubt_look_alikes_are_divided_too() -> None:
     """Evidence against all others is so strong that what these leave to them is zero in double precision."""
     found = divided(stage(1e9, dead_time=1.0, current_loop_lag=1.0), DELAY, [LAG.name], 0.99)
     assert found == pytest.approx({"dead_time": 0.495, "current_loop_lag": 0.495})
+
+
+def test_a_rival_that_is_nearly_as_good_does_not_speak_against_both() -> None:
+    """It has 0.84 of what a stiffness that grows removes: one of the two is there, and which is told by the odds."""
+    contest = stage(2.0, quadratic_stiffness=1.10, cable_stiffness=1.24, lead_error=1.9)
+    growing = effects.get("quadratic_stiffness")
+    assert akin(contest, growing) == [CABLE.name]
+    margins = [effect_features(contest, growing, Beside(), same)["margin"] for same in ([], [CABLE.name])]
+    assert margins == pytest.approx([math.asinh(30.0 * math.log(x / 1.10)) for x in (1.24, 1.9)])
+
+
+@pytest.mark.parametrize(("odds", "told"), [({"dead_time": 0.8, "current_loop_lag": 0.05}, True), (None, False)])
+def test_what_holds_little_of_a_shared_probability_is_told_from_the_rest(
+    odds: dict[str, float] | None, told: bool
+) -> None:
+    contest = stage(3.0, dead_time=1.10, current_loop_lag=1.11)
+    own = Contested(
+        effect=DELAY.typical(),
+        contest=contest,
+        same=[LAG.name],
+        own_size=1.0,
+        features={},
+        probability=0.9,
+        odds=odds or divided(contest, DELAY, [LAG.name], 0.9),
+        in_part=0.0,
+        no_cause=False,
+    )
+    assert own.indistinguishable == ([] if told else [LAG.name])
 
 
 def test_the_force_balance_check_leaves_look_alikes_aside() -> None:
