@@ -43,13 +43,14 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
     r"""Return the most probable exchange of a value for an effect of its family, such as friction, if there is one.
 
     The search weighs what friction may do in each run, so that a value moves there for nothing, and an effect that
-    would make this unnecessary has nothing to explain. One that scales every value takes the place of all at once, as
-    what moves together has one cause, and removes nothing that they do not. Compared as they are, with the misfits M
-    and penalties p of one model for all runs,
+    would make this unnecessary has nothing to explain. Compared as they are, with the misfits M and penalties p of one
+    model for all runs,
 
     .. math:: \ln\frac{p(\text{effect})}{p(\text{value})} = \frac{n}{2} \ln\frac{M_v}{M_e} + \frac{p_v - p_e}{2} - \ln N
 
-    one of the N effects of the library being as likely as a value that is wrong.
+    one of the N effects of the library being as likely as a value that is wrong. One that scales every value takes the
+    place of all at once, as what moves together has one cause, and removes nothing that they do not. It is as likely as
+    any one of them that is a cause by itself, and nothing is taken off.
 
     Parameters
     ----------
@@ -73,14 +74,15 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
     as_given = base.as_on_paper()
     hypotheses += [(kind, search.refinement.refine(as_given.with_effect(kind.typical())), True) for kind in scaling]
     compared = search.compared(base, hypotheses)
-    as_it_is = compared.log_evidence(compared.misfit, compared.penalty) + 0.5 * base.cost_of_a_cause
+    as_a_cause = compared.log_evidence(compared.misfit, compared.penalty)
+    as_it_is = as_a_cause + 0.5 * base.cost_of_a_cause
     found = [
         Exchange(
             value=name,
             kind=rival.kind,
             without=base,
             hypothesis=rival.hypothesis,
-            log_odds=compared.evidence_of(rival) - as_it_is,
+            log_odds=compared.evidence_of(rival) - (as_a_cause if rival.kind in scaling else as_it_is),
         )
         for rival in compared.rivals
         for name, size in wrong.items()

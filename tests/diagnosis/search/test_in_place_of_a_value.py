@@ -13,15 +13,18 @@ DRAG = effects.get("quadratic_drag").typical(quadratic_drag_N_s2_per_m2=4000.0)
 VISCOUS = effects.get("viscous_friction").typical(viscous_friction_N_s_per_m=300.0)
 
 
-def moved(hypothesis: Hypothesis) -> float:
+MOTOR = effects.get("motor_constant").typical()
+
+
+def moved(hypothesis: Hypothesis, name: str = "viscous_friction") -> float:
     shifts = zip(nominal_parameters(NOMINAL), hypothesis.shifts, strict=True)
-    return max(abs(shift) for item, shift in shifts if item.cause(NOMINAL) == "viscous_friction")
+    return max(abs(shift) for item, shift in shifts if item.cause(NOMINAL) == name)
 
 
-def exchanged(planted: Effect, rival: Effect) -> Exchange | None:
+def exchanged(planted: Effect, rival: Effect, value: str = "viscous_friction") -> Exchange | None:
     own = search(planted, speeds_m_per_s=(0.1, 0.03))
     base = own.refinement.calibrate(start(NOMINAL))
-    assert moved(base) > JUDGE.beyond_doubt
+    assert moved(base, value) > JUDGE.beyond_doubt
     stage = own.compared(base, [(type(rival), base.with_effect(rival), True)])
     return in_place_of_a_value(own, base, stage)
 
@@ -37,6 +40,15 @@ def test_a_drag_takes_the_place_of_a_viscous_friction_that_is_as_known() -> None
 def test_a_viscous_friction_that_is_wrong_stays_so_beside_a_drag() -> None:
     found = exchanged(VISCOUS, DRAG)
     assert found is None or found.odds < 0.01
+
+
+def test_one_cause_of_all_that_moved_is_as_likely_as_one_value_of_them() -> None:
+    """Mass and friction moved by one share, friction by less than would tell a part of the library from it."""
+    found = exchanged(effects.get("motor_constant").typical(relative_change=-0.1), MOTOR, "inertia_mismatch")
+    assert found is not None
+    assert (found.value, found.kind.name) == ("inertia_mismatch", "motor_constant")
+    assert found.odds > 0.8
+    assert exchanged(effects.get("inertia_mismatch").typical(), MOTOR, "inertia_mismatch") is None
 
 
 @pytest.mark.parametrize("name", ["cogging", "torque_ripple"])
