@@ -11,8 +11,6 @@ from fdbench.effects import Effect, effects
 
 DRAG = effects.get("quadratic_drag").typical(quadratic_drag_N_s2_per_m2=4000.0)
 VISCOUS = effects.get("viscous_friction").typical(viscous_friction_N_s_per_m=300.0)
-
-
 MOTOR = effects.get("motor_constant").typical()
 
 
@@ -43,7 +41,7 @@ def test_a_viscous_friction_that_is_wrong_stays_so_beside_a_drag() -> None:
 
 
 def test_one_cause_of_all_that_moved_is_as_likely_as_one_value_of_them() -> None:
-    """Mass and friction moved by one share, friction by less than would tell a part of the library from it."""
+    """Mass and friction moved by one share; friction is known too roughly to say so by itself."""
     found = exchanged(effects.get("motor_constant").typical(relative_change=-0.1), MOTOR, "inertia_mismatch")
     assert found is not None
     assert (found.value, found.kind.name) == ("inertia_mismatch", "motor_constant")
