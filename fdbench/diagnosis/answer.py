@@ -181,6 +181,9 @@ class Cause:
         Parameters that lie on the bound of what the library allows.
     within_known : bool
         Whether it says no more than how a known friction turns its sign, or what that is in doubt by: no cause.
+    beside_changes : bool
+        Whether its shares, and its step of the shrinkage, are of the gap beside what friction changes by from run to
+        run, which hides it in the whole.
     """
 
     effect: str
@@ -199,6 +202,7 @@ class Cause:
     typical: tuple[str, ...] = ()
     at_bound: tuple[str, ...] = ()
     within_known: bool = False
+    beside_changes: bool = False
 
     def __post_init__(self) -> None:
         # Answers of before ``kind`` say it by ``parametric``, which stays readable and written.
@@ -307,6 +311,8 @@ class Step:
         1 - after / before, noise included, with its 95 % interval ``ci95``; ``channels`` has that of each channel.
     explained_fraction : float or None
         1 - (after - 1) / (before - 1), the fraction of what is beyond the noise; None where that is too little.
+    beside_changes : bool
+        Whether all of it is beside what friction changes by from run to run, which hides it in the whole gap.
     """
 
     added: str
@@ -316,6 +322,7 @@ class Step:
     ci95: Pair
     channels: Shares = field(default_factory=dict)
     explained_fraction: float | None = None
+    beside_changes: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -332,6 +339,9 @@ class Shrinkage:
         Share of what is left that is not noise.
     on_paper : float
         Of the nominal model.
+    recalibrated, left : float or None
+        Of the re-calibrated model without effects, and with all that is added; None in answers of before they were
+        written, where steps follow from each other.
     explained_fraction : float or None
         Of the nominal gap beyond the noise, by re-calibration and all effects together; None where it is too small.
     """
@@ -342,6 +352,8 @@ class Shrinkage:
     ci95: Pair
     reducible_left: float
     on_paper: float
+    recalibrated: float | None = None
+    left: float | None = None
     unit: str = "mean square in units of the noise floor"
     noise_floor: float = 1.0
     explained_fraction: float | None = None
@@ -609,13 +621,15 @@ class Answer:
 
     def sizes(self) -> Pair:
         """Return the mean squared gap in units of the noise floor, of the nominal model and re-calibrated."""
-        nominal = self.shrinkage.on_paper
-        if self.shrinkage.steps:
-            return nominal, self.shrinkage.steps[0].before
-        return nominal, nominal * (1.0 - self.parametric.closed_by_recalibration)
+        nominal, steps = self.shrinkage.on_paper, self.shrinkage.steps
+        if self.shrinkage.recalibrated is not None:
+            return nominal, self.shrinkage.recalibrated
+        return nominal, steps[0].before if steps else nominal * (1.0 - self.parametric.closed_by_recalibration)
 
     def left(self) -> float:
         """Return the mean squared gap in units of the noise floor with all that is added."""
+        if self.shrinkage.left is not None:
+            return self.shrinkage.left
         return self.shrinkage.steps[-1].after if self.shrinkage.steps else self.sizes()[1]
 
     def unexplained(self) -> float:

@@ -26,7 +26,7 @@ from fdbench.diagnosis.judge.gap import gap_of, noise_floor
 from fdbench.diagnosis.judge.localise import Gaps, where
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
 from fdbench.diagnosis.judge.process_force import process_forces, unsteady_forces
-from fdbench.diagnosis.judge.reduction import channel_gaps, parametric, reductions_of, shrinkage
+from fdbench.diagnosis.judge.reduction import Reductions, channel_gaps, parametric, reductions_of, shrinkage
 from fdbench.diagnosis.judge.residual_dependence import dependences
 from fdbench.diagnosis.judge.verdict import Verdict, verdict
 from fdbench.diagnosis.model.as_nominal import as_nominal
@@ -161,7 +161,9 @@ def _diagnosed(
         nearest=said.nearest,
         types=cause_types(said.causes, said.suspects, said.unknown_probability, rest, drive),
         rest_depends_on=rest,
-        shrinkage=shrinkage(reductions, final, findings.artefacts, split.plain, ready.judged_on, raw),
+        shrinkage=shrinkage(
+            reductions, findings.shown_by, final, findings.artefacts, split.plain, ready.judged_on, raw
+        ),
         next_experiment=None if forecast is None else forecast.experiment(),
         warnings=tuple(map(spoken_words, ready.warnings)),
         assumptions=tuple(map(spoken_words, ready.assumptions)),
@@ -291,6 +293,7 @@ def _searched(
     clocks += encoder_clock_warnings(ready.runs, simulated)
     ready = dataclasses.replace(ready, warnings=[*ready.warnings, *clocks])
     final = last.predicting_best(weighed, calibrated).as_it_acts() if weighed.effects else calibrated
+    reductions = reductions_of(readings, plain, calibrated, final)
     findings = Findings(
         search=search,
         as_given=channel_gaps(readings, plain, [given])[0],
@@ -303,7 +306,8 @@ def _searched(
         contests=contests,
         exchange=exchange,
         remainder=beside_the_known(Search(last), weighed),
-        reductions=reductions_of(readings, plain, calibrated, final),
+        reductions=reductions,
+        beside_changes=_beside_changes(reductions, search, base, sought) if exchange is None else None,
         artefacts=[
             artefact
             for artefact in ready.artefacts
@@ -311,6 +315,16 @@ def _searched(
         ],
     )
     return _Searched(ready=ready, given=given, calibrated=calibrated, findings=findings)
+
+
+def _beside_changes(reductions: Reductions, search: Search, base: Hypothesis, sought: Hypothesis) -> Reductions | None:
+    """Return what effects leave beside what friction may change by from run to run, where that may hide one of them.
+
+    One model for all runs is then worse with it by less than the noise, which that is a part of.
+    """
+    hidden = [0.0 <= reductions.loses_by(index) < 1.0 for index in range(len(sought.effects))]
+    may_change = any(change is not None for change in search.split.changes)
+    return reductions_of(search.readings, search.split, base, sought) if any(hidden) and may_change else None
 
 
 def judged(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record] = ()) -> Verdict:

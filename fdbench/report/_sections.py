@@ -156,7 +156,7 @@ def _causes(answer: Answer) -> Iterator[Block]:
         yield paragraph("No effect is named.")
     size = answer.sizes()[1]
     noise = min(1.0, 1.0 / size) if size > 0.0 else 1.0
-    added = [cause for cause in causes if not cause.parametric]
+    added = [cause for cause in causes if not cause.parametric and not cause.beside_changes]
     yield Grid(
         [
             bars(
@@ -255,7 +255,7 @@ def _interval(value: Quantity) -> str:
 
 def _shrinkage(answer: Answer) -> Iterator[Block]:
     nominal, size = answer.sizes()
-    steps = answer.shrinkage.steps
+    steps = [step for step in answer.shrinkage.steps if not step.beside_changes]
     names = ["nominal", "re-calibrated", *(f"+ {step.added}" for step in steps), "noise alone"]
     values = [nominal, size, *(step.after for step in steps), 1.0]
     none = (math.nan, math.nan)

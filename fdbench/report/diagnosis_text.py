@@ -50,6 +50,7 @@ COUNTED = 20.0  # standard deviations beyond which those that a baseline leaves 
 ROUNDING = 1e-9  # of a cell, within which an edge is at zero
 MOST_CELLS, SMALLEST_SHARE, EVEN = 4, 0.05, 1.5
 AFTER, NOMINAL = "mean squared gap after re-calibration", "mean squared nominal gap"
+BESIDE_CHANGES = "beside what friction changes by from run to run"
 SMALL = 0.02  # of the motor's force, below which a machine that is well may have as much
 NUMBER = re.compile(r"[-+]?\d[\d.e+-]*")
 PARTITIONS = ("motion", "frequency", "position", "velocity", "time", "channel")
@@ -179,7 +180,7 @@ def _named(cause: Cause, recorded: Recorded | None) -> str:
         words = [f"{name}, probability {probability_text(p)}" for name, p in others if p >= WORTH_SAYING]
         known = "before" if _is_since(recorded) else "on paper"
         return f"{said} Or it is {', or '.join(words)}, and the value as {known}." if words else said
-    share = f"{percent(cause.share)} of the {AFTER}"
+    share = f"{percent(cause.share)} of the {AFTER}{f', {BESIDE_CHANGES}' if cause.beside_changes else ''}"
     if cause.indistinguishable_from:
         names = " or ".join([cause.effect, *cause.indistinguishable_from])
         together = cause.probability + sum(cause.alternatives.get(name, 0.0) for name in cause.indistinguishable_from)
@@ -342,7 +343,8 @@ def shrinkage(answer: Answer) -> Iterator[str]:
     yield f"re-calibration alone: {number(nominal)} to {number(size)}, {less(closed)}"
     for step in shrunk.steps:
         change = f"{less(step.reduction)} ({share_interval_text(step.ci95)})"
-        yield f"+ {step.added}: {number(step.before)} to {number(step.after)}, {change}"
+        beside = f", {BESIDE_CHANGES}" if step.beside_changes else ""
+        yield f"+ {step.added}: {number(step.before)} to {number(step.after)}, {change}{beside}"
     if shrunk.steps:
         yield (
             f"all effects: {less(shrunk.total)} ({share_interval_text(shrunk.ci95)}); "
@@ -393,7 +395,12 @@ def _doubts(answer: Answer) -> Iterator[str]:
             )
     sure = {cause.effect for cause in answer.causes if cause.probability >= SURE}
     for step in answer.shrinkage.steps:
-        if step.ci95[0] <= 0.0 and step.added in sure and step is not answer.shrinkage.steps[-1]:
+        if step.beside_changes:
+            yield (
+                f"What friction changes by from run to run hides what {step.added} adds to one model for all: its "
+                "share and its step are beside that."
+            )
+        elif step.ci95[0] <= 0.0 and step.added in sure and step is not answer.shrinkage.steps[-1]:
             yield f"What {step.added} adds shows beside what follows it: the interval of its own step includes none."
         elif step.ci95[0] <= 0.0:
             yield f"What {step.added} adds may be chance: the interval of its reduction includes none."
@@ -568,7 +575,7 @@ def _causes(answer: Answer) -> Iterator[str]:
             continue
         yield (
             f"{_with_probability(cause)}, share {percent(cause.share)}, of which no other named effect explains "
-            f"{percent(unique(cause))}"
+            f"{percent(unique(cause))}{f'; both {BESIDE_CHANGES}' if cause.beside_changes else ''}"
         )
         yield _values(cause)
         if cause.within_known:

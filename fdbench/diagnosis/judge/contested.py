@@ -59,14 +59,11 @@ class Contested:
         own = {name: self.odds.get(name, 0.0) for name in (self.effect.name, *self.same)}
         return [name for name in self.same if own[name] > (1.0 - JUDGE.level) * sum(own.values())]
 
-    def most(self, is_better_with: bool) -> float:
-        """Return the highest probability that it may have.
-
-        What the written model is no better with, beside all others, is not named, nor what is at a bound of its form.
-        """
+    def most(self, is_seen: bool) -> float:
+        """Return the highest probability that it may have: unseen or at a bound of its form, it is not named."""
         if self.no_cause:
             return JUDGE.fewest
-        return 1.0 if is_better_with and not is_beyond_its_form(self.effect) else JUDGE.named
+        return 1.0 if is_seen and not is_beyond_its_form(self.effect) else JUDGE.named
 
 
 def contested(

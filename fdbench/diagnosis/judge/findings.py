@@ -34,6 +34,9 @@ class Findings:
     remainder : Remainder or None
         A known effect that stays beside a final one that is to take its place.
     reductions : Reductions
+    beside_changes : Reductions or None
+        The same of what was sought, beside what friction may change by from run to run: where this may be why the gap
+        that is left shows nothing of an effect.
     artefacts : sequence of Artefact
         Effects that are seen in the readings themselves.
     """
@@ -50,4 +53,18 @@ class Findings:
     exchange: Exchange | None
     remainder: Remainder | None
     reductions: Reductions
+    beside_changes: Reductions | None
     artefacts: Sequence[Artefact]
+
+    @property
+    def shown_by(self) -> dict[int, Reductions]:
+        """For each final effect that a gap is smaller with, beside all others, the reductions of that gap.
+
+        It is that of the model for all runs, else that beside what friction changes by from run to run.
+        """
+        loses = [self.reductions.loses_by(index) for index in range(len(self.final.effects))]
+        found = {index: self.reductions for index, by in enumerate(loses) if by < 0.0}
+        if self.beside_changes is not None:
+            hidden = [index for index, by in enumerate(loses) if 0.0 <= by < 1.0]
+            found |= {index: self.beside_changes for index in hidden if self.beside_changes.loses_by(index) < 0.0}
+        return found

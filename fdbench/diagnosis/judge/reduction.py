@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.records.noise_model import NoiseModel
-from fdbench.diagnosis.settings import JUDGE, MODEL
+from fdbench.diagnosis.settings import JUDGE, MODEL, SEARCH
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
 from fdbench.rotary import spoken_unit
@@ -72,6 +72,16 @@ class Reductions:
         if draws is None:
             return np.asarray(self.by_segment.sum(axis=0) / self.counts.sum())
         return np.asarray((draws @ self.by_segment) / (draws @ self.counts)[:, None])
+
+    def loses_by(self, index: int) -> float:
+        """Return how much more is left with an effect than without it, beside all others; negative where it is less.
+
+        What values that are implausible close does not count, as in `equivalent_misfit`.
+        """
+        left = zip(self.mean().tolist(), self.implausible, strict=True)
+        equivalent = [gap * math.exp(own / SEARCH.effective_samples) for gap, own in left]
+        without = tuple(other for other in self.subsets[-1] if other != index)
+        return float(equivalent[-1] - equivalent[self.subsets.index(without)])
 
     def draws(self, seed: int = 0) -> FloatArray:
         """Return how often each segment is drawn, (n_resamples, n_segments); a stretch of time is drawn whole."""
@@ -172,40 +182,60 @@ def shapley(values: dict[tuple[int, ...], float], n: int) -> list[float]:
 
 
 def shrinkage(
-    reductions: Reductions, final: Hypothesis, seen: Sequence[Artefact], split: Split, judged_on: str, raw: float
+    reductions: Reductions,
+    shown_by: Mapping[int, Reductions],
+    final: Hypothesis,
+    seen: Sequence[Artefact],
+    split: Split,
+    judged_on: str,
+    raw: float,
 ) -> Shrinkage:
-    """Return how the held-out mean squared gap falls as the effects are added one by one, with intervals."""
+    """Return how the held-out mean squared gap falls as the effects are added one by one, with intervals.
+
+    The step of an effect is that of the reductions which it is ``shown_by``.
+    """
     means, draws = reductions.mean(), reductions.mean(reductions.draws())
-    place = {subset: index for index, subset in enumerate(reductions.subsets)}
-    by_channel = {name: reductions.of_channel(index) for index, name in enumerate(split.noise_models)}
+    by_channel = _by_channel(reductions, split)
     steps = [
         held_step(artefact, float(means[0]), by_channel, split.noise_models)
         for artefact in seen
         if artefact.interpolated
     ]
+    of_readings = len(steps)
     for count, effect in enumerate(final.effects):
-        before, after = place[tuple(range(count))], place[tuple(range(count + 1))]
-        steps.append(
-            Step(
-                added=effect.name,
-                before=float(means[before]),
-                after=float(means[after]),
-                reduction=1.0 - float(means[after] / means[before]),
-                ci95=_interval(1.0 - draws[:, after] / draws[:, before]),
-                channels={name: 1.0 - float(own[after] / own[before]) for name, own in by_channel.items()},
-                explained_fraction=explained_fraction(float(means[before]), float(means[after])),
-            )
-        )
+        own = shown_by.get(count, reductions)
+        steps.append(replace(_step(effect.name, count, own, split), beside_changes=own is not reductions))
     total = 1.0 - draws[:, -1] / draws[:, 0]
     return Shrinkage(
         judged_on=judged_on,
         on_paper=raw,
+        recalibrated=steps[0].before if of_readings else float(means[0]),
+        left=float(means[-1]),
         steps=tuple(steps),
         total=1.0 - float(means[-1] / means[0]),
         ci95=_interval(total),
         reducible_left=max(0.0, 1.0 - 1.0 / max(float(means[-1]), 1e-12)),
         explained_fraction=explained_fraction(raw, float(means[-1])),
     )
+
+
+def _step(name: str, index: int, reductions: Reductions, split: Split) -> Step:
+    """Return the step from the effects before one to those with it."""
+    own, draws = reductions.mean(), reductions.mean(reductions.draws())
+    before, after = (reductions.subsets.index(tuple(range(count))) for count in (index, index + 1))
+    return Step(
+        added=name,
+        before=float(own[before]),
+        after=float(own[after]),
+        reduction=1.0 - float(own[after] / own[before]),
+        ci95=_interval(1.0 - draws[:, after] / draws[:, before]),
+        channels={name: 1.0 - float(of[after] / of[before]) for name, of in _by_channel(reductions, split).items()},
+        explained_fraction=explained_fraction(float(own[before]), float(own[after])),
+    )
+
+
+def _by_channel(reductions: Reductions, split: Split) -> dict[str, FloatArray]:
+    return {name: reductions.of_channel(index) for index, name in enumerate(split.noise_models)}
 
 
 def held_step(

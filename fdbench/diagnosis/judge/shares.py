@@ -1,11 +1,9 @@
 """Shares of a gap: of what is closed in its channels, and of each effect among several."""
 
-import math
-
 import numpy as np
 
 from fdbench.diagnosis.judge.reduction import Reductions, shapley
-from fdbench.diagnosis.settings import JUDGE, SEARCH
+from fdbench.diagnosis.settings import JUDGE
 from fdbench.record import FloatArray
 
 
@@ -53,9 +51,6 @@ class Parts:
         self.everything = reductions.subsets[-1]
         self.closed = [reductions.closed_in_channel(place) for place in range(len(channels))]
         self.parts = [shapley(own, len(self.everything)) for own in self.closed]
-        left = zip(reductions.mean().tolist(), reductions.implausible, strict=True)
-        equivalent = [gap * math.exp(own / SEARCH.effective_samples) for gap, own in left]
-        self.left_by = dict(zip(reductions.subsets, equivalent, strict=True))
 
     def share(self, index: int) -> float:
         """Return the share of an effect, divided fairly where several explain the same."""
@@ -69,13 +64,6 @@ class Parts:
         """Return the share that no other effect explains."""
         without = self._without(index)
         return self.shares.of(np.array([values[self.everything] - values[without] for values in self.closed]))
-
-    def is_better_with(self, index: int) -> bool:
-        """Whether the written model leaves less with an effect than without it, beside all others.
-
-        What values that are implausible close does not count, as in `equivalent_misfit`.
-        """
-        return bool(self.left_by[self.everything] < self.left_by[self._without(index)])
 
     def is_worse_in_a_channel(self, index: int) -> bool:
         """Whether the gap of a channel is far larger with an effect than without it, and no noise."""

@@ -19,6 +19,7 @@ from fdbench.diagnosis.judge.left import left_of, within_repeats
 from fdbench.diagnosis.judge.look_alikes import force_balances, instead, one_of
 from fdbench.diagnosis.judge.nominal_values import Deviating, deviating_parameters
 from fdbench.diagnosis.judge.probability_models import Beside, Features, ProbabilityModels
+from fdbench.diagnosis.judge.reduction import Reductions
 from fdbench.diagnosis.judge.shares import Parts, Shares
 from fdbench.diagnosis.model.hypothesis import at_bound
 from fdbench.diagnosis.search.stage import Rival
@@ -136,14 +137,21 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
 
 def _effects(found: Findings, items: Sequence[Contested], credit: Credit, parts: Parts) -> Iterator[Cause]:
     """Yield the effects of the final hypothesis as causes, but those that the readings themselves tell of."""
-    bounds = intervals(found.search, found.final)
+    bounds, shown_by = intervals(found.search, found.final), found.shown_by
     for index, item in enumerate(items):
         if any(artefact.tells_of(item.effect) for artefact in found.artefacts):
             continue
-        most = item.most(parts.is_better_with(index))
-        believed = credit.of_share(parts.share(index)) * (1.0 - item.in_part)
+        most, beside_changes = item.most(index in shown_by), shown_by.get(index) is found.beside_changes is not None
+        own = _beside_changes(shown_by[index], parts.channels) if beside_changes else parts
+        believed = credit.of_share(own.share(index)) * (1.0 - item.in_part)
         odds = {name: min(believed * p, most) for name, p in item.odds.items()}
-        yield _named(found, item, odds, parts, index, bounds[index])
+        cause = _named(found, item, odds, own, index, bounds[index])
+        yield dataclasses.replace(cause, beside_changes=beside_changes)
+
+
+def _beside_changes(reductions: Reductions, channels: list[str]) -> Parts:
+    gaps = np.array([reductions.of_channel(place)[0] for place in range(len(channels))])
+    return Parts(reductions, Shares(gaps, np.zeros(len(gaps))), channels)
 
 
 def _named(

@@ -99,8 +99,7 @@ def test_what_implausible_values_close_does_not_count(implausible: float, is_bet
         channel=np.array([0]),
         implausible=[implausible, 0.0],
     )
-    parts = Parts(found, Shares(found.of_channel(0)[:1], np.zeros(1)), ["position_m"])
-    assert parts.is_better_with(0) is is_better
+    assert (found.loses_by(0) < 0.0) is is_better
 
 
 @pytest.mark.parametrize(("with_effect", "is_worse"), [(2.0, False), (4.4, True)])
@@ -116,7 +115,7 @@ def test_what_makes_a_channel_far_worse_stands_in_there(with_effect: float, is_w
     )
     gaps = np.array([found.of_channel(place)[0] for place in (0, 1)])
     parts = Parts(found, Shares(gaps, np.zeros(2)), ["motor_force_N", "position_m"])
-    assert parts.is_better_with(0)
+    assert found.loses_by(0) < 0.0
     assert parts.is_worse_in_a_channel(0) is is_worse
 
 
