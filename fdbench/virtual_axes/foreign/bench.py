@@ -38,6 +38,7 @@ PROCESS_NOISE, PROCESS_COLOUR = 0.01, 0.9  # share of the friction, and correlat
 TRACE = (0.02, 0.3)  # mean square of each effect of the background, in units of the noise
 HARMONIC = {Tier.F: 0.25, Tier.G: 0.1}
 SQUARE_HZ, CHIP_TIME_S = 1.7, 0.05
+STEEPEST = 0.1225  # of its signal period, by which an encoder may err and its reading still rises with the position
 PROCESS = ("square_N", "thrust_N")
 
 
@@ -161,10 +162,13 @@ class ForeignBench(Bench):
         return [item.name for item in found if item.name not in self.kind.without]
 
     def draw(self, name: str, rng: np.random.Generator) -> dict[str, float]:
-        """Return drawn fields of `mechanics.Wrong`."""
+        """Return drawn fields of `mechanics.Wrong`; no encoder reads backwards on the way forwards."""
         item, units = self.items[name], scales(self.value)
         found = {key: between(rng, *bounds) for key, bounds in item.draw.items()}
         found |= {key: found[key] * units[unit] for key, unit in item.scale.items()}
+        if "division_m" in found:
+            period_m = self.always.get("division_period_m", mechanics.Wrong().division_period_m)
+            found["division_m"] = min(found["division_m"], STEEPEST * period_m)
         return found | {key: -found[key] for key in item.signed if rng.random() < 0.5}
 
     def clash(self, name: str, other: str) -> bool:

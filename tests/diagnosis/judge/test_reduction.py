@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from axis_lab import case
+from axis_lab import as_built, case, other_friction, protocol, record
 
 from fdbench.diagnosis import diagnose as diagnosis
 from fdbench.diagnosis.judge.reduction import Reductions, reductions_of, shapley
@@ -143,3 +143,32 @@ def test_what_the_written_model_is_no_better_with_is_not_named(monkeypatch: pyte
     answer = diagnosis.diagnose(nominal, fitted[2:], judged[1:]).answer
     assert "cogging" in [cause.effect for cause in answer.causes]
     assert [cause.effect for cause in answer.causes if cause.probability > JUDGE.named] == []
+
+
+@pytest.mark.parametrize("by", [0.5, 2.0])
+def test_what_friction_changes_by_from_run_to_run_hides_no_effect(by: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may make one model for all a little worse with it, not far worse."""
+
+    def hidden(readings: Any, split: Any, *given: Any) -> Reductions:
+        found = reductions_of(readings, split, *given)
+        if split.changes:
+            return found
+        by_segment = found.by_segment.copy()
+        by_segment[:, -1] = by_segment[:, 0] + by * found.counts
+        return dataclasses.replace(found, by_segment=by_segment, implausible=[0.0, 0.0])
+
+    monkeypatch.setattr(diagnosis, "reductions_of", hidden)
+    cogging, axis, nominal = effects.get("cogging").typical(), as_built(1), case((), seed=1)[0]
+    fitted, judged = (
+        [
+            record(other_friction(axis, friction), (cogging,), *motion, seed=place)
+            for place, (motion, friction) in enumerate(itertools.product(protocol(factor).values(), changes))
+        ]
+        for factor, changes in ((1.0, (0.97, 1.03)), (1.3, (1.0,)))
+    )
+    answer = diagnosis.diagnose(nominal, fitted, judged).answer
+    cause = next(cause for cause in answer.causes if cause.effect == "cogging")
+    (step,) = (step for step in answer.shrinkage.steps if step.added == "cogging")
+    assert cause.beside_changes is step.beside_changes is (cause.probability > JUDGE.named) is (by < 1.0)
+    assert (cause.share > 0.0) is (step.reduction > 0.0) is (by < 1.0)
+    assert answer.left() == pytest.approx(answer.sizes()[1] + by)
