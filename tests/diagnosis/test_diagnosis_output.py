@@ -229,7 +229,11 @@ def small(found: Diagnosis, on_paper: float, recalibrated: float) -> dict[str, A
     """Return the parts of an answer with these mean squared gaps in units of the floor."""
     return {
         "causes": (),
-        "shrinkage": replace(found.answer.shrinkage, on_paper=on_paper, steps=(), total=0.0, ci95=(0.0, 0.0)),
+        "shrinkage": replace(
+            found.answer.shrinkage,
+            **{"on_paper": on_paper, "recalibrated": recalibrated, "left": recalibrated},
+            **{"steps": (), "total": 0.0, "ci95": (0.0, 0.0)},
+        ),
         "parametric": replace(found.answer.parametric, closed_by_recalibration=1.0 - recalibrated / on_paper),
     }
 
