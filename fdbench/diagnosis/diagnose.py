@@ -322,9 +322,9 @@ def _beside_changes(reductions: Reductions, search: Search, base: Hypothesis, so
 
     One model for all runs is then worse with it by less than the noise, which that is a part of.
     """
-    hidden = [0.0 <= reductions.loses_by(index) < 1.0 for index in range(len(sought.effects))]
+    may_hide = any(map(reductions.may_hide, range(len(sought.effects))))
     may_change = any(change is not None for change in search.split.changes)
-    return reductions_of(search.readings, search.split, base, sought) if any(hidden) and may_change else None
+    return reductions_of(search.readings, search.split, base, sought) if may_hide and may_change else None
 
 
 def judged(nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record] = ()) -> Verdict:

@@ -62,9 +62,9 @@ class Findings:
 
         It is that of the model for all runs, else that beside what friction changes by from run to run.
         """
-        loses = [self.reductions.loses_by(index) for index in range(len(self.final.effects))]
-        found = {index: self.reductions for index, by in enumerate(loses) if by < 0.0}
-        if self.beside_changes is not None:
-            hidden = [index for index, by in enumerate(loses) if 0.0 <= by < 1.0]
-            found |= {index: self.beside_changes for index in hidden if self.beside_changes.loses_by(index) < 0.0}
+        every, beside = range(len(self.final.effects)), self.beside_changes
+        found = {index: self.reductions for index in every if self.reductions.loses_by(index) < 0.0}
+        if beside is not None:
+            hidden = filter(self.reductions.may_hide, every)
+            found |= {index: beside for index in hidden if beside.loses_by(index) < 0.0}
         return found

@@ -83,6 +83,10 @@ class Reductions:
         without = tuple(other for other in self.subsets[-1] if other != index)
         return float(equivalent[-1] - equivalent[self.subsets.index(without)])
 
+    def may_hide(self, index: int) -> bool:
+        """Return whether less is left without an effect, but by less than the noise, of which friction is a part."""
+        return 0.0 <= self.loses_by(index) < 1.0
+
     def draws(self, seed: int = 0) -> FloatArray:
         """Return how often each segment is drawn, (n_resamples, n_segments); a stretch of time is drawn whole."""
         return drawn_counts(self.groups, JUDGE.resamples, seed)

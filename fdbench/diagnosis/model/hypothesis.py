@@ -362,7 +362,7 @@ def adjustables(effect: Effect, covered: Covered | None = None, also: Sequence[s
 
 
 def at_bound(effect: Effect, within: float | None = None) -> list[str]:
-    """Return the fitted parameters that lie on a bound of what the library allows; at 0 there is nothing beyond.
+    """Return the fitted parameters that lie on a bound of what the library allows; beyond 0, or all of it, is nothing.
 
     They are as near as a relative distance ``within`` of it, without as ``MODEL.at_bound``.
 
@@ -372,7 +372,8 @@ def at_bound(effect: Effect, within: float | None = None) -> list[str]:
     unseen = {item.name for item in effect.parameters() if item.locate} if _lacks_amplitude(effect) else set()
     for item in adjustables(effect):
         value = item.of(effect)
-        bounds = (bound for bound in (item.low, item.high) if math.isfinite(bound) and bound != 0.0)
+        limits = () if (item.low, item.high) == (0.0, 1.0) else (item.low, item.high)
+        bounds = (bound for bound in limits if math.isfinite(bound) and bound != 0.0)
         if item.name not in unseen and any(abs(value - bound) <= share * abs(bound) for bound in bounds):
             found.append(item.name)
     return found

@@ -113,3 +113,8 @@ def test_a_period_of_nothing_is_at_no_bound() -> None:
     lead = effects.get("lead_error")
     assert at_bound(lead.typical(period_m=0.1)) == ["period_m"]
     assert at_bound(lead.typical(period_m=0.1, periodic_error_m=1e-12)) == []
+
+
+def test_all_of_a_share_is_no_bound() -> None:
+    drift = effects.get("friction_drift")
+    assert at_bound(drift.typical(warm_up_time_s=0.1, share_of_motion=1.0)) == ["warm_up_time_s"]
