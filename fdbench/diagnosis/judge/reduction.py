@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +91,11 @@ class Reductions:
     def draws(self, seed: int = 0) -> FloatArray:
         """Return how often each segment is drawn, (n_resamples, n_segments); a stretch of time is drawn whole."""
         return drawn_counts(self.groups, JUDGE.resamples, seed)
+
+    @cached_property
+    def resampled(self) -> FloatArray:
+        """Mean squared gap of each bootstrap draw and subset."""
+        return self.mean(self.draws())
 
 
 def explained_fraction(before: float, after: float) -> float | None:
@@ -198,7 +204,7 @@ def shrinkage(
 
     The step of an effect is that of the reductions which it is ``shown_by``.
     """
-    means, draws = reductions.mean(), reductions.mean(reductions.draws())
+    means, draws = reductions.mean(), reductions.resampled
     by_channel = _by_channel(reductions, split)
     steps = [
         held_step(artefact, float(means[0]), by_channel, split.noise_models)
@@ -225,7 +231,7 @@ def shrinkage(
 
 def _step(name: str, index: int, reductions: Reductions, split: Split) -> Step:
     """Return the step from the effects before one to those with it."""
-    own, draws = reductions.mean(), reductions.mean(reductions.draws())
+    own, draws = reductions.mean(), reductions.resampled
     before, after = (reductions.subsets.index(tuple(range(count))) for count in (index, index + 1))
     return Step(
         added=name,

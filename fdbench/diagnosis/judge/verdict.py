@@ -141,15 +141,16 @@ def _effects(found: Findings, items: Sequence[Contested], credit: Credit, parts:
     for index, item in enumerate(items):
         if any(artefact.tells_of(item.effect) for artefact in found.artefacts):
             continue
-        most, beside_changes = item.most(index in shown_by), shown_by.get(index) is found.beside_changes is not None
-        own = _beside_changes(shown_by[index], parts.channels) if beside_changes else parts
+        most, reductions = item.most(index in shown_by), shown_by.get(index, found.reductions)
+        beside_changes = reductions is not found.reductions
+        own = _parts_of(reductions, parts.channels) if beside_changes else parts
         believed = credit.of_share(own.share(index)) * (1.0 - item.in_part)
         odds = {name: min(believed * p, most) for name, p in item.odds.items()}
         cause = _named(found, item, odds, own, index, bounds[index])
         yield dataclasses.replace(cause, beside_changes=beside_changes)
 
 
-def _beside_changes(reductions: Reductions, channels: list[str]) -> Parts:
+def _parts_of(reductions: Reductions, channels: list[str]) -> Parts:
     gaps = np.array([reductions.of_channel(place)[0] for place in range(len(channels))])
     return Parts(reductions, Shares(gaps, np.zeros(len(gaps))), channels)
 
