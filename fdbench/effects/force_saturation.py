@@ -33,7 +33,7 @@ class ForceSaturation(Effect):
     rank = 2
     amplitude = "saturation_per_N"
 
-    saturation_per_N: float = parameter("kappa", low=0.0, high=1e-2, typical=3e-4)
+    saturation_per_N: float = parameter("kappa", low=0.0, high=0.1, typical=3e-4)
 
     @kernel
     def kernel(t, h, x, v, u, kappa):

@@ -120,10 +120,15 @@ class Evidence:
         parts = {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
         return Evidence(**{name: value if name == "lost" else value[own] for name, value in parts.items()})
 
-    def worst(self) -> float:
-        """Return the mean squared gap of the stretch of time in which it is largest, over all channels."""
+    def worst(self, without: NDArray[np.bool_] | None = None) -> float:
+        """Return the mean squared gap of the stretch of time in which it is largest, over all channels.
+
+        Stretches ``without`` (n_groups,) do not count, unless all are of them.
+        """
         _, place = np.unique(self.group, return_inverse=True)
-        return float(np.max(np.bincount(place, self.gaps) / np.bincount(place, self.counts)))
+        gaps = np.bincount(place, self.gaps) / np.bincount(place, self.counts)
+        counted = gaps if without is None or without.all() else gaps[~without]
+        return float(np.max(counted))
 
     def sizes(self, split: Split) -> FloatArray:
         """Return the mean square of each column in the run where that is most, in units of what repeats differ by."""
