@@ -142,6 +142,7 @@ class FeedDrive(Plant):
             If a substep is too long for the effects, or the nominal control loop is unstable.
         """
         noises = ["motor_position_m", "table_position_m", "velocity_m_per_s", "equation_velocity_m_per_s"]
+        noises += ["through_encoders"]
         noises += ["motor_current_A"] if self.motor.logged == "motor_current_A" else []
         setup.noise.check_only(noises, "this feed drive")
         effects = (*self.effects, *setup.unmodelled)

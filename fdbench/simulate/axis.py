@@ -296,4 +296,5 @@ def _noises(noise: Noise, logged_per_N: float) -> dict[str, float]:
         "NOISE_VELOCITY": noise.velocity_m_per_s,
         "NOISE_EQUATION": noise.equation_velocity_m_per_s,
         "NOISE_COMMAND": noise.motor_current_A / logged_per_N,
+        "NOISE_THROUGH_ENCODERS": float(noise.through_encoders),
     }

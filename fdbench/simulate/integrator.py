@@ -24,15 +24,18 @@ def measure_and_control(w, calls, first_calls, period, uniform):
     """Read the encoders, log them, and set the force that is asked of the motor for the coming period."""
     for i in range(LANES):
         w[T + i] = w[INDEX + i] * period
-        w[READ_MOTOR + i] = w[X_M + i]
-        w[READ_TABLE + i] = w[X_T + i] - w[RIGID + i] * w[OFFSET + i]
+        through = w[NOISE_THROUGH_ENCODERS + i]
+        w[READ_MOTOR + i] = w[X_M + i] + through * (w[NOISE_MOTOR + i] * w[NORMAL_MOTOR + i])
+        table = w[X_T + i] - w[RIGID + i] * w[OFFSET + i]
+        w[READ_TABLE + i] = table + through * (w[NOISE_TABLE + i] * w[NORMAL_TABLE + i])
         w[READ_HELD + i] = w[HELD + i]
     motor_encoder(w, calls, first_calls, period, X_M, V_M, READ_MOTOR, uniform)
     table_scale(w, calls, first_calls, period, X_T, V_T, READ_TABLE, uniform)
     logging(w, calls, first_calls, period, X_M, V_M, READ_HELD, uniform)
     for i in range(LANES):
-        motor = w[READ_MOTOR + i] + w[NOISE_MOTOR + i] * w[NORMAL_MOTOR + i]
-        table = w[READ_TABLE + i] + w[NOISE_TABLE + i] * w[NORMAL_TABLE + i]
+        after = 1.0 - w[NOISE_THROUGH_ENCODERS + i]
+        motor = w[READ_MOTOR + i] + after * (w[NOISE_MOTOR + i] * w[NORMAL_MOTOR + i])
+        table = w[READ_TABLE + i] + after * (w[NOISE_TABLE + i] * w[NORMAL_TABLE + i])
         use_table = w[USE_TABLE + i] > 0.5
         v_m, v_t = w[V_M + i], w[V_T + i]
         feedback = table if use_table else motor

@@ -22,6 +22,7 @@ ROWS: tuple[str, ...] = (
     # Scalars of the plant, limits, standard deviations of the noises.
     *("STIFFNESS", "DAMPING", "RIGID", "POSITION_LIMIT", "VELOCITY_LIMIT", "LOGGED_PER_N"),
     *("NOISE_MOTOR", "NOISE_TABLE", "NOISE_VELOCITY", "NOISE_EQUATION", "NOISE_COMMAND"),
+    "NOISE_THROUGH_ENCODERS",
     # Row of the reference with which a lane begins, and how far its positions are displaced; controller.
     *("FIRST_ROW", "DISPLACEMENT", "USE_TABLE", "DIFFERENCE_SPAN", "POSITION_GAIN"),
     *("VELOCITY_OF_TABLE", "VELOCITY_FILTER", "POSITION_LOOP_CYCLES"),

@@ -62,7 +62,9 @@ class Noise:
     """Standard deviations of white noises, each drawn once a sample.
 
     The equation noise is added to the true velocity at the end of each sample; the others to readings only. A stage of
-    two axes has the noises x and y in place of the table's.
+    two axes has the noises x and y in place of the table's. Those of the positions of a feed drive pass the effects of
+    its encoders where they are ``through_encoders``, as the noise of a scanning head does, so that what is read lies on
+    the grid of the encoder; else they are added to what it reads.
     """
 
     motor_position_m: float = nonnegative(default=0.0)
@@ -75,6 +77,7 @@ class Noise:
     acceleration_m_per_s2: float = nonnegative(default=0.0)
     force_N: float = nonnegative(default=0.0)
     equation_velocity_m_per_s: float = nonnegative(default=0.0)
+    through_encoders: bool = False
 
     def __post_init__(self) -> None:
         check_bounds(self)

@@ -96,6 +96,7 @@ class LibraryAxis:
                 motor_position_m=on * noises.motor_position_m,
                 table_position_m=on * noises.table_position_m,
                 equation_velocity_m_per_s=on * kick_m_per_s,
+                through_encoders=True,
             ),
             unmodelled=self.unmodelled,
         )

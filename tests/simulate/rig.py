@@ -16,7 +16,7 @@ from fdbench.plants._controllers import OpenLoop
 from fdbench.plants.feed_drive import FeedDrive, LinearMotor, Screw, Table
 from fdbench.scenario import load_scenario
 from fdbench.simulate.axis import Axis
-from fdbench.simulate.system import Setup, Timing
+from fdbench.simulate.system import Noise, Setup, Timing
 
 FloatArray = NDArray[np.float64]
 MASS_KG = 50.0
@@ -61,10 +61,12 @@ def axis(
     sampling_time_s: float = 1e-3,
     substeps: int = 10,
     n_lanes: int = 1,
+    noise: Noise | None = None,
 ) -> Axis:
     """Return lanes of an axis, started, with the given effects on in all lanes and no others."""
     timing = Timing(sampling_time_s=sampling_time_s, duration_s=duration_s, substeps=substeps)
-    setup = Setup(timing=timing, motion=motion, unmodelled=tuple(kind.typical() for kind in LIBRARY))
+    library = tuple(kind.typical() for kind in LIBRARY)
+    setup = Setup(timing=timing, motion=motion, unmodelled=library, noise=noise or Noise())
     made = drive.system(setup, n_lanes)
     for number in range(len(made.effects)):
         made.enable(number, False)

@@ -14,6 +14,7 @@ from fdbench.motions.held_levels import HeldLevels
 from fdbench.plants._controllers import Cascade
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.simulate.compose import compose
+from fdbench.simulate.system import Noise
 
 FloatArray = NDArray[np.float64]
 PERIOD_S = 1e-3
@@ -308,3 +309,25 @@ def test_position_dependent_friction_is_the_same_both_ways() -> None:
     expected = 20.0 * np.sin(2.0 * np.pi * x / 0.05)
     assert np.abs(force - expected)[300:1950].max() < 0.5
     assert np.abs(force + expected)[2300:3950].max() < 0.5
+
+
+@pytest.mark.parametrize(("name", "read"), [("encoder_quantisation", "motor"), ("scale_quantisation", "table")])
+def test_noise_through_an_encoder_leaves_readings_on_its_grid(name: str, read: str) -> None:
+    step, deviation_m = 1e-6, 2e-6
+    off = {}
+    for through in (False, True):
+        noise = Noise(motor_position_m=deviation_m, table_position_m=deviation_m, through_encoders=through)
+        made = axis(screw_axis(), effect(name, resolution_m=step), motion=THERE_AND_BACK, noise=noise)
+        steps = column(made, made.advance(500), f"{read}_position_m") / step
+        off[through] = np.abs(steps - np.round(steps)).max()
+        assert np.std(np.diff(steps, 2)) == pytest.approx(np.sqrt(6.0) * deviation_m / step, rel=0.2)
+    assert off[True] < 1e-6
+    assert off[False] > 0.4
+
+
+def test_noise_without_an_encoder_is_the_same_on_both_ways() -> None:
+    found = []
+    for through in (False, True):
+        noise = Noise(motor_position_m=2e-6, table_position_m=2e-6, through_encoders=through)
+        found.append(axis(screw_axis(), motion=THERE_AND_BACK, noise=noise).advance(500))
+    np.testing.assert_array_equal(*found)
