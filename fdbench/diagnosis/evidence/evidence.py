@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fdbench.diagnosis.evidence.segment_products import (
     DIVERGED,
+    at_limit,
     diagonal,
     segment_counts,
     segment_length,
@@ -37,7 +38,7 @@ class Evidence:
     weights : (n_segments,) array
         :math:`w = 1 / (1 + \kappa (g - 1) + \kappa_0 (g_0 - 1))` with the segment's gap g in units of the floor, and
         that of the model without effects: an error of the responses in proportion to the gap, or of effects in
-        proportion to what they explain, is not read as evidence.
+        proportion to what they explain, is not read as evidence. 0 where a controller is `at_limit`.
     held_out : (n_segments,) array of bool
     group : (n_segments,) array of int
         The same stretch of time has one group over all channels, for the bootstrap.
@@ -120,15 +121,15 @@ class Evidence:
         parts = {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
         return Evidence(**{name: value if name == "lost" else value[own] for name, value in parts.items()})
 
-    def worst(self, without: NDArray[np.bool_] | None = None) -> float:
+    def worst(self) -> float:
         """Return the mean squared gap of the stretch of time in which it is largest, over all channels.
 
-        Stretches ``without`` (n_groups,) do not count, unless all are of them.
+        Only of stretches that have a weight.
         """
-        _, place = np.unique(self.group, return_inverse=True)
-        gaps = np.bincount(place, self.gaps) / np.bincount(place, self.counts)
-        counted = gaps if without is None or without.all() else gaps[~without]
-        return float(np.max(counted))
+        weighty = self.weights > 0.0
+        _, place = np.unique(self.group[weighty], return_inverse=True)
+        gaps, counts = (np.bincount(place, values[weighty]) for values in (self.gaps, self.counts))
+        return float(np.max(gaps / counts))
 
     def sizes(self, split: Split) -> FloatArray:
         """Return the mean square of each column in the run where that is most, in units of what repeats differ by."""
@@ -189,7 +190,7 @@ def gather(
     n_common, n_segments = min(common or n_columns, n_columns), n_channels * sum(map(len, segments))
     products = np.empty((n_segments, n_common, n_columns))
     band = np.zeros((n_segments, neighbours, n_columns - n_common))
-    counts, outs, groups, owners, channels, known = [], [], [], [], [], []
+    counts, outs, groups, owners, channels, known, limited = [], [], [], [], [], [], []
     first = offset = 0
     lost = np.zeros(n_columns, dtype=np.bool_)
     simulated = readings.each(numbers, lanes, [base, *keep], lent=True)
@@ -198,8 +199,10 @@ def gather(
         last = first + n_channels * n
         written = (part[first:last].reshape(n_channels, n, *part.shape[1:]) for part in (products, band))
         lost |= segment_products(split, number, own, counted_from, *written)
+        at_its_limit = at_limit(run, base.nominal.drive)
         for place, name in enumerate(run.channels):
             counts.append(count)
+            limited.append(at_its_limit)
             outs.append(out[:: segment_length(run)])
             groups.append(offset + np.arange(n))
             owners.append(np.full(n, number))
@@ -208,11 +211,13 @@ def gather(
         first, offset = last, offset + n
     every = np.concatenate(counts)
     excess, explained = (np.maximum(item / every - 1.0, 0.0) for item in (products[:, 0, 0], np.concatenate(known)))
+    weights = 1.0 / (1.0 + EVIDENCE.model_error * excess + EVIDENCE.explained_error * explained)
+    nowhere = np.concatenate(limited)
     return Evidence(
         products=products,
         band=band,
         counts=every,
-        weights=1.0 / (1.0 + EVIDENCE.model_error * excess + EVIDENCE.explained_error * explained),
+        weights=weights if nowhere.all() else np.where(nowhere, 0.0, weights),
         held_out=np.concatenate(outs),
         group=np.concatenate(groups),
         run=np.concatenate(owners),

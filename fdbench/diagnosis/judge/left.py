@@ -3,18 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdbench.diagnosis.evidence.evidence import gather
-from fdbench.diagnosis.evidence.segment_products import segment_counts, segment_length
 from fdbench.diagnosis.judge.composed import noise_alone
 from fdbench.diagnosis.judge.findings import Findings
 from fdbench.diagnosis.judge.reduction import channel_gaps
 from fdbench.diagnosis.model.hypothesis import start
-from fdbench.diagnosis.records.runs import FORCE, RecordedRun
-from fdbench.diagnosis.settings import JUDGE, PLAUSIBLE
+from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
-from fdbench.plants.feed_drive import Cascade, FeedDrive
 from fdbench.record import FloatArray
 
 
@@ -22,8 +18,7 @@ from fdbench.record import FloatArray
 class Left:
     """What is left in units of the noise: misfit beside effects, worst stretch of time, share closed.
 
-    See `fdbench.diagnosis.judge.probability_models.unknown_features`. Stretches where a controller is
-    `at_limit` are none of the worst.
+    See `fdbench.diagnosis.judge.probability_models.unknown_features`.
     """
 
     misfit: float
@@ -38,27 +33,12 @@ def left_of(found: Findings, repaired: FloatArray) -> Left:
     """
     search, ends = found.search, (found.final, found.sought)
     stage = search.compared(found.base, [(Effect, item, True) for item in ends])
-    limited = np.concatenate([at_limit(run, found.base.nominal.drive) for run in search.split.runs])
     given, *gaps = channel_gaps(search.readings, search.split, [start(found.base.nominal), *ends])
     return Left(
         misfit=min(rival.misfit for rival in stage.rivals),
-        worst=min(gather(search.readings, search.split, item, ()).worst(limited) for item in ends),
+        worst=min(gather(search.readings, search.split, item, ()).worst() for item in ends),
         closed=max(_closed(found.as_given, repaired), *(_closed(given, own) for own in gaps)),
     )
-
-
-def at_limit(run: RecordedRun, drive: FeedDrive) -> NDArray[np.bool_]:
-    """Return in which segments of a run the controller is at its limit, or has just been, (n_segments,).
-
-    What a loop does there hangs on how its integral is held, of which no data sheet tells.
-    """
-    n_segments = len(segment_counts(run))
-    limited = np.zeros(n_segments, dtype=np.bool_)
-    if isinstance(drive.controller, Cascade):
-        beyond = np.abs(run.channels[FORCE]) > PLAUSIBLE.greatest_force * drive.controller.force_limit_N
-        limited[np.flatnonzero(beyond) // segment_length(run)] = True
-        limited[1:] |= limited[:-1].copy()
-    return limited
 
 
 def within_repeats(found: Findings, recalibrated: FloatArray) -> float:

@@ -35,7 +35,7 @@ def test_all_amplitudes_of_a_known_effect_have_one_size() -> None:
 
 
 def test_what_a_known_effect_has_in_another_unit_is_in_doubt_apart() -> None:
-    cable = effects.get("cable_stiffness").typical()
+    cable = effects.get("cable_stiffness").typical(stiffening_N_per_m2=0.0)
     model = Nominal(
         plant=dataclasses.replace(axis_lab.drive(), effects=(cable,)),
         simulation=Simulation(substeps=10),
