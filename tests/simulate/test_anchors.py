@@ -259,14 +259,16 @@ def test_load_dependent_friction_takes_its_share_of_a_load() -> None:
     assert steady_force(0.2, *on) == pytest.approx(900.0 / 0.9, rel=1e-5)
 
 
-def test_cable_pulls_back_and_rubs() -> None:
-    """Far beyond the Dahl distance the force is k x + F_d."""
-    on = effect("cable_stiffness", spring_stiffness_N_per_m=200.0, dahl_force_N=8.0, dahl_distance_m=0.005)
+@pytest.mark.parametrize("kappa", [0.0, 300.0])
+def test_cable_pulls_back_and_rubs(kappa: float) -> None:
+    """Far beyond the Dahl distance the force is k x + kappa x|x| + F_d."""
+    sizes = {"spring_stiffness_N_per_m": 200.0, "stiffening_N_per_m2": kappa, "dahl_force_N": 8.0}
+    on = effect("cable_stiffness", dahl_distance_m=0.005, **sizes)
     motion = HeldLevels(levels_m_per_s=(0.1,), hold_s=10.0, acceleration_limit_m_per_s2=2.0)
     made = axis(rigid(controller=MOTOR_SIDE), on, motion=motion, duration_s=3.0)
     rows = made.advance(made.n_samples)
     force, x = column(made, rows, "motor_force_N"), column(made, rows, "motor_position_m")
-    assert np.abs(force - (200.0 * x + 8.0))[-500:].max() < 0.03
+    assert np.abs(force - ((200.0 + kappa * np.abs(x)) * x + 8.0))[-500:].max() < 0.03
 
 
 def test_torque_ripple_scales_with_the_command_and_cogging_does_not() -> None:

@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.diagnosis.evidence.at_limit import at_limit
 from fdbench.diagnosis.evidence.segment_products import (
     DIVERGED,
-    at_limit,
     diagonal,
     segment_counts,
     segment_length,

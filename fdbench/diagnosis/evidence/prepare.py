@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from fdbench.diagnosis.evidence.at_limit import told_at_limits
 from fdbench.diagnosis.evidence.baseline import Baseline
 from fdbench.diagnosis.evidence.force_out_of_step import without_forces_out_of_step
 from fdbench.diagnosis.evidence.interpolation_artefact import (
@@ -128,7 +129,8 @@ def aligned(
     replay, given = _replay(nominal), start(nominal)
     as_read = [run.as_read() for run in runs]
     scales = ForceScales.of(as_read, drive, nominal.simulation.cycles)
-    warnings = [*copies, *assumed, *limits_of_forces(as_read, drive), *scales.warnings()]
+    limits = [*limits_of_forces(as_read, drive), *told_at_limits(runs, drive)]
+    warnings = [*copies, *assumed, *limits, *scales.warnings()]
     simulated = replay.on_each(runs, given.variant)
     runs, zeros = with_common_zeros(runs, simulated)
     beside = zip(runs, simulated, strict=True) if logged else ()

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from fdbench.diagnosis.evidence.run_to_run import Change
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.replay import PIECE
-from fdbench.diagnosis.records.runs import FORCE, RecordedRun
-from fdbench.diagnosis.settings import EVIDENCE, PLAUSIBLE
-from fdbench.plants.feed_drive import Cascade, FeedDrive
+from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.record import FloatArray
 
 HUGE = 1e30  # gap or response of a simulation that diverges, while its square is still a number
@@ -30,19 +29,6 @@ def segment_counts(run: RecordedRun) -> FloatArray:
     """Return the samples of each segment, (n_segments,); the last one may be shorter."""
     starts = np.arange(0, run.n_samples, segment_length(run))
     return np.diff(starts, append=run.n_samples).astype(np.float64)
-
-
-def at_limit(run: RecordedRun, drive: FeedDrive) -> NDArray[np.bool_]:
-    """Return in which segments of a run the controller is at its limit, or has just been, (n_segments,).
-
-    What a loop does there hangs on how its integral is held, which no data sheet tells.
-    """
-    limited = np.zeros(len(segment_counts(run)), dtype=np.bool_)
-    if isinstance(drive.controller, Cascade) and run.given_force is None:
-        beyond = np.abs(run.channels[FORCE]) > PLAUSIBLE.greatest_force * drive.controller.force_limit_N
-        limited[np.flatnonzero(beyond) // segment_length(run)] = True
-        limited[1:] |= limited[:-1].copy()
-    return limited
 
 
 def segment_products(

@@ -37,6 +37,18 @@ def test_the_effect_that_is_there_comes_first() -> None:
     assert getattr(found, found.amplitude) == pytest.approx(getattr(true, true.amplitude), rel=0.1)
 
 
+def test_a_cable_that_stiffens_is_one_effect() -> None:
+    true = effects.get("cable_stiffness").typical(
+        spring_stiffness_N_per_m=3000.0, stiffening_N_per_m2=6e4, dahl_force_N=0.0
+    )
+    own = search(true)
+    found, _ = own.run(start(NOMINAL))
+    (effect,) = found.effects
+    assert effect.declared is type(true)
+    assert effect.spring_stiffness_N_per_m == pytest.approx(3000.0, rel=0.2)
+    assert effect.stiffening_N_per_m2 == pytest.approx(6e4, rel=0.2)
+
+
 def test_an_effect_is_reviewed_beside_the_rivals_that_it_was_chosen_from() -> None:
     """The ripple is among those that come after the friction in the first round, too; the second round chose it."""
     friction = effects.get("direction_dependent_friction").typical(viscous_asymmetry_N_s_per_m=120.0)

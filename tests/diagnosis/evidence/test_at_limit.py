@@ -1,0 +1,85 @@
+"""Where a controller is at its limit nothing is evidence: what its integral does there no data sheet tells."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from search_lab import NOMINAL, search
+
+from fdbench.diagnosis.evidence.at_limit import at_limit, told_at_limits
+from fdbench.diagnosis.evidence.evidence import Evidence, gather
+from fdbench.diagnosis.evidence.segment_products import segment_length
+from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.records.runs import FORCE, POSITION, RecordedRun
+from fdbench.plants._controllers import Cascade, OpenLoop
+from fdbench.plants.feed_drive import FeedDrive
+
+
+def limited(force_limit_N: float) -> FeedDrive:
+    """Return the axis with another limit of its force."""
+    drive = NOMINAL.drive
+    assert isinstance(drive.controller, Cascade)
+    return dataclasses.replace(drive, controller=dataclasses.replace(drive.controller, force_limit_N=force_limit_N))
+
+
+def wound_up(drive: FeedDrive) -> tuple[list[RecordedRun], Evidence]:
+    """Return runs of which one is elsewhere, by far, in the segment of its greatest force, and the evidence of both."""
+    nominal = Nominal(plant=drive, simulation=NOMINAL.simulation)
+    own = search(nominal=nominal)
+    runs = list(own.split.runs)
+    first, length = runs[0], segment_length(runs[0])
+    place = int(np.abs(first.channels[FORCE]).argmax()) // length
+    moved = first.channels[POSITION].copy()
+    moved[place * length : (place + 1) * length] += 1e-3
+    runs[0] = dataclasses.replace(first, channels={**first.channels, POSITION: moved})
+    split = dataclasses.replace(own.split, runs=runs)
+    return runs, gather(own.readings, split, start(nominal), ())
+
+
+def greatest_force() -> float:
+    return float(np.abs(search().split.runs[0].channels[FORCE]).max())
+
+
+def test_it_is_the_segment_of_the_limit_and_the_one_after() -> None:
+    run, limit = search().split.runs[0], greatest_force()
+    length, n_segments = segment_length(run), -(-run.n_samples // segment_length(run))
+    expected = np.zeros(n_segments, dtype=np.bool_)
+    for place in np.flatnonzero(np.abs(run.channels[FORCE]) > 0.98 * limit) // length:
+        expected[place : place + 2] = True
+    assert 0 < expected.sum() < n_segments
+    np.testing.assert_array_equal(at_limit(run, limited(limit)), expected)
+    assert not at_limit(run, limited(1.1 * limit)).any()
+
+
+def test_the_part_that_is_no_evidence_is_told() -> None:
+    runs, limit = search().split.runs, greatest_force()
+    (text,) = told_at_limits(runs, limited(limit))
+    assert text.startswith("x")
+    assert f"{100.0 * at_limit(runs[0], limited(limit)).mean():.0f} % of the time" in text
+    assert told_at_limits(runs, limited(1.1 * limit)) == []
+    assert told_at_limits(runs, limited(1e-3)) == []
+
+
+def test_a_force_that_is_commanded_is_at_no_limit() -> None:
+    run, drive = search().split.runs[0], limited(greatest_force())
+    given = dataclasses.replace(run, given_force=run.channels[FORCE])
+    assert not at_limit(given, drive).any()
+    free = OpenLoop(acceleration_feedforward_kg=0.0, force_limit_N=1.0)
+    assert not at_limit(run, dataclasses.replace(drive, controller=free)).any()
+
+
+def test_what_a_loop_does_at_its_limit_is_no_evidence() -> None:
+    limit = greatest_force()
+    runs, told = wound_up(limited(1.1 * limit))
+    _, untold = wound_up(limited(1.01 * limit))
+    assert told.worst() > 1e4
+    assert untold.worst() < 3.0
+    assert untold.misfits(held_out=False)[0] == pytest.approx(1.0, abs=0.1)
+    own = at_limit(runs[0], limited(1.01 * limit))
+    np.testing.assert_array_equal(untold.weights[(untold.run == 0) & (untold.channel == 0)] == 0.0, own)
+
+
+def test_a_loop_that_is_at_its_limit_all_the_time_is_judged_there() -> None:
+    _, found = wound_up(limited(1e-3))
+    assert (found.weights > 0.0).all()
