@@ -34,6 +34,6 @@ def told_at_limits(runs: Sequence[RecordedRun], drive: FeedDrive) -> list[str]:
     others = f" and {len(found) - 1} more" if len(found) > 1 else ""
     return [
         f"{run.name}{others}: the controller is at its force_limit_N, or has just been, for {100.0 * part:.0f} % of "
-        "the time. What its loop does there hangs on how its integral is held, which the model does not say: nothing is "
-        "judged by that part."
+        "the time. What its loop does there hangs on how its integral is held, which the model does not say: nothing "
+        "is judged by that part."
     ]
