@@ -299,7 +299,7 @@ class Search:
         origin |= {stage.rivals[0].kind: stage for stage in stages if not stage.is_last()}
         contests = self._contests(final, origin)
         for _ in range(SEARCH.reviews):
-            weak = [item for item in contests if item.present() < 0.5]
+            weak = [item for item in contests if item.present() < SEARCH.worth_adding]
             beaten = [
                 contest
                 for contest, effect in zip(contests, final.effects, strict=True)

@@ -6,10 +6,12 @@ from functools import partial
 
 import numpy as np
 
-from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound
+from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound, is_hollow
 from fdbench.diagnosis.settings import JUDGE, SEARCH
 from fdbench.effects import Effect
 from fdbench.record import FloatArray
+
+HOLLOW = 50.0  # log odds against what is hollow beside a look-alike that is not
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -176,7 +178,7 @@ class Stage:
 
     def is_last(self) -> bool:
         """Whether no rival is worth adding."""
-        return self.present() < 0.5 or self.gain(self.rivals[0]) < SEARCH.smallest_gain
+        return self.present() < SEARCH.worth_adding or self.gain(self.rivals[0]) < SEARCH.smallest_gain
 
 
 def ranked(stage: Stage, squares: FloatArray) -> Stage:
@@ -192,7 +194,7 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
     more than another number fits there, which costs nothing. One that is near a bound of its form is no closer for it
     than the closest that does not: it imitates the other as far as it may, and the number that brought it there costs 1
     (Akaike 1974), by half, for at a bound it is free to one side alone (Self, Liang 1987, J. American Statistical
-    Association 82, 605-610, case 5).
+    Association 82, 605-610, case 5). What is hollow, see `is_hollow`, is none of its class beside one that is not.
 
     Parameters
     ----------
@@ -212,6 +214,9 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
             _log_odds(SEARCH.paired * max(float(z), 0.0)) - 0.5 * (rivals[place].penalty + (place not in within))
             for place, z in zip(alike, scores, strict=True)
         ]
+        hollow = [any(map(is_hollow, rivals[place].hypothesis.effects[-1:])) for place in alike]
+        if not all(hollow):
+            odds = [odd - HOLLOW * is_so for odd, is_so in zip(odds, hollow, strict=True)]
         level = float(np.logaddexp.reduce([own[place] for place in alike]) - np.logaddexp.reduce(odds))
         for place, odd in zip(alike, odds, strict=True):
             rivals[place] = replace(rivals[place], paired=odd + level - own[place])
