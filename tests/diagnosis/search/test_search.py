@@ -159,6 +159,49 @@ def test_a_look_alike_on_a_bound_of_its_form_is_no_closer_for_it(
     assert closer - behind == pytest.approx(odds) if odds else closer - behind > 5.0
 
 
+@pytest.mark.parametrize(("spring", "first"), [(0.0, "quadratic_stiffness"), (300.0, "cable_stiffness")])
+def test_what_is_hollow_is_behind_a_look_alike_that_is_not(spring: float, first: str) -> None:
+    """A cable that only stiffens is a quadratic stiffness, however much closer its further numbers bring it."""
+    cable = effects.get("cable_stiffness").typical(spring_stiffness_N_per_m=spring, stiffening_N_per_m2=3e3)
+    base, items = start(NOMINAL), (effects.get("quadratic_stiffness").typical(), cable)
+    rivals = tuple(
+        Rival(
+            kind=type(item),
+            hypothesis=base.with_effect(item),
+            misfit=misfit,
+            penalty=0.0,
+            refined=True,
+            size=1.0,
+            own_size=1.0,
+        )
+        for item, misfit in zip(items, (1.1, 1.0), strict=True)
+    )
+    stage = Stage(base=base, misfit=3.0, penalty=0.0, test_count=1e3, rivals=rivals)
+    gaps = np.random.default_rng(0).uniform(1.0, 1.2, (40, 2)) + np.array([0.1, 0.0])
+    found = ranked(stage, gaps)
+    assert found.rivals[0].kind.name == first
+    assert found.present() == pytest.approx(stage.present())
+    assert (found.probabilities()[1] < 1e-9) == (first == "quadratic_stiffness")
+
+
+@pytest.mark.parametrize(("misfit", "is_last"), [(1.0, True), (0.85, False)])
+def test_what_is_there_by_a_quarter_is_worth_adding(misfit: float, is_last: bool) -> None:
+    base = start(NOMINAL)
+    rival = Rival(
+        kind=effects.get("cogging"),
+        hypothesis=base,
+        misfit=misfit,
+        penalty=0.0,
+        refined=True,
+        size=1.0,
+        own_size=1.0,
+    )
+    stage = Stage(base=base, misfit=1.2, penalty=0.0, test_count=1e3, rivals=(rival,), effective=15.0)
+    assert stage.gain(rival) > SEARCH.smallest_gain
+    assert stage.present() < 0.5
+    assert (stage.present() < SEARCH.worth_adding) == is_last == stage.is_last()
+
+
 def test_two_fits_without_an_effect_are_compared_as_any_others() -> None:
     """What is left of a gap is judged beside both the search's end and the written model, which may have none."""
     base = start(NOMINAL)
