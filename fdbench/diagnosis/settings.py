@@ -263,7 +263,9 @@ class SearchSettings:
     strained: float = number(2.0, "deviations of a nominal parameter that may hide an effect from a linear fit")
     unhidden: int = number(2, "classes refined beside nominal parameters as given, where the base has strained ones")
     smallest_gain: float = number(0.04, "share of the excess misfit that an effect must remove")
-    worth_adding: float = number(0.25, "probability that one of the library is there, from which on it is added")
+    worth_adding: float = number(
+        0.25, "probability that an effect is there, from which on it is added where it is no trace"
+    )
     of_noise: float = number(0.5, "of a misfit below that of noise, which an effect may leave at most", zero=1.0)
     besides: float = number(0.2, "share of the excess misfit that an effect removes besides what a wrong value would")
     back: float = number(

@@ -10,7 +10,7 @@ from fdbench.effects import Effect
 
 def akin(contest: Stage, kind: type[Effect]) -> list[str]:
     """Return the names of rivals that explain nearly as much as an effect: one of them is there, if any."""
-    own = next(rival for rival in contest.rivals if rival.kind is kind)
+    own = contest.of(kind)
     return [rival.kind.name for rival in contest.alike(contest.gain(own)) if rival is not own]
 
 

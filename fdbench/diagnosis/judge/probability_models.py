@@ -115,7 +115,7 @@ def effect_features(contest: Stage, kind: type[Effect], beside: Beside, same: Co
     same : collection of str
         Names of the rivals that it shares its probability with.
     """
-    own = next(rival for rival in contest.rivals if rival.kind is kind)
+    own = contest.of(kind)
     different = (rival for rival in contest.rivals if rival.kind is not kind and rival.kind.name not in same)
     others = [contest.log_evidence(rival.misfit, rival.penalty) for rival in different]
     best = max([contest.log_evidence(contest.misfit, contest.penalty), *others])

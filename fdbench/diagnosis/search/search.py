@@ -299,7 +299,8 @@ class Search:
         origin |= {stage.rivals[0].kind: stage for stage in stages if not stage.is_last()}
         contests = self._contests(final, origin)
         for _ in range(SEARCH.reviews):
-            weak = [item for item in contests if item.present() < SEARCH.worth_adding]
+            own = [contest.of(type(effect)) for contest, effect in zip(contests, final.effects, strict=True)]
+            weak = [contest for contest, rival in zip(contests, own, strict=True) if contest.is_doubtful(rival)]
             beaten = [
                 contest
                 for contest, effect in zip(contests, final.effects, strict=True)

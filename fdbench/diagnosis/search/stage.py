@@ -153,10 +153,13 @@ class Stage:
         alone = self.log_evidence(self.fitted, self.penalty) + 0.5 * self.base.cost_of_a_cause
         return best if best is not None and self.log_evidence(best.fitted, best.penalty) > alone else None
 
+    def of(self, kind: type[Effect]) -> Rival:
+        """Return the rival of a class."""
+        return next(rival for rival in self.rivals if rival.kind is kind)
+
     def ahead_of(self, kind: type[Effect]) -> float:
         """Return the log odds of the best rival against that of a class."""
-        own = next(rival for rival in self.rivals if rival.kind is kind)
-        return self.evidence_of(self.rivals[0]) - self.evidence_of(own)
+        return self.evidence_of(self.rivals[0]) - self.evidence_of(self.of(kind))
 
     def alike(self, gain: float) -> list[Rival]:
         """Return the rivals that remove nearly as much of the excess misfit, or more."""
@@ -176,9 +179,17 @@ class Stage:
         """Return the probability that one of the rivals is there."""
         return sum(self.probabilities())
 
+    def is_doubtful(self, rival: Rival) -> bool:
+        """Whether it is too improbable that there is an effect for one to be added.
+
+        What may be a trace, as every machine has of many effects, is there more probably than not.
+        """
+        is_trace = min(rival.size, rival.own_size) <= JUDGE.trace_size
+        return self.present() < (0.5 if is_trace else SEARCH.worth_adding)
+
     def is_last(self) -> bool:
         """Whether no rival is worth adding."""
-        return self.present() < SEARCH.worth_adding or self.gain(self.rivals[0]) < SEARCH.smallest_gain
+        return self.is_doubtful(self.rivals[0]) or self.gain(self.rivals[0]) < SEARCH.smallest_gain
 
 
 def ranked(stage: Stage, squares: FloatArray) -> Stage:

@@ -184,8 +184,10 @@ def test_what_is_hollow_is_behind_a_look_alike_that_is_not(spring: float, first:
     assert (found.probabilities()[1] < 1e-9) == (first == "quadratic_stiffness")
 
 
-@pytest.mark.parametrize(("misfit", "is_last"), [(1.0, True), (0.85, False)])
-def test_what_is_there_by_a_quarter_is_worth_adding(misfit: float, is_last: bool) -> None:
+@pytest.mark.parametrize(
+    ("misfit", "size", "is_last"), [(1.0, 1.0, True), (0.85, 1.0, False), (0.85, 0.1, True), (0.75, 0.1, False)]
+)
+def test_what_is_no_trace_is_worth_adding_by_a_quarter(misfit: float, size: float, is_last: bool) -> None:
     base = start(NOMINAL)
     rival = Rival(
         kind=effects.get("cogging"),
@@ -193,13 +195,13 @@ def test_what_is_there_by_a_quarter_is_worth_adding(misfit: float, is_last: bool
         misfit=misfit,
         penalty=0.0,
         refined=True,
-        size=1.0,
+        size=size,
         own_size=1.0,
     )
     stage = Stage(base=base, misfit=1.2, penalty=0.0, test_count=1e3, rivals=(rival,), effective=15.0)
     assert stage.gain(rival) > SEARCH.smallest_gain
-    assert stage.present() < 0.5
-    assert (stage.present() < SEARCH.worth_adding) == is_last == stage.is_last()
+    assert (stage.present() < 0.5) == (misfit > 0.8)
+    assert stage.is_doubtful(rival) == is_last == stage.is_last()
 
 
 def test_two_fits_without_an_effect_are_compared_as_any_others() -> None:
