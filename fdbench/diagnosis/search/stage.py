@@ -188,8 +188,9 @@ class Stage:
         return self.present() < (0.5 if is_trace else SEARCH.worth_adding)
 
     def is_last(self) -> bool:
-        """Whether no rival is worth adding."""
-        return self.is_doubtful(self.rivals[0]) or self.gain(self.rivals[0]) < SEARCH.smallest_gain
+        """Whether no rival is worth adding, or there is none."""
+        best = next(iter(self.rivals), None)
+        return best is None or self.is_doubtful(best) or self.gain(best) < SEARCH.smallest_gain
 
 
 def ranked(stage: Stage, squares: FloatArray) -> Stage:
