@@ -7,7 +7,7 @@ from axis_lab import drive
 
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import moves
-from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
@@ -15,6 +15,7 @@ from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.search.refinement import Refinement
 from fdbench.diagnosis.search.search import Search
+from fdbench.diagnosis.search.stage import Rival
 from fdbench.effects import Effect
 
 PERIOD_S = 1e-3
@@ -40,3 +41,16 @@ def search(*extra: Effect, speeds_m_per_s: tuple[float, ...] = (0.08,), nominal:
     noise_models = {name: white(rms, measured=True) for name, rms in FLOORS.items()}
     split = Split(runs=runs, held_out=held_out, noise_models=noise_models)
     return Search(Refinement(Readings(replay, runs), split))
+
+
+def refined_rival(base: Hypothesis, item: Effect, misfit: float, size: float = 1.0) -> Rival:
+    """Return a rival that adds an effect of this size to a base, fitted in closed loop, with this misfit."""
+    return Rival(
+        kind=type(item),
+        hypothesis=base.with_effect(item),
+        misfit=misfit,
+        penalty=0.0,
+        refined=True,
+        size=size,
+        own_size=size,
+    )

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.diagnosis.evidence.segment_products import segment_counts, segment_length
+from fdbench.diagnosis.records.force_reading import told_once
 from fdbench.diagnosis.records.runs import FORCE, RecordedRun
 from fdbench.diagnosis.settings import PLAUSIBLE
 from fdbench.plants.feed_drive import Cascade, FeedDrive
@@ -27,13 +28,14 @@ def at_limit(run: RecordedRun, drive: FeedDrive) -> NDArray[np.bool_]:
 def told_at_limits(runs: Sequence[RecordedRun], drive: FeedDrive) -> list[str]:
     """Return a warning that says how much of the runs is no evidence, where a controller is `at_limit`."""
     parts = [(run, float(at_limit(run, drive).mean())) for run in runs]
-    found = [(run, part) for run, part in parts if part > 0.0]
-    if not found or all(part == 1.0 for _, part in parts):
+    if all(part == 1.0 for _, part in parts):
         return []
-    run, part = found[0]
-    others = f" and {len(found) - 1} more" if len(found) > 1 else ""
-    return [
-        f"{run.name}{others}: the controller is at its force_limit_N, or has just been, for {100.0 * part:.0f} % of "
-        "the time. What its loop does there hangs on how its integral is held, which the model does not say: nothing "
-        "is judged by that part."
-    ]
+    return told_once([(run, _no_evidence(part)) for run, part in parts if part > 0.0])
+
+
+def _no_evidence(part: float) -> str:
+    return (
+        f"the controller is at its force_limit_N, or has just been, for {100.0 * part:.0f} % of the time. What its "
+        "loop does there hangs on how its integral is held, which the model does not say: nothing is judged by that "
+        "part."
+    )

@@ -124,4 +124,4 @@ def size_as_cause(effect: Effect, contest: Stage, final: Hypothesis) -> float:
     """Return the size of an effect of the final hypothesis; what is no cause is no large one that others are beside."""
     if is_no_cause(effect, final):
         return 0.0
-    return next(rival.own_size for rival in contest.rivals if rival.kind is type(effect))
+    return contest.of(type(effect)).own_size

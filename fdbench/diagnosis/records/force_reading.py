@@ -27,10 +27,11 @@ def limits_of_forces(runs: Sequence[RecordedRun], drive: FeedDrive) -> list[str]
     """
     coarse = [(run, text) for run in runs if (text := _coarse(run)) and not _in_commanded_steps(run, runs)]
     cut = [(run, text) for run in runs if (text := _cut_off(run, drive))]
-    return [*_told_once(coarse), *_told_once(cut)]
+    return [*told_once(coarse), *told_once(cut)]
 
 
-def _told_once(said: Sequence[tuple[RecordedRun, str]]) -> list[str]:
+def told_once(said: Sequence[tuple[RecordedRun, str]]) -> list[str]:
+    """Return what is said of the first of several runs, with how many others it is said of; nothing without any."""
     if not said:
         return []
     run, text = said[0]

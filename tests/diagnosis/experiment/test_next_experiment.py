@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from search_lab import refined_rival
 from typer.testing import CliRunner
 
 from fdbench.cli import app
@@ -32,7 +33,7 @@ from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.replay import Replay
 from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.records.runs import RecordedRun
-from fdbench.diagnosis.search.stage import Rival, Stage
+from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import EXPERIMENT
 from fdbench.effects import Effect, effects
 from fdbench.reading import read_record
@@ -75,18 +76,7 @@ def stage(*rivals: tuple[Effect, float], alone: float = 2.0, size: float = 100.0
         misfit=alone,
         penalty=0.0,
         test_count=1000.0,
-        rivals=tuple(
-            Rival(
-                kind=type(item),
-                hypothesis=base.with_effect(item),
-                misfit=misfit,
-                penalty=0.0,
-                refined=True,
-                size=size,
-                own_size=size,
-            )
-            for item, misfit in rivals
-        ),
+        rivals=tuple(refined_rival(base, item, misfit, size) for item, misfit in rivals),
     )
 
 

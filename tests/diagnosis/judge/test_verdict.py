@@ -5,6 +5,7 @@ import math
 
 import pytest
 from axis_lab import as_built, drive, other_friction, protocol, record
+from search_lab import refined_rival
 
 from fdbench.diagnosis import answer
 from fdbench.diagnosis.answer import ForceBalances
@@ -15,7 +16,7 @@ from fdbench.diagnosis.judge.probability_models import Beside, effect_features
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
-from fdbench.diagnosis.search.stage import Rival, Stage
+from fdbench.diagnosis.search.stage import Stage
 from fdbench.effects import effects
 from fdbench.record import Record
 
@@ -26,15 +27,7 @@ def stage(misfit: float, **rivals: float) -> Stage:
     """Return a stage with the misfit of the base and those of rivals by name."""
     base = start(Nominal(plant=drive(), simulation=Simulation(substeps=10)))
     found = [
-        Rival(
-            kind=type(item),
-            hypothesis=base.with_effect(item),
-            misfit=own,
-            penalty=0.0,
-            refined=True,
-            size=1.0,
-            own_size=1.0,
-        )
+        refined_rival(base, item, own)
         for item, own in ((effects.get(name).typical(), own) for name, own in rivals.items())
     ]
     return Stage(base=base, misfit=misfit, penalty=0.0, test_count=1000.0, rivals=tuple(found))

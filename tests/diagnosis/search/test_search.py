@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 import search_lab
-from search_lab import NOMINAL, PERIOD_S, search
+from search_lab import NOMINAL, PERIOD_S, refined_rival, search
 
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.least_squares import Fit, Scores
@@ -141,16 +141,7 @@ def test_a_look_alike_on_a_bound_of_its_form_is_no_closer_for_it(
     base = start(NOMINAL)
     lag = effects.get("current_loop_lag").typical(inverter_ratio=inverter_ratio)
     rivals = tuple(
-        Rival(
-            kind=type(item),
-            hypothesis=base.with_effect(item),
-            misfit=misfit,
-            penalty=0.0,
-            refined=True,
-            size=1.0,
-            own_size=1.0,
-        )
-        for item, misfit in ((lag, 1.00), (effects.get("dead_time").typical(), 1.01))
+        refined_rival(base, item, misfit) for item, misfit in ((lag, 1.00), (effects.get("dead_time").typical(), 1.01))
     )
     squares = np.column_stack((np.ones(40), 1.0 + np.random.default_rng(0).uniform(0.1, 0.3, 40)))
     stage = ranked(Stage(base=base, misfit=5.0, penalty=0.0, test_count=1e3, rivals=rivals), squares)
@@ -164,18 +155,7 @@ def test_what_is_hollow_is_behind_a_look_alike_that_is_not(spring: float, first:
     """A cable that only stiffens is a quadratic stiffness, however much closer its further numbers bring it."""
     cable = effects.get("cable_stiffness").typical(spring_stiffness_N_per_m=spring, stiffening_N_per_m2=3e3)
     base, items = start(NOMINAL), (effects.get("quadratic_stiffness").typical(), cable)
-    rivals = tuple(
-        Rival(
-            kind=type(item),
-            hypothesis=base.with_effect(item),
-            misfit=misfit,
-            penalty=0.0,
-            refined=True,
-            size=1.0,
-            own_size=1.0,
-        )
-        for item, misfit in zip(items, (1.1, 1.0), strict=True)
-    )
+    rivals = tuple(refined_rival(base, item, misfit) for item, misfit in zip(items, (1.1, 1.0), strict=True))
     stage = Stage(base=base, misfit=3.0, penalty=0.0, test_count=1e3, rivals=rivals)
     gaps = np.random.default_rng(0).uniform(1.0, 1.2, (40, 2)) + np.array([0.1, 0.0])
     found = ranked(stage, gaps)
