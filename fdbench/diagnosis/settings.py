@@ -281,6 +281,17 @@ class SearchSettings:
         "of the standard errors by which look-alikes differ over stretches of time, that count: forms are not exact",
         "likeliest for 128 pairs of a lag and a dead time in opened trials A, B, F and G",
     )
+    beside_traces: float = number(
+        0.5,
+        "the same where traces of all other effects are fitted beside them",
+        "likeliest for 225 such pairs in opened trials A, B and G",
+    )
+    imitation: float = number(
+        1.0,
+        "log odds against one that imitates another then, as far as a bound lets it",
+        "likeliest for the same pairs",
+    )
+    shapes: int = number(6, "points from one bound of a shape to the other, of which look-alikes have the best")
     imitates: float = number(
         0.1,
         "relative distance to a bound of its form, from which a look-alike imitates another one",

@@ -7,7 +7,7 @@ import numpy as np
 
 from fdbench.diagnosis.answer import Pair, Quantity
 from fdbench.diagnosis.evidence.evidence import summed
-from fdbench.diagnosis.model.candidates import candidates, middle_shapes
+from fdbench.diagnosis.model.candidates import one_of_each
 from fdbench.diagnosis.model.hypothesis import Hypothesis, adjustables
 from fdbench.diagnosis.model.parameter_vector import adjustables_of
 from fdbench.diagnosis.search.search import Search
@@ -52,12 +52,6 @@ def intervals(search: Search, final: Hypothesis) -> list[dict[str, Pair]]:
         found.append(own)
         first += len(items)
     return found
-
-
-def one_of_each(final: Hypothesis) -> list[Hypothesis]:
-    """Return a hypothesis with each effect that it lacks, at a typical size and in the middle of its shapes."""
-    added = (item for item in candidates(final) if item.replaces is None)
-    return [item.hypotheses(final)[0] for item in middle_shapes(added)]
 
 
 def parameters(effect: Effect, bounds: Mapping[str, Pair]) -> dict[str, Quantity]:

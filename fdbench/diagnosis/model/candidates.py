@@ -81,6 +81,12 @@ def middle_shapes(items: Iterable[Candidate]) -> list[Candidate]:
     return [shapes[len(shapes) // 2] for shapes in found.values()]
 
 
+def one_of_each(base: Hypothesis) -> list[Hypothesis]:
+    """Return a hypothesis with each effect that it lacks, at a typical size and in the middle of its shapes."""
+    added = (item for item in candidates(base) if item.replaces is None)
+    return [item.hypotheses(base)[0] for item in middle_shapes(added)]
+
+
 def amplitudes(kind: type[Effect]) -> tuple[str, ...]:
     """Return the parameters in which an effect is linear: its amplitude and further ones."""
     return (kind.amplitude, *kind.further_amplitudes)

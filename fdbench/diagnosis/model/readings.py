@@ -93,7 +93,8 @@ class Readings:
     def _add_what_is_beyond(self, place: int, simulated: Replayed) -> None:
         if self.beyond and simulated.places:
             for name, values in simulated.channels.items():
-                values[list(simulated.places)] += self.beyond[place][name]
+                for own in simulated.places:
+                    values[own] += self.beyond[place][name]
 
     def up_to(self, runs: Sequence[RecordedRun]) -> "Readings":
         """Return readings of the same substeps along runs that are the first samples of these."""

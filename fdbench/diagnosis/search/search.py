@@ -13,9 +13,20 @@ from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.candidates import Candidate, candidates
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
+from fdbench.diagnosis.search.beside_traces import beside_traces
 from fdbench.diagnosis.search.periods import located
 from fdbench.diagnosis.search.refinement import Refinement, prior_weight
-from fdbench.diagnosis.search.stage import Rival, Stage, equivalent_misfit, excess_of, look_alikes, ranked
+from fdbench.diagnosis.search.stage import (
+    Rival,
+    Stage,
+    equivalent_misfit,
+    excess_of,
+    in_order,
+    log_odds_of_pairs,
+    look_alikes,
+    ranked,
+    told,
+)
 from fdbench.diagnosis.settings import SEARCH
 from fdbench.effects import Effect
 
@@ -216,7 +227,7 @@ class Search:
         return self._with_delays_told(stage)
 
     def _with_delays_told(self, stage: Stage) -> Stage:
-        r"""Return a stage in which delays that look alike are those of all substeps.
+        r"""Return a stage in which delays that look alike are told beside traces of all other effects, by all substeps.
 
         A force that changes within a substep h is delivered as its mean, by which the motion is as late as by
 
@@ -226,14 +237,20 @@ class Search:
         stopped where its shape makes up for this begins anew from the usual one, too.
         """
         delays = [rival for rival in look_alikes(stage) if rival.kind.cause_type == "delay"]
-        finer = self.readings.finer
-        if len(delays) < 2 or finer is None:
+        if len(delays) < 2:
             return stage
-        closely = Search(Refinement(finer.up_to(finer.runs), self.split), self.progress)
-        fits = [(rival.kind, closely._refined_from_usual_shape(stage.base, rival), True) for rival in delays]
-        told = {rival.kind: rival for rival in closely.compared(stage.base, fits).rivals}
-        rivals = sorted((told.get(rival.kind, rival) for rival in stage.rivals), key=stage.evidence_of, reverse=True)
-        return dataclasses.replace(stage, rivals=tuple(rivals))
+        finer = self.readings.finer
+        own = self.refinement if finer is None else Refinement(finer.up_to(finer.runs), self.split)
+        closely = Search(own, self.progress)
+        if finer is not None:
+            fits = [(rival.kind, closely._refined_from_usual_shape(stage.base, rival), True) for rival in delays]
+            finely = {rival.kind: rival for rival in closely.compared(stage.base, fits).rivals}
+            stage = dataclasses.replace(stage, rivals=tuple(finely.get(rival.kind, rival) for rival in stage.rivals))
+            delays = sorted(finely.values(), key=lambda rival: rival.misfit)
+        squares, imitating = beside_traces(own, delays)
+        order = np.argsort(squares.sum(axis=0))
+        odds = log_odds_of_pairs(squares[:, order], imitating[order], SEARCH.beside_traces, SEARCH.imitation)
+        return in_order(told(stage, [delays[place] for place in order], odds))
 
     def _refined_from_usual_shape(self, base: Hypothesis, rival: Rival) -> Hypothesis:
         """Return the better refinement of a rival and of it with the usual shape of its effect."""

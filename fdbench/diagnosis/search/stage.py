@@ -1,10 +1,11 @@
 """One round of the search: rival effects beside a base, and their tempered evidence."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis, at_bound, is_hollow
 from fdbench.diagnosis.settings import JUDGE, SEARCH
@@ -194,19 +195,11 @@ class Stage:
 
 
 def ranked(stage: Stage, squares: FloatArray) -> Stage:
-    r"""Return a stage with its rivals in order, the most probable first, those that look alike told by pairs.
+    """Return a stage with its rivals in order, the most probable first, those that look alike told by pairs.
 
-    Beside a rival that removes as much, errors of the model are the same, and cancel in the difference d of the
-    weighted squared gaps over stretches of time. Of such rivals the one with the smallest sum has the log odds
-
-    .. math:: \ln \frac{\Phi(c z)}{\Phi(-c z)} + \frac{p' - p}{2}, \qquad z = \frac{\sum d}{\sqrt{n} s_d}
-
-    against another one (Vuong 1989, Econometrica 57, 307-333, eq. 4.1), with c = ``SEARCH.paired`` and the penalties p;
-    what they have together stays as it was. Stretches that were fitted count, too: what look-alikes differ by is far
-    more than another number fits there, which costs nothing. One that is near a bound of its form is no closer for it
-    than the closest that does not: it imitates the other as far as it may, and the number that brought it there costs 1
-    (Akaike 1974), by half, for at a bound it is free to one side alone (Self, Liang 1987, J. American Statistical
-    Association 82, 605-610, case 5). What is hollow, see `is_hollow`, is none of its class beside one that is not.
+    Stretches that were fitted count, too: what look-alikes differ by is far more than another number fits there, which
+    costs nothing. The number that brought one near a bound of its form costs 1 (Akaike 1974), by half, for at a bound
+    it is free to one side alone (Self, Liang 1987, J. American Statistical Association 82, 605-610, case 5).
 
     Parameters
     ----------
@@ -214,26 +207,64 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
     squares : (n_stretches, n_rivals) array
         Weighted squared gaps.
     """
-    rivals, own = list(stage.rivals), [stage.evidence_of(rival) for rival in stage.rivals]
-    alike = [rivals.index(rival) for rival in look_alikes(stage)]
+    alike = look_alikes(stage)
     if len(alike) > 1 and len(squares) > 1:
-        imitates = partial(at_bound, within=SEARCH.imitates)
-        within = [place for place in alike if not any(map(imitates, rivals[place].hypothesis.effects[-1:]))]
-        behind = squares[:, alike] - squares[:, (within or alike)[:1]]
-        scatter = np.sqrt(len(squares)) * behind.std(axis=0, ddof=1)
-        scores = np.divide(behind.sum(axis=0), scatter, out=np.zeros(len(alike)), where=scatter > 0.0)
-        odds = [
-            _log_odds(SEARCH.paired * max(float(z), 0.0)) - 0.5 * (rivals[place].penalty + (place not in within))
-            for place, z in zip(alike, scores, strict=True)
-        ]
-        hollow = [any(map(is_hollow, rivals[place].hypothesis.effects[-1:])) for place in alike]
-        if not all(hollow):
-            odds = [odd - HOLLOW * is_so for odd, is_so in zip(odds, hollow, strict=True)]
-        level = float(np.logaddexp.reduce([own[place] for place in alike]) - np.logaddexp.reduce(odds))
-        for place, odd in zip(alike, odds, strict=True):
-            rivals[place] = replace(rivals[place], paired=odd + level - own[place])
-    rivals.sort(key=stage.evidence_of, reverse=True)
+        own = squares[:, [stage.rivals.index(rival) for rival in alike]]
+        imitating = np.array([any(at_bound(item, SEARCH.imitates) for item in _last(rival)) for rival in alike])
+        stage = told(stage, alike, log_odds_of_pairs(own, imitating, SEARCH.paired, 0.5))
+    return in_order(stage)
+
+
+def in_order(stage: Stage) -> Stage:
+    """Return a stage with its rivals in order, the most probable first."""
+    return replace(stage, rivals=tuple(sorted(stage.rivals, key=stage.evidence_of, reverse=True)))
+
+
+def log_odds_of_pairs(
+    squares: FloatArray, imitating: NDArray[np.bool_], certainty: float, of_imitation: float
+) -> FloatArray:
+    r"""Return the log odds of look-alikes, the closest first, by what they leave in stretches of time.
+
+    Beside a rival that removes as much, errors of the model are the same, and cancel in the difference d of the
+    weighted squared gaps over n stretches. The closest one has the log odds
+
+    .. math:: \ln \frac{\Phi(c z)}{\Phi(-c z)}, \qquad z = \frac{\sum d}{\sqrt{n} s_d}
+
+    against another one (Vuong 1989, Econometrica 57, 307-333, eq. 4.1). One that is near a bound of its form imitates
+    another as far as it may: it is no closer for it than the closest that does not.
+
+    Parameters
+    ----------
+    squares : (n_stretches, n_rivals) array
+    imitating : (n_rivals,) array of bool
+    certainty : float
+        c: of standard errors, what counts.
+    of_imitation : float
+        Log odds against one that imitates.
+    """
+    behind = squares - squares[:, [int(np.argmin(imitating))]]
+    scatter = np.sqrt(len(squares)) * behind.std(axis=0, ddof=1)
+    scores = np.divide(behind.sum(axis=0), scatter, out=np.zeros(len(scatter)), where=scatter > 0.0)
+    odds = np.array([_log_odds(certainty * max(float(z), 0.0)) for z in scores])
+    return np.asarray(odds - of_imitation * imitating)
+
+
+def told(stage: Stage, alike: Sequence[Rival], log_odds: FloatArray) -> Stage:
+    """Return a stage in which look-alikes have these log odds, with their priors; together they stay as probable.
+
+    What is hollow, see `is_hollow`, is none of its class beside one that is not.
+    """
+    own = [stage.evidence_of(rival) for rival in alike]
+    hollow = np.array([any(map(is_hollow, _last(rival))) for rival in alike])
+    odds = log_odds - 0.5 * np.array([rival.penalty for rival in alike]) - HOLLOW * (hollow & ~hollow.all())
+    level = float(np.logaddexp.reduce(own) - np.logaddexp.reduce(odds))
+    paired = dict(zip(map(id, alike), (odds + level - own + [rival.paired for rival in alike]).tolist(), strict=True))
+    rivals = [replace(rival, paired=paired.get(id(rival), rival.paired)) for rival in stage.rivals]
     return replace(stage, rivals=tuple(rivals))
+
+
+def _last(rival: Rival) -> tuple[Effect, ...]:
+    return rival.hypothesis.effects[-1:]
 
 
 def look_alikes(stage: Stage) -> list[Rival]:
