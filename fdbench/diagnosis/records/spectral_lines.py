@@ -58,10 +58,10 @@ def _by_all(signals: Sequence[FloatArray], line: float, within: float, period_s:
     from scipy.optimize import minimize_scalar
 
     windowed = [np.hanning(signal.shape[1]) * signal for signal in signals]
-    turns = -2j * np.pi * period_s * np.arange(max(own.shape[1] for own in windowed))
+    longest = max(own.shape[1] for own in windowed)
 
     def missed(frequency: float) -> float:
-        wave = np.exp(frequency * turns)
+        wave = phasor(frequency * period_s, longest)
         return -sum(float(np.sum(np.abs(own @ wave[: own.shape[1]]) ** 2)) for own in windowed)
 
     tried = np.linspace(line - within, line + within, 9)
@@ -77,6 +77,20 @@ def at_peak(axis: FloatArray, power: FloatArray, peak: int) -> float:
     bend = left - 2.0 * middle + right
     offset = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
     return float(axis[peak] + min(max(offset, -1.0), 1.0) * (axis[1] - axis[0]))
+
+
+def phasor(frequency: float, n_samples: int) -> ComplexArray:
+    r"""Return :math:`e^{-2 \pi i f k}` for samples k, with f in cycles per sample.
+
+    Exponentials are taken of a row and of a column of samples, of which the others are products.
+
+    >>> bool(np.allclose(phasor(0.25, 4), [1, -1j, -1, 1j]))
+    True
+    """
+    width = math.isqrt(n_samples) + 1
+    turn = -2j * np.pi * frequency
+    found = np.outer(np.exp(turn * width * np.arange(width)), np.exp(turn * np.arange(width)))
+    return np.asarray(found.ravel()[:n_samples])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,8 +140,8 @@ class Stretches:
 
     def component(self, signal: FloatArray, frequency: float) -> complex:
         """Return what a signal has of a frequency (cycles per sample) in the stretches, as a complex amplitude."""
-        turn = np.exp(-2j * np.pi * frequency * np.arange(self.n_samples))
-        return complex(2.0 * np.sum(self.window * signal * turn) / self.window.sum())
+        turned = (self.window * signal) @ phasor(frequency, self.n_samples)
+        return complex(2.0 * turned / self.window.sum())
 
     def sharpened(self, signal: FloatArray, frequency: float, within: float | None = None) -> float:
         """Return the frequency (cycles per sample) that a signal has most of, within what is resolved about one.
