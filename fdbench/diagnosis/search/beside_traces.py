@@ -43,12 +43,8 @@ def beside_traces(refinement: Refinement, rivals: Sequence[Rival]) -> tuple[Floa
         Whether the best shape is near a bound of the form.
     """
     closest, kinds = rivals[0].hypothesis, {rival.kind.declared for rival in rivals}
-    shapes, names = [_shapes(rival) for rival in rivals], [_searched(rival.kind) for rival in rivals]
     values = _tangent(closest, [kind not in kinds for kind, _ in _numbers(closest)])
-    sizes = [
-        _tangent(own, [kind is rival.kind.declared and name not in searched for kind, name in _numbers(own)])
-        for rival, own, searched in zip(rivals, (rival.hypothesis for rival in rivals), names, strict=True)
-    ]
+    sizes, shapes = [_size(rival) for rival in rivals], [_shapes(rival) for rival in rivals]
     traces = [item for item in one_of_each(closest) if item.effects[-1].declared not in kinds]
     parts = [values, *sizes, *(Tangent(about=[closest] * len(each), moved=each) for each in (traces, *shapes))]
     ends = np.cumsum([1, *(len(part.moved) for part in parts)])
@@ -71,10 +67,10 @@ def beside_traces(refinement: Refinement, rivals: Sequence[Rival]) -> tuple[Floa
     squares, imitating = [], []
     for number, own in enumerate(of_shapes):
         columns = np.concatenate([of_values, of_sizes[number], of_traces])
-        kept = [place for place in range(len(own)) if not evidence.lost[own[place]]]
-        fits = {place: left_by(own[place], columns) for place in kept}
+        fits = {place: left_by(shape, columns) for place, shape in enumerate(own) if not evidence.lost[shape]}
         best = min(fits, key=lambda place: fits[place][0])
-        squares.append(np.einsum("i,sij,j->s", fits[best][1], evidence.products, fits[best][1], optimize=True))
+        _, left = fits[best]
+        squares.append(np.einsum("i,sij,j->s", left, evidence.products, left, optimize=True))
         imitating.append(bool(at_bound(shapes[number][best].effects[-1], SEARCH.imitates)))
     return summed(np.stack(squares, axis=1) * evidence.weights[:, None], evidence.group), np.array(imitating)
 
@@ -88,6 +84,12 @@ def _numbers(hypothesis: Hypothesis) -> list[tuple[type[Effect] | None, str]]:
 def _tangent(hypothesis: Hypothesis, chosen: Sequence[bool]) -> Tangent:
     """Return that of the chosen numbers of a hypothesis."""
     return Tangent.at(hypothesis).of(np.flatnonzero(chosen).tolist())
+
+
+def _size(rival: Rival) -> Tangent:
+    """Return that of what the effect of a look-alike has besides the parameters of its shape."""
+    own, shape = rival.hypothesis, _searched(rival.kind)
+    return _tangent(own, [kind is rival.kind.declared and name not in shape for kind, name in _numbers(own)])
 
 
 def _searched(kind: type[Effect]) -> list[str]:
