@@ -234,7 +234,8 @@ class Search:
         .. math:: h^2 s^2 / 12
 
         beyond the delay itself: as much as a lag and a dead time of a third of a sampling time differ by. A fit that
-        stopped where its shape makes up for this begins anew from the usual one, too.
+        stopped where its shape makes up for this begins anew from the usual one, too. Where much else is missing,
+        traces would only take up a part of it.
         """
         delays = [rival for rival in look_alikes(stage) if rival.kind.cause_type == "delay"]
         if len(delays) < 2:
@@ -245,8 +246,11 @@ class Search:
         if finer is not None:
             fits = [(rival.kind, closely._refined_from_usual_shape(stage.base, rival), True) for rival in delays]
             finely = {rival.kind: rival for rival in closely.compared(stage.base, fits).rivals}
-            stage = dataclasses.replace(stage, rivals=tuple(finely.get(rival.kind, rival) for rival in stage.rivals))
+            told_finely = tuple(finely.get(rival.kind, rival) for rival in stage.rivals)
+            stage = in_order(dataclasses.replace(stage, rivals=told_finely))
             delays = sorted(finely.values(), key=lambda rival: rival.misfit)
+        if delays[0].misfit >= SEARCH.unexplained:
+            return stage
         squares, imitating = beside_traces(own, delays)
         order = np.argsort(squares.sum(axis=0))
         odds = log_odds_of_pairs(squares[:, order], imitating[order], SEARCH.beside_traces, SEARCH.imitation)

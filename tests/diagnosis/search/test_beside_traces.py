@@ -12,6 +12,7 @@ from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.search.beside_traces import beside_traces
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Rival, log_odds_of_pairs, look_alikes
+from fdbench.diagnosis.settings import changed
 from fdbench.effects import Effect, effects
 
 LAG, DEAD_TIME = effects.get("current_loop_lag"), effects.get("dead_time")
@@ -59,6 +60,14 @@ def test_a_search_tells_a_lag_from_a_dead_time(monkeypatch: pytest.MonkeyPatch) 
         first, other = (rival for rival in stage.rivals if rival.kind.cause_type == "delay")
         assert first.kind.declared is type(true)
         assert stage.evidence_of(first) > stage.evidence_of(other) + 0.5
+
+
+def test_where_much_else_is_missing_traces_tell_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    own, rivals = delays(monkeypatch, LAG.typical(time_constant_s=4e-4, inverter_ratio=0.2))
+    stage = own.compared(start(NOMINAL), [(rival.kind, rival.hypothesis, True) for rival in rivals])
+    assert own._with_delays_told(stage) is not stage
+    with changed({"search.unexplained": 0.5}):
+        assert own._with_delays_told(stage) is stage
 
 
 def test_log_odds_of_pairs_by_hand() -> None:
