@@ -91,7 +91,7 @@ class Readings:
                 yield channels
 
     def _add_what_is_beyond(self, place: int, simulated: Replayed) -> None:
-        if self.beyond and simulated.places:
+        if self.beyond:
             for name, values in simulated.channels.items():
                 for own in simulated.places:
                     values[own] += self.beyond[place][name]

@@ -242,8 +242,8 @@ class Search:
             return stage
         finer = self.readings.finer
         own = self.refinement if finer is None else Refinement(finer.up_to(finer.runs), self.split)
-        closely = Search(own, self.progress)
         if finer is not None:
+            closely = Search(own, self.progress)
             fits = [(rival.kind, closely._refined_from_usual_shape(stage.base, rival), True) for rival in delays]
             finely = {rival.kind: rival for rival in closely.compared(stage.base, fits).rivals}
             told_finely = tuple(finely.get(rival.kind, rival) for rival in stage.rivals)
