@@ -80,9 +80,12 @@ class Mass(_OfASide):
 @final
 @dataclass(frozen=True, kw_only=True)
 class Viscous(_OfASide):
-    """Viscous friction of motor or table; its deviation is in N s/m, ``relative`` to what is on paper.
+    r"""Viscous friction of motor or table; its deviation is in N s/m, ``relative`` to what is on paper in all.
 
-    It moves down to none of what that side has on paper, ``lowest``, and no further.
+    .. math:: \sigma = r d / \sqrt{n}
+
+    with the share r, the friction d on paper and its n sides, so that of the whole friction it is r d on any axis: it
+    may be on either side. It moves down to none of what its side has on paper, ``lowest``, and no further.
     """
 
     kind = "viscous"
@@ -98,8 +101,8 @@ class Viscous(_OfASide):
         if drive.viscous_friction_N_s_per_m == 0.0 and covered.fastest_m_per_s > 0.0:
             # Nothing on paper is not known to be nothing.
             on_paper = max(on_paper, covered.force_N / covered.fastest_m_per_s)
-        deviation = on_paper * relative
         own = {side: cls.of_part(getattr(drive, side)) for side in cls.sides(drive)}
+        deviation = on_paper * relative / math.sqrt(len(own))
         return [
             cls(name=f"{side}_viscous", side=side, deviation=deviation, relative=relative, lowest=-value / deviation)
             for side, value in own.items()

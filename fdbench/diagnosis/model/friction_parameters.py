@@ -214,10 +214,10 @@ class _InNoDataSheet(_BesideItsSize):
 class TransitionVelocity(_InNoDataSheet):
     r"""Speed over which a known friction turns its sign.
 
-    .. math:: v = v_0 e^{\sigma s} \quad (s \ge 0), \qquad v = v_0 e^{\sigma (s - s^2 / 2)} \quad (s < 0)
+    .. math:: v = v_0 e^{\sigma s} \quad (s \ge 0), \qquad v = v_0 e^{\sigma s - (\sigma s)^2 / 2} \quad (s < 0)
 
-    with the shift s in deviations :math:`\sigma`: down to exact Coulomb friction, which none of them is far from, it is
-    a number of simulations alone.
+    with the shift s in deviations :math:`\sigma`. In no data sheet, it is a number of simulations alone, and exact Coulomb
+    friction is not far from any; where it was measured, it is as known to be lower as to be higher.
     """
 
     kind = "width"
@@ -225,7 +225,7 @@ class TransitionVelocity(_InNoDataSheet):
     in_doubt = "transition_velocity"
 
     def stretched(self, shift: float) -> float:
-        return shift if shift >= 0.0 else shift - 0.5 * shift**2
+        return shift if shift >= 0.0 else shift - 0.5 * self.deviation * shift**2
 
 
 @final

@@ -1,13 +1,14 @@
-"""Masses and viscous friction where all moves as one, whichever side a data sheet writes them down for."""
+"""Masses and viscous friction, whichever side a data sheet writes them down for."""
 
 import dataclasses
+import math
 
 import pytest
 
 from fdbench.diagnosis.model.axis_parameters import Mass, Viscous
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.plants._controllers import Cascade
-from fdbench.plants.feed_drive import FeedDrive, LinearMotor, Table
+from fdbench.plants.feed_drive import FeedDrive, LinearMotor, Screw, Table
 
 
 def rigid(motor_kg: float, table_kg: float, motor_N_s_per_m: float, table_N_s_per_m: float) -> Nominal:
@@ -46,3 +47,14 @@ def test_a_rigid_axis_without_a_table_has_those_of_its_motor() -> None:
     whole = rigid(34.0, 1.0, 80.0, 0.0)
     nominal = dataclasses.replace(whole, plant=dataclasses.replace(whole.drive, table=None))
     assert [item.name for item in (*Mass.of(nominal), *Viscous.of(nominal))] == ["motor_mass", "motor_viscous"]
+
+
+def test_viscous_friction_is_as_much_in_doubt_with_a_screw_as_without() -> None:
+    """It may be on either side, and what is on paper is off by one share in all."""
+    nominal = rigid(20.0, 15.0, 50.0, 30.0)
+    screw = Screw(stiffness_N_per_m=1e8, damping_N_s_per_m=1e3)
+    elastic = dataclasses.replace(nominal, plant=dataclasses.replace(nominal.drive, screw=screw))
+    (whole,), (motor, table) = Viscous.of(nominal), Viscous.of(elastic)
+    assert whole.deviation == pytest.approx(80.0 * nominal.uncertainty.viscous)
+    assert motor.deviation == table.deviation
+    assert math.hypot(motor.deviation, table.deviation) == pytest.approx(whole.deviation)

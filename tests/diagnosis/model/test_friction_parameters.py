@@ -114,8 +114,8 @@ def test_viscous_friction_that_is_not_on_paper_is_in_doubt_as_far_as_the_forces_
     nominal = Nominal(plant=without, simulation=Simulation(substeps=10))
     covered = Covered(fastest_m_per_s=0.5, longest_s=5.0, force_N=100.0, period_s=1e-3)
     doubts = [item.deviation for item in Viscous.of(nominal.beside(covered))]
-    assert doubts == pytest.approx([0.1 * 100.0 / 0.5] * 2)
-    assert [item.deviation for item in Viscous.of(nominal)] == pytest.approx([0.1e-3 * without.mass_kg] * 2)
+    assert doubts == pytest.approx([0.1 * 100.0 / 0.5 / math.sqrt(2.0)] * 2)
+    assert math.hypot(*(item.deviation for item in Viscous.of(nominal))) == pytest.approx(0.1e-3 * without.mass_kg)
 
 
 def test_the_first_added_friction_says_where_all_turn_their_sign_where_none_is_known() -> None:
