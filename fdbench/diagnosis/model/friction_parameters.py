@@ -216,8 +216,8 @@ class TransitionVelocity(_InNoDataSheet):
 
     .. math:: v = v_0 e^{\sigma s} \quad (s \ge 0), \qquad v = v_0 e^{\sigma s - (\sigma s)^2 / 2} \quad (s < 0)
 
-    with the shift s in deviations :math:`\sigma`. In no data sheet, it is a number of simulations alone, and exact Coulomb
-    friction is not far from any; where it was measured, it is as known to be lower as to be higher.
+    with the shift s in deviations :math:`\sigma`. In no data sheet, it is a number of simulations alone, and exact
+    Coulomb friction is not far from any; where it was measured, it is as known to be lower as to be higher.
     """
 
     kind = "width"

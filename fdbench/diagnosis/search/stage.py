@@ -210,7 +210,7 @@ def ranked(stage: Stage, squares: FloatArray) -> Stage:
     alike = look_alikes(stage)
     if len(alike) > 1 and len(squares) > 1:
         own = squares[:, [stage.rivals.index(rival) for rival in alike]]
-        imitating = np.array([any(at_bound(item, SEARCH.imitates) for item in _last(rival)) for rival in alike])
+        imitating = np.array([any(at_bound(item, SEARCH.imitates) for item in _own(rival)) for rival in alike])
         stage = told(stage, alike, log_odds_of_pairs(own, imitating, SEARCH.paired, 0.5))
     return in_order(stage)
 
@@ -255,7 +255,7 @@ def told(stage: Stage, alike: Sequence[Rival], log_odds: FloatArray) -> Stage:
     What is hollow, see `is_hollow`, is none of its class beside one that is not.
     """
     own = [stage.evidence_of(rival) for rival in alike]
-    hollow = np.array([any(map(is_hollow, _last(rival))) for rival in alike])
+    hollow = np.array([any(map(is_hollow, _own(rival))) for rival in alike])
     odds = log_odds - 0.5 * np.array([rival.penalty for rival in alike]) - HOLLOW * (hollow & ~hollow.all())
     level = float(np.logaddexp.reduce(own) - np.logaddexp.reduce(odds))
     paired = dict(zip(map(id, alike), (odds + level - own + [rival.paired for rival in alike]).tolist(), strict=True))
@@ -263,8 +263,8 @@ def told(stage: Stage, alike: Sequence[Rival], log_odds: FloatArray) -> Stage:
     return replace(stage, rivals=tuple(rivals))
 
 
-def _last(rival: Rival) -> tuple[Effect, ...]:
-    return rival.hypothesis.effects[-1:]
+def _own(rival: Rival) -> list[Effect]:
+    return [effect for effect in rival.hypothesis.effects if type(effect) is rival.kind]
 
 
 def look_alikes(stage: Stage) -> list[Rival]:
