@@ -3,7 +3,6 @@
 import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -164,7 +163,9 @@ def test_what_is_hollow_is_behind_a_look_alike_that_is_not(spring: float, first:
     before = [
         replace(item, hypothesis=item.hypothesis.with_effect(effects.get("cogging").typical())) for item in rivals
     ]
-    assert ranked(replace(stage, rivals=tuple(before)), gaps).rivals[0].kind.name == first, "whatever is added after it"
+    assert ranked(dataclasses.replace(stage, rivals=tuple(before)), gaps).rivals[0].kind.name == first, (
+        "whatever is added after it"
+    )
     assert found.present() == pytest.approx(stage.present())
     assert (found.probabilities()[1] < 1e-9) == (first == "quadratic_stiffness")
 
