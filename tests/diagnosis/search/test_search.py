@@ -161,7 +161,8 @@ def test_what_is_hollow_is_behind_a_look_alike_that_is_not(spring: float, first:
     found = ranked(stage, gaps)
     assert found.rivals[0].kind.name == first
     before = [
-        replace(item, hypothesis=item.hypothesis.with_effect(effects.get("cogging").typical())) for item in rivals
+        dataclasses.replace(item, hypothesis=item.hypothesis.with_effect(effects.get("cogging").typical()))
+        for item in rivals
     ]
     assert ranked(dataclasses.replace(stage, rivals=tuple(before)), gaps).rivals[0].kind.name == first, (
         "whatever is added after it"
