@@ -15,7 +15,7 @@ from fdbench.diagnosis.model.known_effects import amplitude_of
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.search.beside_the_known import Remainder
 from fdbench.diagnosis.search.stage import Stage
-from fdbench.diagnosis.settings import JUDGE, MODEL
+from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect
 
 
@@ -107,13 +107,11 @@ def _in_part(effect: Effect, remainder: Remainder | None, *, stands_in: bool) ->
 def is_no_cause(effect: Effect, final: Hypothesis) -> bool:
     """Return whether an effect says how a known friction turns its sign, or no more than what that is in doubt of.
 
-    A friction whose turn is known to less than a corner differs by has no other rounding. Of another law on top of the
-    known one, it is no cause where both together are as large as that may be: within what is no cause of a friction of
-    the same law either.
+    A friction whose turn is known exactly has no other rounding. Of another law on top of the known one, it is no cause
+    where both together are as large as that may be: within what is no cause of a friction of the same law either.
     """
     if effect.calibrates != KnownAmplitude.kind:
-        doubt = JUDGE.beyond_doubt * final.nominal.uncertainty.transition_velocity
-        return is_corner(effect) and doubt > math.log(MODEL.corner)
+        return is_corner(effect) and final.nominal.uncertainty.transition_velocity > 0.0
     drive, scale = final.nominal.drive, zip(nominal_parameters(final.nominal), final.shifts, strict=True)
     known = [
         (item.size(drive), shift) for item, shift in scale if isinstance(item, KnownAmplitude) and item.is_friction
