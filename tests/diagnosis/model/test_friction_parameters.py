@@ -226,3 +226,12 @@ def test_friction_turns_its_sign_over_next_to_nothing_within_a_few_deviations() 
     assert ratios[1.0] == pytest.approx(math.e)
     assert ratios[1e-3] * ratios[-1e-3] == pytest.approx(1.0, abs=1e-6)
     assert ratios[-2.0] < 0.02
+
+
+def test_a_measured_speed_of_turning_is_as_known_to_be_lower_as_to_be_higher() -> None:
+    known = Uncertainty(transition_velocity=0.06)
+    model = Nominal(plant=axis_lab.drive(), simulation=Simulation(substeps=10), uncertainty=known)
+    (own,) = [item for item in nominal_parameters(model) if item.kind == "width"]
+    paper: Any = model.drive.effects[0]
+    low, high = (own.apply(model.drive, shift)[0].effects[0] for shift in (-4.0, 4.0))
+    assert getattr(low, WIDTH) * getattr(high, WIDTH) == pytest.approx(getattr(paper, WIDTH) ** 2, rel=0.03)
