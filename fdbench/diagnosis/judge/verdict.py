@@ -249,8 +249,7 @@ def suspected(
 
 def _is_suspect(rival: Rival, taken: Collection[str]) -> bool:
     acting = rival.hypothesis.as_it_acts()
-    own = next(item for item in acting.effects if type(item) is rival.kind)
-    return rival.kind.name not in taken and not is_no_cause(own, acting)
+    return rival.kind.name not in taken and not is_no_cause(acting.effect_of(rival.kind), acting)
 
 
 def nearest(found: Findings) -> RivalReduction | None:

@@ -297,6 +297,10 @@ class Hypothesis:
         """Whether an effect of a class is added."""
         return any(type(item) is kind for item in self.effects)
 
+    def effect_of(self, kind: type[Effect]) -> Effect:
+        """Return the effect of a class that is added."""
+        return next(item for item in self.effects if type(item) is kind)
+
     def without_effect(self, kind: type[Effect]) -> "Hypothesis":
         """Return the hypothesis without the effect of a class; a known effect that it replaced comes back."""
         effects = tuple(item for item in self.effects if item.declared is not kind.declared)

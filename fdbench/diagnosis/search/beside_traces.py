@@ -71,7 +71,7 @@ def beside_traces(refinement: Refinement, rivals: Sequence[Rival]) -> tuple[Floa
         best = min(fits, key=lambda place: fits[place][0])
         _, left = fits[best]
         squares.append(np.einsum("i,sij,j->s", left, evidence.products, left, optimize=True))
-        (effect,) = (item for item in shapes[number][best].effects if type(item) is rivals[number].kind)
+        effect = shapes[number][best].effect_of(rivals[number].kind)
         imitating.append(bool(at_bound(effect, SEARCH.imitates)))
     return summed(np.stack(squares, axis=1) * evidence.weights[:, None], evidence.group), np.array(imitating)
 

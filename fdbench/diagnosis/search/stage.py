@@ -58,7 +58,7 @@ class Rival:
     @property
     def effect(self) -> Effect:
         """The effect that it adds to its base."""
-        return next(item for item in self.hypothesis.effects if type(item) is self.kind)
+        return self.hypothesis.effect_of(self.kind)
 
     def added_to(self, other: Hypothesis, base: Hypothesis) -> Hypothesis:
         """Return another hypothesis with its effect, in place of what it replaced of its base."""
@@ -264,7 +264,8 @@ def told(stage: Stage, alike: Sequence[Rival], log_odds: FloatArray) -> Stage:
 
 
 def _own(rival: Rival) -> list[Effect]:
-    return [effect for effect in rival.hypothesis.effects if type(effect) is rival.kind]
+    # A fit without an effect is compared as any other.
+    return [rival.effect] if rival.hypothesis.has(rival.kind) else []
 
 
 def look_alikes(stage: Stage) -> list[Rival]:
