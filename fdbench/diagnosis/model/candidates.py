@@ -1,5 +1,6 @@
 """Candidates: every effect of the library at every point of its shape grid, as variants of a hypothesis."""
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -95,6 +96,28 @@ def amplitudes(kind: type[Effect]) -> tuple[str, ...]:
 def phase_of(kind: type[Effect]) -> str | None:
     """Return the name of the phase of an effect, if it has one."""
     return next((item.name for item in kind.parameters() if item.phase), None)
+
+
+def with_other_numbers(effect: Effect) -> list[list[Effect]]:
+    """Return an effect with each other whole number that is searched: at eight phases each, if it has one.
+
+    Once with all else as it is, and once with the line that it was located by.
+    """
+    kind, values = type(effect), dataclasses.asdict(effect)
+    phase = phase_of(kind)
+    found = []
+    for item in kind.parameters():
+        for value in item.grid if item.whole else ():
+            if value != values[item.name]:
+                other, located = (kind.shape({**values, item.name: number}) for number in (values[item.name], value))
+                line = {
+                    own.name: values[own.name] * located[own.name] / other[own.name]
+                    for own in kind.parameters()
+                    if own.locate
+                }
+                alike = [effect.changed(**{item.name: value}), effect.changed(**{item.name: value, **line})]
+                found.append(alike if phase is None else [one for own in alike for one in turned(own, phase)])
+    return found
 
 
 def turned(effect: Effect, phase: str) -> list[Effect]:

@@ -10,7 +10,7 @@ import numpy as np
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.split import Split
-from fdbench.diagnosis.model.candidates import Candidate, candidates
+from fdbench.diagnosis.model.candidates import Candidate, candidates, with_other_numbers
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.beside_traces import beside_traces
@@ -105,7 +105,7 @@ class Search:
         for kind in dict.fromkeys((*sized, *unhidden)):
             found = None
             if kind in worthwhile:
-                found = self._refined(base, *sized[kind], ahead)
+                found = self._with_best_number(base, self._refined(base, *sized[kind], ahead))
                 ahead = self.refinement.better(base, [ahead, found])
             if kind in unhidden and (found is None or self.refinement.is_closer(base, unhidden[kind], found)):
                 found = unhidden[kind]
@@ -155,6 +155,14 @@ class Search:
         first, *others = self._starts(base, _linear(base, candidate, fit), candidate)
         found = self.refinement.best_from(base, others, self.refinement.refine(first, ahead=ahead), ahead)
         return self.refined_anew(found, base, ahead)
+
+    def _with_best_number(self, base: Hypothesis, found: Hypothesis) -> Hypothesis:
+        """Return the best refinement over the whole numbers of the effect that a hypothesis ends with.
+
+        No fit moves these, and a linear one tells them badly: tools of two teeth and of three may have the same line.
+        """
+        starts = [[base.with_effect(item) for item in own] for own in with_other_numbers(found.effects[-1])]
+        return self.refinement.best_from(found, [self.refinement.better(found, own) for own in starts], found)
 
     def refined_anew(self, found: Hypothesis, base: Hypothesis, ahead: Hypothesis | None = None) -> Hypothesis:
         """Return the better of a refinement and, where the base may stand in, of one from nominal parameters as given.
