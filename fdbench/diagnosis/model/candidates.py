@@ -1,6 +1,5 @@
 """Candidates: every effect of the library at every point of its shape grid, as variants of a hypothesis."""
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -103,20 +102,18 @@ def with_other_numbers(effect: Effect) -> list[list[Effect]]:
 
     Once with all else as it is, and once with the line that it was located by.
     """
-    kind, values = type(effect), dataclasses.asdict(effect)
-    phase = phase_of(kind)
+    kind = type(effect)
+    own = {item.name: float(getattr(effect, item.name)) for item in kind.parameters()}
+    phase, located = phase_of(kind), [item.name for item in kind.parameters() if item.locate]
     found = []
     for item in kind.parameters():
-        for value in item.grid if item.whole else ():
-            if value != values[item.name]:
-                other, located = (kind.shape({**values, item.name: number}) for number in (values[item.name], value))
-                line = {
-                    own.name: values[own.name] * located[own.name] / other[own.name]
-                    for own in kind.parameters()
-                    if own.locate
-                }
-                alike = [effect.changed(**{item.name: value}), effect.changed(**{item.name: value, **line})]
-                found.append(alike if phase is None else [one for own in alike for one in turned(own, phase)])
+        for number in item.grid if item.whole else ():
+            if number == own[item.name]:
+                continue
+            of_own, of_number = (kind.shape({**own, item.name: value}) for value in (own[item.name], number))
+            line = {name: own[name] * of_number[name] / of_own[name] for name in located}
+            alike = [effect.changed(**{item.name: number}), effect.changed(**{item.name: number, **line})]
+            found.append(alike if phase is None else [one for other in alike for one in turned(other, phase)])
     return found
 
 

@@ -105,7 +105,7 @@ class Search:
         for kind in dict.fromkeys((*sized, *unhidden)):
             found = None
             if kind in worthwhile:
-                found = self._with_best_number(base, self._refined(base, *sized[kind], ahead))
+                found = self.with_best_number(base, self._refined(base, *sized[kind], ahead))
                 ahead = self.refinement.better(base, [ahead, found])
             if kind in unhidden and (found is None or self.refinement.is_closer(base, unhidden[kind], found)):
                 found = unhidden[kind]
@@ -156,7 +156,7 @@ class Search:
         found = self.refinement.best_from(base, others, self.refinement.refine(first, ahead=ahead), ahead)
         return self.refined_anew(found, base, ahead)
 
-    def _with_best_number(self, base: Hypothesis, found: Hypothesis) -> Hypothesis:
+    def with_best_number(self, base: Hypothesis, found: Hypothesis) -> Hypothesis:
         """Return the best refinement over the whole numbers of the effect that a hypothesis ends with.
 
         No fit moves these, and a linear one tells them badly: tools of two teeth and of three may have the same line.

@@ -6,7 +6,7 @@ import math
 import pytest
 from axis_lab import drive
 
-from fdbench.diagnosis.model.candidates import QUARTER_TURN, Candidate, candidates, middle_shapes
+from fdbench.diagnosis.model.candidates import QUARTER_TURN, Candidate, candidates, middle_shapes, with_other_numbers
 from fdbench.diagnosis.model.hypothesis import adjustables, at_bound, start
 from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation
 from fdbench.effects import effects
@@ -98,6 +98,17 @@ def test_phases_of_what_is_not_proportional_to_its_size_are_candidates_of_their_
     assert len({vars(item.members[0])["angle_rad"] for item in own}) == 8
 
 
+def test_another_number_of_teeth_has_the_same_spindle_or_the_same_line() -> None:
+    """Two teeth at 15 Hz have the line of three at 10 Hz; each is tried at eight angles."""
+    milling = effects.get("tooth_passing_force").typical(teeth=2.0, spindle_frequency_Hz=15.0)
+    found = with_other_numbers(milling)
+    assert [{vars(item)["teeth"] for item in own} for own in found] == [{1.0}, {3.0}, {4.0}]
+    assert [len(own) for own in found] == [16] * 3
+    frequencies = [{round(vars(item)["spindle_frequency_Hz"], 9) for item in own} for own in found]
+    assert frequencies == [{15.0, 30.0}, {15.0, 10.0}, {15.0, 7.5}]
+    assert with_other_numbers(effects.get("cogging").typical()) == []
+
+
 def test_no_fit_moves_a_mode_beyond_what_samples_show() -> None:
     mode = effects.get("structural_mode").typical()
     (free,) = [item for item in adjustables(mode) if item.name == "natural_frequency_Hz"]
@@ -105,7 +116,7 @@ def test_no_fit_moves_a_mode_beyond_what_samples_show() -> None:
     (seen,) = [item for item in adjustables(mode, covered) if item.name == "natural_frequency_Hz"]
     assert free.high > 400.0
     assert seen.high == pytest.approx(0.8 * 100.0)
-    assert (covered.most("s"), covered.most("m"), Covered().most("Hz")) == (5.0, math.inf, math.inf)
+    assert (covered.most("s"), covered.most("m"), Covered().most("Hz")) == (20.0, math.inf, math.inf)
 
 
 def test_a_period_of_nothing_is_at_no_bound() -> None:
