@@ -285,8 +285,8 @@ def _searched(
     weighed = last.refine(sought) if sought.effects else calibrated
     exchange = in_place_of_a_value(Search(last), weighed, stages[-1]) if stages else None
     if exchange is not None and exchange.log_odds > 0.0:
+        contests = contests if weighed.has(exchange.kind) else [*contests, stages[-1]]
         weighed = exchange.hypothesis
-        contests = [*contests, stages[-1]]
     calibrated = last.refine(calibrated, tempered=False)
     simulated = readings.replay.on_each(ready.runs, calibrated.variant)
     clocks = [text for run, own in zip(ready.runs, simulated, strict=True) for text in clock_warnings(run, own)]

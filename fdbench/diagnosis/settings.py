@@ -115,13 +115,6 @@ class ModelSettings:
     usual_force_span: float = number(3.0, "factor either way within which a force is a usual one", zero=1.0)
     usual_speed_span: float = number(30.0, "the same for the speed of a linear axis", zero=1.0)
     smallest_ratio: float = number(0.05, "of the nominal mass or gain, below which re-calibration does not go")
-    longest_time: float = number(
-        4.0,
-        "longest time constant of an effect that is fitted, in longest records",
-        "of four opened axes of tier A with a drift of 19 to 32 s in records of 8 s, a size of Coulomb friction was "
-        "named besides in four at 1, in one at 4",
-        zero=1.0,
-    )
     freedom: float = number(3.0, "degrees of freedom of Student's t of a nominal parameter: a few are far off")
     most_form: tuple[float, ...] = number(
         (0.5, 0.5, 0.5, 1.5),
@@ -277,6 +270,13 @@ class SearchSettings:
     besides: float = number(0.2, "share of the excess misfit that an effect removes besides what a wrong value would")
     back: float = number(
         0.5, "of its deviation, below which a value has come back beside an effect that may be in its place"
+    )
+    longest_time: float = number(
+        4.0,
+        "longest time constant, in longest records, of an effect that may be in place of a value",
+        "of four opened axes of tier A with a drift of 19 to 32 s in records of 8 s, a size of Coulomb friction was "
+        "named besides in four at 1, in one at 4",
+        zero=1.0,
     )
     stays: float = number(0.2, "of a known effect that stays beside one in its place, so that it is not gone")
     noise_alone: float = number(1.05, "misfit below which nothing is left to explain", zero=1.0)

@@ -195,7 +195,7 @@ def _values(found: Findings, corrected: float, models: ProbabilityModels) -> tup
     deviating, exchange = deviating_parameters(found.search, found.weighed, corrected, models), found.exchange
     if exchange is None:
         return deviating, {}
-    is_taken = found.final.has(exchange.kind)
+    is_taken = found.weighed is exchange.hypothesis
     moved = deviating_parameters(found.search, exchange.without, corrected, models) if is_taken else deviating
     off = next((cause for cause in moved.causes if cause.effect == exchange.value), None)
     if off is None or off.probability * exchange.odds < JUDGE.fewest:

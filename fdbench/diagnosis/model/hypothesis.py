@@ -347,8 +347,8 @@ def start(nominal: Nominal) -> Hypothesis:
 def adjustables(effect: Effect, covered: Covered | None = None, also: Sequence[str] = ()) -> list[Adjustable]:
     """Return what a fit may move in an effect: its amplitude, phases, the shape parameters that are searched, and more.
 
-    No time that is fitted is far longer than the records, as what takes longer is not told from what never changes, and
-    no frequency higher than what samples show: a mode beyond is a mass.
+    No time that is fitted is longer than the records, as what takes longer is not told from what never changes, and no
+    frequency higher than what samples show: a mode beyond is a mass.
     """
     found = []
     for item in type(effect).parameters():

@@ -138,13 +138,10 @@ class Covered:
     velocity_told: bool = True
 
     def most(self, unit: str) -> float:
-        """Return the longest time constant (s) or highest frequency (Hz) that records show, in other units no limit.
-
-        What goes on for longer than ``MODEL.longest_time`` records hardly changes in one.
-        """
+        """Return the longest time (s) or the highest frequency (Hz) that records show; in other units no limit."""
         if unit == "Hz" and self.period_s > 0.0:
             return highest_Hz(self.period_s)
-        return MODEL.longest_time * self.longest_s if unit == "s" and self.longest_s > 0.0 else math.inf
+        return self.longest_s if unit == "s" and self.longest_s > 0.0 else math.inf
 
 
 @dataclass(frozen=True, kw_only=True)

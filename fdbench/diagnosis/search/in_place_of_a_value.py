@@ -1,14 +1,16 @@
 """In place of a value: an effect that explains what a nominal parameter was moved for, and leaves it as it is known."""
 
+import dataclasses
+import math
 from dataclasses import dataclass
 
 from scipy.special import expit
 
-from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.hypothesis import Hypothesis, adjustables
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Rival, Stage
-from fdbench.diagnosis.settings import JUDGE, SEARCH
+from fdbench.diagnosis.settings import JUDGE, MODEL, SEARCH
 from fdbench.effects import Effect, effects
 
 
@@ -50,7 +52,8 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
 
     one of the N effects of the library being as likely as a value that is wrong. One that scales every value takes the
     place of all at once, as what moves together has one cause, and removes nothing that they do not. It is as likely as
-    any one of them that is a cause by itself, and nothing is taken off.
+    any one of them that is a cause by itself, and nothing is taken off. Nor is anything for one that is there already
+    and takes longer than records: what of a friction hardly falls in them is not another size of it besides.
 
     Parameters
     ----------
@@ -68,21 +71,29 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
     families = {family(effects.get(name)) for name in wrong}
     tried = [rival for rival in stage.rivals if _is_tried(rival, base) and family(rival.kind) in families]
     scaling = [rival.kind for rival in stage.rivals if rival.kind.scales_every_value and not base.has(rival.kind)]
-    if not tried and not scaling:
+    slower = [item for effect in base.effects if family(type(effect)) in families for item in _slower(base, effect)]
+    if not tried and not scaling and not slower:
         return None
     hypotheses = [(rival.kind, search.refinement.refine(rival.added_to(base, stage.base)), True) for rival in tried]
     as_given = base.as_on_paper()
     hypotheses += [(kind, search.refinement.refine(as_given.with_effect(kind.typical())), True) for kind in scaling]
+    hypotheses += [(kind, search.refinement.refine(begun), True) for kind, begun in slower]
     compared = search.compared(base, hypotheses)
     as_a_cause = compared.log_evidence(compared.misfit, compared.penalty)
     as_it_is = as_a_cause + 0.5 * base.cost_of_a_cause
+
+    def log_odds(rival: Rival) -> float:
+        if base.has(rival.kind):
+            return compared.log_evidence(rival.misfit, rival.hypothesis.named_penalty()) - as_a_cause
+        return compared.evidence_of(rival) - (as_a_cause if rival.kind in scaling else as_it_is)
+
     found = [
         Exchange(
             value=name,
             kind=rival.kind,
             without=base,
             hypothesis=rival.hypothesis,
-            log_odds=compared.evidence_of(rival) - (as_a_cause if rival.kind in scaling else as_it_is),
+            log_odds=log_odds(rival),
         )
         for rival in compared.rivals
         for name, size in wrong.items()
@@ -90,6 +101,23 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
         and _distances(rival.hypothesis)[name] < SEARCH.back * size
     ]
     return max(found, key=lambda item: item.log_odds, default=None)
+
+
+def _slower(base: Hypothesis, effect: Effect) -> list[tuple[type[Effect], Hypothesis]]:
+    """Return a hypothesis, if a time of an effect is at the length of records, with a longer one and values as given.
+
+    Its size and time are as many times as large, so that it changes as fast at the start.
+    """
+    covered = base.nominal.covered
+    most = covered.most("s")
+    times = [item for item in adjustables(effect, covered) if item.high == most < math.inf]
+    if not any(item.of(effect) >= (1.0 - MODEL.at_bound) * most for item in times):
+        return []
+    longer = base.nominal.beside(dataclasses.replace(covered, longest_s=SEARCH.longest_time * covered.longest_s))
+    names = [type(effect).amplitude, *(item.name for item in times)]
+    begun = effect.within(**{name: math.sqrt(SEARCH.longest_time) * getattr(effect, name) for name in names})
+    every = tuple(begun if item is effect else item for item in base.effects)
+    return [(type(effect), dataclasses.replace(base, nominal=longer, effects=every).as_on_paper())]
 
 
 def _distances(hypothesis: Hypothesis) -> dict[str, float]:

@@ -116,7 +116,7 @@ def test_no_fit_moves_a_mode_beyond_what_samples_show() -> None:
     (seen,) = [item for item in adjustables(mode, covered) if item.name == "natural_frequency_Hz"]
     assert free.high > 400.0
     assert seen.high == pytest.approx(0.8 * 100.0)
-    assert (covered.most("s"), covered.most("m"), Covered().most("Hz")) == (20.0, math.inf, math.inf)
+    assert (covered.most("s"), covered.most("m"), Covered().most("Hz")) == (5.0, math.inf, math.inf)
 
 
 def test_a_period_of_nothing_is_at_no_bound() -> None:

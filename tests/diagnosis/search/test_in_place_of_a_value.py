@@ -1,9 +1,12 @@
 """In place of a value: an effect of its type that leaves it as known, and none that does not."""
 
+import dataclasses
+
 import pytest
-from search_lab import NOMINAL, search
+from search_lab import NOMINAL, PERIOD_S, search
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
+from fdbench.diagnosis.model.nominal import Covered, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.search.in_place_of_a_value import Exchange, in_place_of_a_value
 from fdbench.diagnosis.settings import JUDGE
@@ -15,8 +18,8 @@ MOTOR = effects.get("motor_constant").typical()
 
 
 def moved(hypothesis: Hypothesis, name: str = "viscous_friction") -> float:
-    shifts = zip(nominal_parameters(NOMINAL), hypothesis.shifts, strict=True)
-    return max(abs(shift) for item, shift in shifts if item.cause(NOMINAL) == name)
+    shifts = zip(nominal_parameters(hypothesis.nominal), hypothesis.shifts, strict=True)
+    return max(abs(shift) for item, shift in shifts if item.cause(hypothesis.nominal) == name)
 
 
 def exchanged(planted: Effect, rival: Effect, value: str = "viscous_friction") -> Exchange | None:
@@ -47,6 +50,26 @@ def test_one_cause_of_all_that_moved_is_as_likely_as_one_value_of_them() -> None
     assert (found.value, found.kind.name) == ("inertia_mismatch", "motor_constant")
     assert found.odds > 0.8
     assert exchanged(effects.get("inertia_mismatch").typical(), MOTOR, "inertia_mismatch") is None
+
+
+def test_what_of_a_slow_drift_hardly_falls_in_a_record_is_not_another_size_of_friction() -> None:
+    """It takes three times as long as a record, in which it falls by a fourth."""
+    seconds = max(run.n_samples * run.period_s for run in search().split.runs)
+    true = effects.get("friction_drift").typical(cold_force_N=60.0, warm_up_time_s=3.0 * seconds)
+    covered = Covered(fastest_m_per_s=0.3, longest_s=seconds, force_N=100.0, period_s=PERIOD_S)
+    known = dataclasses.replace(NOMINAL, uncertainty=Uncertainty(known_effects=0.05, friction_form=1e-3))
+    nominal = known.beside(covered)
+    own = search(true, nominal=nominal)
+    base = own.refinement.refine(start(nominal).with_effect(true.changed(cold_force_N=20.0, warm_up_time_s=seconds)))
+    stage = own.compared(base, [(type(true), base, True)])
+    assert vars(base.effects[0])["warm_up_time_s"] == pytest.approx(seconds, rel=0.02)
+    assert moved(base, "coulomb_friction") > JUDGE.beyond_doubt
+    found = in_place_of_a_value(own, base, stage)
+    assert found is not None
+    assert (found.value, found.kind.name) == ("coulomb_friction", "friction_drift")
+    assert found.odds > 0.9
+    assert moved(found.hypothesis, "coulomb_friction") < 1.0
+    assert vars(found.hypothesis.effects[0])["warm_up_time_s"] == pytest.approx(3.0 * seconds, rel=0.2)
 
 
 @pytest.mark.parametrize("name", ["cogging", "torque_ripple"])

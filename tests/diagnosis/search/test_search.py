@@ -111,25 +111,6 @@ def test_teeth_are_counted_again_beside_values_that_made_up_for_a_wrong_number()
     assert vars(found)["spindle_frequency_Hz"] == pytest.approx(11.0, rel=0.01)
 
 
-def test_a_drift_that_takes_longer_than_a_record_is_no_second_size_of_friction() -> None:
-    """One that takes three times as long falls by a fourth; a shorter one leaves the rest to Coulomb friction."""
-    seconds = max(run.n_samples * run.period_s for run in search().split.runs)
-    true = effects.get("friction_drift").typical(cold_force_N=40.0, warm_up_time_s=3.0 * seconds)
-    covered = Covered(fastest_m_per_s=0.3, longest_s=seconds, force_N=100.0, period_s=PERIOD_S)
-    nominal = NOMINAL.beside(covered)
-    own = search(true, nominal=nominal)
-    found, _ = own.run(start(nominal))
-    (drift,) = found.effects
-    assert drift.declared is type(true)
-    assert vars(drift)["warm_up_time_s"] > 1.5 * seconds
-    sizes = [
-        shift
-        for item, shift in zip(nominal_parameters(nominal), found.shifts, strict=True)
-        if item.cause(nominal) == "coulomb_friction"
-    ]
-    assert max(map(abs, sizes)) < 1.0
-
-
 def test_a_class_that_shows_nothing_in_a_linear_fit_is_refined_from_its_usual_size() -> None:
     """A gap that is left is not called unknown before."""
     true = effects.get("axial_compliance").typical(stiffness_loss_percent=40.0)
