@@ -37,7 +37,7 @@ class FrictionDrift(Effect):
     cold_force_N: float = parameter("F_w", low=-500.0, high=500.0, typical=24.0)
     warm_up_time_s: float = parameter("tau", low=0.1, high=1e5, typical=10.0, grid=(3.0, 10.0, 60.0))
     transition_velocity_m_per_s: float = parameter("v_0", low=1e-4, high=0.05, typical=1e-3)
-    share_of_motion: float = parameter("w", low=0.0, high=1.0, typical=0.0, grid=(0.0, 1.0), default=0.0)
+    share_of_motion: float = parameter("w", low=0.0, high=1.0, typical=0.0, grid=(0.0, 0.5, 1.0), default=0.0)
     usual_velocity_m_per_s: float = parameter("v_w", low=1e-4, high=10.0, typical=0.1, default=0.1)
 
     @kernel

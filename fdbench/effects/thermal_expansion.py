@@ -42,7 +42,7 @@ class ThermalExpansion(Effect):
     warm_up_time_s: float = parameter("tau", low=0.1, high=1e5, typical=10.0, grid=(3.0, 10.0, 60.0))
     fixed_bearing_m: float = parameter("x_b", low=-5.0, high=5.0, typical=-0.2, grid=(-0.2,))
     expansion_per_K: float = parameter("alpha", low=1e-6, high=3e-5, typical=1.15e-5)
-    share_of_motion: float = parameter("w", low=0.0, high=1.0, typical=0.0, grid=(0.0, 1.0), default=0.0)
+    share_of_motion: float = parameter("w", low=0.0, high=1.0, typical=0.0, grid=(0.0, 0.5, 1.0), default=0.0)
     usual_velocity_m_per_s: float = parameter("v_w", low=1e-4, high=10.0, typical=0.1, default=0.1)
 
     @kernel

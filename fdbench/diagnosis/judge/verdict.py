@@ -206,7 +206,9 @@ def _values(found: Findings, corrected: float, models: ProbabilityModels) -> tup
     }
     if is_taken:
         return deviating, shared
-    others = {**off.alternatives, exchange.kind.name: shared[exchange.kind.name]}
+    # What would only change otherwise is a cause already.
+    other = {} if found.weighed.has(exchange.kind) else {exchange.kind.name: shared[exchange.kind.name]}
+    others = {**off.alternatives, **other}
     doubted = dataclasses.replace(off, probability=shared[exchange.value], alternatives=others)
     causes = [doubted if cause is off else cause for cause in deviating.causes]
     return dataclasses.replace(deviating, causes=causes), {}

@@ -111,6 +111,16 @@ def test_teeth_are_counted_again_beside_values_that_made_up_for_a_wrong_number()
     assert vars(found)["spindle_frequency_Hz"] == pytest.approx(11.0, rel=0.01)
 
 
+def test_a_screw_that_warms_up_in_part_by_its_motion_is_not_taken_for_one_that_does_by_time() -> None:
+    true = effects.get("thermal_expansion").typical(temperature_rise_K=6.0, warm_up_time_s=4.0, share_of_motion=0.4)
+    stage = search(true).stage(start(NOMINAL))
+    assert stage is not None
+    best = stage.rivals[0]
+    assert best.kind.declared is type(true)
+    assert vars(best.effect)["share_of_motion"] == pytest.approx(0.4, abs=0.15)
+    assert best.misfit < 1.04
+
+
 def test_a_class_that_shows_nothing_in_a_linear_fit_is_refined_from_its_usual_size() -> None:
     """A gap that is left is not called unknown before."""
     true = effects.get("axial_compliance").typical(stiffness_loss_percent=40.0)
