@@ -2,20 +2,26 @@
 
 import dataclasses
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from axis_lab import as_built, drive, other_friction, protocol, record
+from scipy.special import expit
 from search_lab import refined_rival
 
 from fdbench.diagnosis import answer
-from fdbench.diagnosis.answer import ForceBalances
+from fdbench.diagnosis.answer import VALUE, Cause, ForceBalances
 from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.judge import verdict
 from fdbench.diagnosis.judge.contested import Contested, is_no_cause, size_as_cause
 from fdbench.diagnosis.judge.look_alikes import akin, divided, force_balances
+from fdbench.diagnosis.judge.nominal_values import Deviating
 from fdbench.diagnosis.judge.probability_models import Beside, effect_features
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
+from fdbench.diagnosis.search.in_place_of_a_value import Exchange
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.effects import effects
 from fdbench.record import Record
@@ -129,3 +135,22 @@ def test_another_friction_in_what_is_judged_on_is_no_unknown_cause() -> None:
     assert gap.repaired > 0.7 * gap.recalibrated > 1.4 * gap.noise_floor
     assert [cause.effect for cause in found.causes if cause.probability > 0.5] == ["cogging"]
     assert found.unknown_probability < 0.05
+
+
+@pytest.mark.parametrize("is_a_cause", [False, True])
+def test_what_is_a_cause_is_no_alternative_of_a_value_besides(
+    is_a_cause: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is in the hypothesis, and the one in place of the value would only change more slowly."""
+    drift, base = effects.get("friction_drift").typical(), stage(1.0).base
+    off = Cause(effect="coulomb_friction", kind=VALUE, probability=0.8, share=0.1, unique_share=0.1, parameters={})
+    monkeypatch.setattr(verdict, "deviating_parameters", lambda *_: Deviating(causes=[off], features={}, nameless=0.0))
+    weighed, slower = (base.with_effect(drift) if is_a_cause else base), base.with_effect(drift)
+    exchange = Exchange(value=off.effect, kind=type(drift), without=weighed, hypothesis=slower, log_odds=-1.0)
+    models: Any = None
+    found: Any = SimpleNamespace(search=None, weighed=weighed, exchange=exchange)
+    deviating, exchanged = verdict._values(found, 0.0, models)
+    (cause,) = deviating.causes
+    assert exchanged == {}
+    assert cause.probability == pytest.approx(0.8 * expit(1.0))
+    assert cause.alternatives == pytest.approx({} if is_a_cause else {drift.name: 0.8 * expit(-1.0)})
