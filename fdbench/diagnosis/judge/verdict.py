@@ -206,7 +206,7 @@ def _values(found: Findings, corrected: float, models: ProbabilityModels) -> tup
     }
     if is_taken:
         return deviating, shared
-    # What would only change otherwise is a cause already.
+    # An effect that is there already, and would only change more slowly, is no alternative.
     other = {} if found.weighed.has(exchange.kind) else {exchange.kind.name: shared[exchange.kind.name]}
     others = {**off.alternatives, **other}
     doubted = dataclasses.replace(off, probability=shared[exchange.value], alternatives=others)
