@@ -135,8 +135,13 @@ class ModelSettings:
     hollow: float = number(0.05, "of a further amplitude, both in typical sizes, below which an amplitude is nothing")
     corner: float = number(
         2.0,
-        "speeds over which friction turns its sign, below which another speed of it is part of that",
+        "speeds over which friction turns its sign, below which another speed of it may be part of that",
         "between 20 false and 5 true Stribeck frictions of opened axes of tier G",
+    )
+    falls: float = number(
+        0.05,
+        "of the known friction, by which both together fall where it is none",
+        "between 12 false, at most 0.010, and 18 true Stribeck frictions, at least 0.13, of 156 opened axes of tier G",
     )
     far_fetched: float = number(5.0, "deviations of a nominal parameter beyond which it stands in for an effect")
     changed: float = number(

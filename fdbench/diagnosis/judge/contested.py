@@ -11,7 +11,7 @@ from fdbench.diagnosis.judge.probability_models import Beside, Features, Probabi
 from fdbench.diagnosis.judge.shares import Parts
 from fdbench.diagnosis.model.friction_parameters import KnownAmplitude
 from fdbench.diagnosis.model.hypothesis import Hypothesis, is_beyond_its_form, is_corner, is_hollow
-from fdbench.diagnosis.model.known_effects import amplitude_of
+from fdbench.diagnosis.model.known_effects import amplitude_of, known_friction
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.search.beside_the_known import Remainder
 from fdbench.diagnosis.search.stage import Stage
@@ -111,7 +111,8 @@ def is_no_cause(effect: Effect, final: Hypothesis) -> bool:
     where both together are as large as that may be: within what is no cause of a friction of the same law either.
     """
     if effect.calibrates != KnownAmplitude.kind:
-        return is_corner(effect) and final.nominal.uncertainty.transition_velocity > 0.0
+        known_N = known_friction(final.nominal.drive)
+        return final.nominal.uncertainty.transition_velocity > 0.0 and is_corner(effect, known_N)
     drive, scale = final.nominal.drive, zip(nominal_parameters(final.nominal), final.shifts, strict=True)
     known = [
         (item.size(drive), shift) for item, shift in scale if isinstance(item, KnownAmplitude) and item.is_friction

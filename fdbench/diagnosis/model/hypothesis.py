@@ -406,11 +406,26 @@ def _lacks_amplitude(effect: Effect) -> bool:
     return bool(own < MODEL.hollow * max(further, default=0.0))
 
 
-def is_corner(effect: Effect) -> bool:
-    """Return whether a friction only bends where it turns its sign, as it does by another law of rounding."""
+def is_corner(effect: Effect, known_N: float) -> bool:
+    r"""Return whether a friction only bends where it turns its sign, as it does by another law of rounding.
+
+    It falls at such a speed, and what resists together falls nowhere from above the known friction F_c:
+
+    .. math:: F_c \tanh(v / v_0) + F(v) \le (1 + \epsilon) F_c
+
+    Parameters
+    ----------
+    effect : Effect
+    known_N : float
+        F_c on paper, N.
+    """
     speeds = [item.name for item in type(effect).parameters() if item.unit == "m/s" and item.grid]
     width = getattr(effect, WIDTH, 0.0)
-    return any(getattr(effect, name) < MODEL.corner * width for name in speeds)
+    if not any(getattr(effect, name) < MODEL.corner * width for name in speeds):
+        return False
+    at = np.linspace(0.0, 3.0 * MODEL.corner, 61)[1:]
+    added = [type(effect).kernel.py_func(0.0, 1e-3, 0.0, speed * width, 0.0, *effect.values())[0] for speed in at]
+    return bool(np.max(known_N * np.tanh(at) + added) <= (1.0 + MODEL.falls) * known_N)
 
 
 def penalty(shift: float) -> float:

@@ -19,6 +19,7 @@ from fdbench.diagnosis.judge.look_alikes import akin, divided, force_balances
 from fdbench.diagnosis.judge.nominal_values import Deviating
 from fdbench.diagnosis.judge.probability_models import Beside, effect_features
 from fdbench.diagnosis.model.hypothesis import start
+from fdbench.diagnosis.model.known_effects import known_friction
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.search.in_place_of_a_value import Exchange
@@ -89,11 +90,14 @@ def test_the_force_balance_check_leaves_look_alikes_aside() -> None:
 
 def test_the_corner_of_a_known_friction_is_no_cause_that_others_are_small_beside() -> None:
     """Where the speed over which it turns its sign is known exactly, there is no corner but an effect."""
-    falling = effects.get("stribeck_friction")
+    falling: Any = effects.get("stribeck_friction")
     width = 1e-3
-    for speed, size in ((1.5 * width, 0.0), (3.0 * width, 1.0)):
-        effect = falling.typical(stribeck_velocity_m_per_s=speed, transition_velocity_m_per_s=width)
-        contest = stage(3.0, stribeck_friction=1.1, cogging=1.2)
+    contest = stage(3.0, stribeck_friction=1.1, cogging=1.2)
+    known_N = known_friction(contest.base.nominal.drive)
+    for speed, share, size in ((1.5 * width, 0.15, 0.0), (3.0 * width, 0.15, 1.0), (1.5 * width, 0.6, 1.0)):
+        effect = falling.typical(
+            stribeck_force_N=share * known_N, stribeck_velocity_m_per_s=speed, transition_velocity_m_per_s=width
+        )
         assert size_as_cause(effect, contest, contest.base) == size
         exact = dataclasses.replace(contest.base.nominal, uncertainty=Uncertainty(transition_velocity=0.0))
         assert size_as_cause(effect, contest, dataclasses.replace(contest.base, nominal=exact)) == 1.0

@@ -5,7 +5,9 @@ import math
 from typing import Any
 
 import axis_lab
+import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.axis_parameters import Viscous
@@ -18,6 +20,7 @@ from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_v
 from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import effects
 from fdbench.plants.feed_drive import RotaryMotor
+from fdbench.record import FloatArray
 
 LUGRE = effects.get("lugre_friction")
 
@@ -189,13 +192,34 @@ def test_a_cable_that_only_rubs_is_none() -> None:
     assert answer.chances().get("cable_stiffness", 0.0) < 0.1
 
 
-def test_a_bump_where_friction_turns_its_sign_is_no_stribeck_friction() -> None:
-    """Another law of rounding looks like one; so is none named that falls within twice that speed."""
+def test_a_bump_where_friction_turns_its_sign_is_no_stribeck_friction_unless_both_fall() -> None:
+    """Another law of rounding looks like one that falls within twice that speed, but is nowhere above its level."""
     stribeck: Any = effects.get("stribeck_friction")
-    speeds = {WIDTH: 1e-3, "stribeck_velocity_m_per_s": 3e-3}
-    assert not is_corner(stribeck.typical(**speeds))
-    assert is_corner(stribeck.typical(**(speeds | {WIDTH: 2e-3})))
-    assert not any(is_corner(effects.get(name).typical()) for name in ("coulomb_friction", "lugre_friction", "cogging"))
+    speeds = {WIDTH: 2e-3, "stribeck_velocity_m_per_s": 3e-3}
+    assert is_corner(stribeck.typical(**speeds, stribeck_force_N=15.0), 100.0)
+    assert not is_corner(stribeck.typical(**speeds, stribeck_force_N=60.0), 100.0)
+    assert not is_corner(stribeck.typical(**(speeds | {WIDTH: 1e-3}), stribeck_force_N=15.0), 100.0)
+    others = ("coulomb_friction", "lugre_friction", "cogging")
+    assert not any(is_corner(effects.get(name).typical(), 100.0) for name in others)
+
+
+def test_an_arctangent_in_place_of_a_tangent_hyperbolic_is_a_corner() -> None:
+    """What is closest to the difference of both laws, over speeds that a record holds, is named for no cause."""
+    stribeck: Any = effects.get("stribeck_friction")
+    speed = np.linspace(0.0, 0.05, 400)[1:]
+
+    def resistance(parameters: FloatArray) -> FloatArray:
+        level, width, added, falling = np.exp(parameters)
+        return np.asarray(np.tanh(speed / width) * (level + added * np.exp(-((speed / falling) ** 2))))
+
+    real = 100.0 * np.arctan(0.5 * np.pi * speed / 1e-3) / (0.5 * np.pi)
+    fit = least_squares(lambda p: resistance(p) - real, np.log((100.0, 1e-3, 10.0, 1.5e-3)))
+    level, width, added, falling = np.exp(fit.x)
+    found = stribeck.typical(
+        stribeck_force_N=added, stribeck_velocity_m_per_s=falling, transition_velocity_m_per_s=width
+    )
+    assert added > 1.0
+    assert is_corner(found, level)
 
 
 def test_a_fit_moves_by_how_much_bristles_stick_more_than_they_slide() -> None:
