@@ -139,9 +139,9 @@ class ModelSettings:
         "between 20 false and 5 true Stribeck frictions of opened axes of tier G",
     )
     falls: float = number(
-        0.05,
+        0.08,
         "of the known friction, by which both together fall where it is none",
-        "between 12 false, at most 0.010, and 18 true Stribeck frictions, at least 0.13, of 156 opened axes of tier G",
+        "twice what a law that is straight up to its level asks for; 0.10 to 0.16 of three true ones of opened axes",
     )
     far_fetched: float = number(5.0, "deviations of a nominal parameter beyond which it stands in for an effect")
     changed: float = number(

@@ -110,15 +110,15 @@ def is_no_cause(effect: Effect, final: Hypothesis) -> bool:
     A friction whose turn is known exactly has no other rounding. Of another law on top of the known one, it is no cause
     where both together are as large as that may be: within what is no cause of a friction of the same law either.
     """
-    if effect.calibrates != KnownAmplitude.kind:
-        known_N = known_friction(final.nominal.drive)
-        return final.nominal.uncertainty.transition_velocity > 0.0 and is_corner(effect, known_N)
     drive, scale = final.nominal.drive, zip(nominal_parameters(final.nominal), final.shifts, strict=True)
     known = [
         (item.size(drive), shift) for item, shift in scale if isinstance(item, KnownAmplitude) and item.is_friction
     ]
-    change = amplitude_of(effect) + sum(size * shift for size, shift in known)
-    return abs(change) <= JUDGE.beyond_doubt * math.hypot(*(size for size, _ in known))
+    moved_N = sum(size * shift for size, shift in known)
+    if effect.calibrates != KnownAmplitude.kind:
+        turns_anyhow = final.nominal.uncertainty.transition_velocity > 0.0
+        return turns_anyhow and is_corner(effect, known_friction(drive) + moved_N)
+    return abs(amplitude_of(effect) + moved_N) <= JUDGE.beyond_doubt * math.hypot(*(size for size, _ in known))
 
 
 def size_as_cause(effect: Effect, contest: Stage, final: Hypothesis) -> float:

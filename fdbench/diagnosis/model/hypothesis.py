@@ -417,7 +417,7 @@ def is_corner(effect: Effect, known_N: float) -> bool:
     ----------
     effect : Effect
     known_N : float
-        F_c on paper, N.
+        F_c, N.
     """
     speeds = [item.name for item in type(effect).parameters() if item.unit == "m/s" and item.grid]
     width = getattr(effect, WIDTH, 0.0)

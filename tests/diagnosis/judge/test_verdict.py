@@ -100,7 +100,7 @@ def test_the_corner_of_a_known_friction_is_no_cause_that_others_are_small_beside
         )
         assert size_as_cause(effect, contest, contest.base) == size
         exact = dataclasses.replace(contest.base.nominal, uncertainty=Uncertainty(transition_velocity=0.0))
-        assert size_as_cause(effect, contest, dataclasses.replace(contest.base, nominal=exact)) == 1.0
+        assert size_as_cause(effect, contest, start(exact)) == 1.0
 
 
 @pytest.mark.parametrize(
