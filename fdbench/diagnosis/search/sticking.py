@@ -15,7 +15,8 @@ def that_sticks(best: Calibrated, beside: Callable[[Sequence[Effect]], Aligned])
     """Return the re-calibrated model, or one whose known friction sticks where that brings more than a cause costs.
 
     A friction that turns its sign by far faster than on paper seems to stick. Where bristles in its place bend over no
-    more than readings show, they say nothing but that; where they bend over more, they are a cause to be found.
+    more than readings show, they say nothing but that, and are as strong as on paper at any speed; where they bend over
+    more, or are stronger at rest, they are a cause to be found.
 
     Parameters
     ----------
@@ -39,6 +40,8 @@ def that_sticks(best: Calibrated, beside: Callable[[Sequence[Effect]], Aligned])
     found = best.refinement.refine(best.hypothesis.with_effect(form, index)).effects[-1]
     if found.bend_m > min(SEARCH.unseen_bend * noise.total, SEARCH.unseen_reading * noise.at_high_frequencies):
         return best
+    sizes = (type(form).amplitude, *type(form).further_amplitudes)
+    found = found.changed(**{size: getattr(form, size) for size in sizes})
     tried = Calibrated.of(
         beside([*known[:index], found, *known[index + 1 :]]).assuming(
             f"The known {known[index].name} seems to stick at rest: as {found.name} with bristles that bend over no "
