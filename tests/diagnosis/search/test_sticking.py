@@ -3,8 +3,7 @@
 import axis_lab
 import pytest
 
-from fdbench.diagnosis.answer import Answer
-from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.diagnose import Diagnosis, diagnose
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.effects import Effect, effects
 from fdbench.plants._controllers import Cascade
@@ -33,8 +32,8 @@ def stage(mass_kg: float, friction: Effect) -> FeedDrive:
     )
 
 
-def answer_of(bend_m: float) -> Answer:
-    """Return what is said of a stage with bristles that bend over a way, of which Coulomb friction is known."""
+def diagnosis_of(bend_m: float) -> Diagnosis:
+    """Return the diagnosis of a stage with bristles that bend over a way, of which Coulomb friction is known."""
     stiffness = 19.0 / bend_m
     bristles = LUGRE.typical(
         coulomb_force_N=19.0,
@@ -51,11 +50,15 @@ def answer_of(bend_m: float) -> Answer:
         for factor, repeats in ((1.0, 2), (1.3, 1))
     ]
     nominal = Nominal(plant=stage(20.0, COULOMB.typical(coulomb_force_N=20.0)), simulation=Simulation(substeps=10))
-    return diagnose(nominal, *groups).answer
+    return diagnose(nominal, *groups)
 
 
 @pytest.mark.parametrize(("bend_m", "sticks"), [(2e-8, True), (5e-6, False)])
 def test_bristles_that_are_not_seen_to_bend_are_no_cause(bend_m: float, sticks: bool) -> None:
-    answer = answer_of(bend_m)
+    diagnosis = diagnosis_of(bend_m)
+    answer, known = diagnosis.answer, diagnosis.final.nominal.drive.effects[0]
     assert any("seems to stick at rest" in text for text in answer.assumptions) is sticks
     assert (answer.chances().get("lugre_friction", 0.0) > 0.9) is not sticks
+    assert isinstance(known, LUGRE) is sticks
+    forces = [getattr(known, name) for name in (type(known).amplitude, *type(known).further_amplitudes)]
+    assert set(forces) == {20.0}
