@@ -182,6 +182,12 @@ class LinearPart:
     denominator: tuple[float, ...] = (1.0,)
     delay_s: float = 0.0
 
+    @property
+    def late_s(self) -> float:
+        r"""Time by which what changes slowly is late, :math:`t_d + d_1 / d_0 - n_1 / n_0`."""
+        (n_1, n_0), (d_1, d_0) = ((0.0, *own)[-2:] for own in (self.numerator, self.denominator))
+        return self.delay_s + d_1 / d_0 - n_1 / n_0
+
 
 class Effect(ABC):
     """Base of all effects: a frozen keyword-only dataclass of parameters with a compiled ``kernel``.

@@ -12,6 +12,7 @@ from fdbench.diagnosis.judge.shares import Parts
 from fdbench.diagnosis.model.friction_parameters import KnownAmplitude
 from fdbench.diagnosis.model.hypothesis import Hypothesis, is_beyond_its_form, is_corner, is_hollow
 from fdbench.diagnosis.model.known_effects import amplitude_of, known_friction
+from fdbench.diagnosis.model.loop_parameters import LoopLag
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.search.beside_the_known import Remainder
 from fdbench.diagnosis.search.stage import Stage
@@ -40,7 +41,8 @@ class Contested:
         Probability that it is only a part of what it is called, see `is_hollow`, `Remainder`, and
         `Parts.is_worse_in_a_channel`: then an unknown cause is as probable.
     no_cause : bool
-        Whether it says no more than how a known friction turns its sign, or than how large that may be.
+        Whether it says no more than how a known friction turns its sign, than how large that may be, or than how late
+        every drive's force may be.
     """
 
     effect: Effect
@@ -108,9 +110,14 @@ def is_no_cause(effect: Effect, final: Hypothesis) -> bool:
     """Return whether an effect says how a known friction turns its sign, or no more than what that is in doubt of.
 
     A friction whose turn is known exactly has no other rounding. Of another law on top of the known one, it is no cause
-    where both together are as large as that may be: within what is no cause of a friction of the same law either.
+    where both together are as large as that may be: within what is no cause of a friction of the same law either. A lag
+    is none where all that is late together is no later than the force of every drive may be.
     """
-    drive, scale = final.nominal.drive, zip(nominal_parameters(final.nominal), final.shifts, strict=True)
+    drive, scale = final.nominal.drive, list(zip(nominal_parameters(final.nominal), final.shifts, strict=True))
+    passed_on = effect.linear_part()
+    if effect.trace_of == LoopLag.kind and passed_on is not None:
+        lags = ((item, shift) for item, shift in scale if isinstance(item, LoopLag))
+        return any(passed_on.late_s + item.lag_s(shift) <= item.most_late_s for item, shift in lags)
     known = [
         (item.size(drive), shift) for item, shift in scale if isinstance(item, KnownAmplitude) and item.is_friction
     ]

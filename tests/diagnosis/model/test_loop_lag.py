@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.judge.contested import is_no_cause
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.loop_parameters import LoopLag
 from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.settings import MODEL
-from fdbench.effects import effects
+from fdbench.effects import Effect, effects
 from fdbench.plants.feed_drive import Following
 from fdbench.record import Record
 
@@ -43,6 +44,26 @@ def test_a_trace_of_lag_is_no_cause_and_a_lag_is_one(samples: float) -> None:
     else:
         first = max(found.answer.causes, key=lambda cause: cause.probability)
         assert {first.effect, *first.indistinguishable_from} & {LAG.name, "dead_time"}
+
+
+@pytest.mark.parametrize(
+    ("effect", "moved", "no_cause"),
+    [
+        (DEAD_TIME.typical(dead_time_s=0.12e-3), 0.0, True),
+        (DEAD_TIME.typical(dead_time_s=0.17e-3), 0.0, False),
+        (LAG.typical(time_constant_s=0.12e-3, inverter_ratio=0.4), 0.5, True),
+        (LAG.typical(time_constant_s=0.12e-3, inverter_ratio=0.4), 1.0, False),
+        (effects.get("cogging").typical(), 0.0, False),
+    ],
+)
+def test_what_is_late_together_is_no_cause_up_to_what_every_drive_is(
+    effect: Effect, moved: float, no_cause: bool
+) -> None:
+    model = nominal().beside(COVERED)
+    shifts = [moved * float(isinstance(item, LoopLag)) for item in nominal_parameters(model)]
+    assert is_no_cause(effect, start(model).moved(shifts).with_effect(effect)) is no_cause
+    known = nominal(loop_lag=0.0).beside(COVERED)
+    assert not is_no_cause(effect, start(known).with_effect(effect))
 
 
 def test_a_lag_is_bounded_and_one_that_is_excluded_is_not_moved() -> None:
