@@ -114,10 +114,9 @@ def is_no_cause(effect: Effect, final: Hypothesis) -> bool:
     is none where all that is late together is no later than the force of every drive may be.
     """
     drive, scale = final.nominal.drive, list(zip(nominal_parameters(final.nominal), final.shifts, strict=True))
-    passed_on = effect.linear_part()
-    if effect.trace_of == LoopLag.kind and passed_on is not None:
+    if effect.trace_of == LoopLag.kind and (passed_on := effect.linear_part()) is not None:
         lags = ((item, shift) for item, shift in scale if isinstance(item, LoopLag))
-        return any(passed_on.late_s + item.lag_s(shift) <= item.most_late_s for item, shift in lags)
+        return any(passed_on.late_s + item.lag_s(shift) <= item.lag_s(item.room[1]) for item, shift in lags)
     known = [
         (item.size(drive), shift) for item, shift in scale if isinstance(item, KnownAmplitude) and item.is_friction
     ]

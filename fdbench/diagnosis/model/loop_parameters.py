@@ -141,11 +141,6 @@ class LoopLag(NominalParameter):
     def room(self) -> tuple[float, float]:
         return -self.most_early, MODEL.most_lag
 
-    @property
-    def most_late_s(self) -> float:
-        """Time by which the force of any drive may be late (s)."""
-        return MODEL.most_lag * self.deviation
-
     def apply(self, drive: FeedDrive, shift: float) -> Changed:
         return drive, (with_amplitude(self.effect, self.lag_s(shift)),)
 
