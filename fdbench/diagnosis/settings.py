@@ -395,6 +395,7 @@ class JudgeSettings:
     smallest_size: float = number(1e-3, "of an effect, where its logarithm is a feature", LEARNED)
     trace_size: float = number(0.25, "of an effect, up to which it is a trace such as every machine has", LEARNED)
     cause_size: float = number(1.25, "of an effect, from which it is no trace", LEARNED)
+    large_size: float = number(10.0, "of an effect that every machine has, from which it is no trace", LEARNED)
     smallest_misfit: float = number(0.3, "where its logarithm is a feature", LEARNED)
     smallest_distance: float = number(0.1, "standard deviations, where their logarithm is a feature", LEARNED)
 

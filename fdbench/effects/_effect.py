@@ -239,6 +239,8 @@ class Effect(ABC):
         What type of cause the effect is, one of `CAUSE_TYPES`; without, that of its port, see `type_of`.
     usually_known : bool
         Whether nominal models often know it: the diagnosis is compiled once for all that know nothing else.
+    everywhere : bool
+        Whether every machine has some of it that its records show: a little of it is no cause.
     of_any_axis : bool
         Whether its usual size is the same on a small and on a large axis, as that of a tool and its material.
     declared : type
@@ -266,6 +268,7 @@ class Effect(ABC):
     trace_of: ClassVar[str] = ""
     cause_type: ClassVar[str] = ""
     usually_known: ClassVar[bool] = False
+    everywhere: ClassVar[bool] = False
     of_any_axis: ClassVar[bool] = False
     kernel: ClassVar[Any]
     expected_failures: ClassVar[Mapping[str, str]] = {}

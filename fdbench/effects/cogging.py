@@ -33,6 +33,7 @@ class Cogging(Effect):
     port = Port.MOTOR_FORCE
     amplitude = "cogging_force_N"
     cause_type = "force_over_position"
+    everywhere = True
     confusable_with = ("torque_ripple", "lead_error")
     counts_as_disturbance = True
 

@@ -32,6 +32,7 @@ class EncoderInterpolationError(Effect):
 
     port = Port.MOTOR_ENCODER
     amplitude = "error_amplitude_m"
+    everywhere = True
     expected_failures: ClassVar[Mapping[str, str]] = {
         "is_named_first": "at its typical size it is hardly above the noise of that record (probability 0.40)",
     }

@@ -35,6 +35,7 @@ class LeadError(Effect):
     port = Port.TRANSMISSION
     amplitude = "periodic_error_m"
     cause_type = "sensor"
+    everywhere = True
     further_amplitudes = ("linear_error",)
     confusable_with = ("thermal_expansion", "cogging")
 

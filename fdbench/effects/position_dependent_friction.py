@@ -33,6 +33,7 @@ class PositionDependentFriction(Effect):
     port = Port.TABLE_FORCE
     amplitude = "friction_amplitude_N"
     cause_type = "friction_over_position"
+    everywhere = True
     confusable_with = ("stribeck_friction", "friction_drift")
 
     friction_amplitude_N: float = parameter("a", low=0.0, high=1000.0, typical=24.0)

@@ -103,8 +103,8 @@ def effect_features(contest: Stage, kind: type[Effect], beside: Beside, same: Co
     What an effect changes counts beside the evidence for it: machines have traces of every effect, and forms that are
     not quite the library's look like further effects that are small. It counts twice: as what it changes in the base,
     of which nominal parameters may hide a part, and in its own hypothesis; and once more between the size of a trace
-    and that of a cause. What else the contest shows (misfits, how many numbers were fitted, steadiness over time, what
-    it removes of the force balances) added nothing.
+    and that of a cause, up to a larger one for an effect that is ``everywhere``. What else the contest shows (misfits,
+    how many numbers were fitted, steadiness over time, what it removes of the force balances) added nothing.
 
     Parameters
     ----------
@@ -120,11 +120,13 @@ def effect_features(contest: Stage, kind: type[Effect], beside: Beside, same: Co
     others = [contest.log_evidence(rival.misfit, rival.penalty) for rival in different]
     best = max([contest.log_evidence(contest.misfit, contest.penalty), *others])
     size, own_size = (max(item, JUDGE.smallest_size) for item in (own.size, own.own_size))
+    least = max(min(size, own_size), JUDGE.trace_size)
     return {
         "margin": math.asinh(contest.log_evidence(own.misfit, own.penalty) - best),
         "size": math.log10(size),
         "own_size": math.log10(own_size),
-        "above_trace": math.log10(min(max(min(size, own_size), JUDGE.trace_size), JUDGE.cause_size)),
+        "above_trace": math.log10(min(least, JUDGE.cause_size)),
+        "everywhere": math.log10(min(least / JUDGE.large_size, 1.0)) if kind.everywhere else 0.0,
         "beside": math.log10(min(own_size / max(beside.largest, JUDGE.smallest_size), 1.0)),
         "worst": math.log(max(beside.worst, JUDGE.smallest_misfit)),
     }
