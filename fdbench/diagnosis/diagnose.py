@@ -10,6 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from fdbench.diagnosis.answer import Answer, Quantity, Recorded
+from fdbench.diagnosis.evidence.at_limit import without_limited_controller
 from fdbench.diagnosis.evidence.baseline import Baseline
 from fdbench.diagnosis.evidence.evidence import gather, with_explained
 from fdbench.diagnosis.evidence.prepare import Aligned, aligned, with_run_to_run_covariance
@@ -222,6 +223,7 @@ def _on_paper(
     progress: Callable[[str], None] | None = None,
 ) -> Calibrated:
     """Return a model as it is on paper re-calibrated on records, at the rates that are likely."""
+    nominal, told = without_limited_controller(nominal, [*records, *holdouts])
 
     def anew(simulation: Simulation) -> Aligned:
         return aligned(dataclasses.replace(nominal, simulation=simulation), records, holdouts)
@@ -233,7 +235,7 @@ def _on_paper(
     ready = aligned(nominal, records, holdouts)
     _say(progress, "re-calibrating the nominal parameters")
     found = at_likely_rate(with_likely_rates(Calibrated.of(ready), anew), anew)
-    return that_sticks(found, beside)
+    return _told(that_sticks(found, beside), told)
 
 
 def _since(
@@ -247,6 +249,7 @@ def _since(
 
     What the model's form gets wrong cancels, its rates with it. Gains that were set anew are known from then on.
     """
+    nominal, told = without_limited_controller(nominal, [*baseline, *records, *holdouts])
     known, healthy = calibrated_on(nominal, baseline, progress)
     ready = aligned(known, records, holdouts, healthy)
     if not healthy.covers(ready.runs):
@@ -257,10 +260,17 @@ def _since(
     _say(progress, "re-calibrating the nominal parameters")
     found = Calibrated.of(ready, narrow=True)
     gains = gains_set_anew(found)
-    if not gains:
-        return found, healthy
-    healthy = dataclasses.replace(healthy, set_anew=gains)
-    return Calibrated.of(aligned(with_gains(known, gains), records, holdouts, healthy), narrow=True), healthy
+    if gains:
+        healthy = dataclasses.replace(healthy, set_anew=gains)
+        found = Calibrated.of(aligned(with_gains(known, gains), records, holdouts, healthy), narrow=True)
+    return _told(found, told), healthy
+
+
+def _told(found: Calibrated, first: Sequence[str]) -> Calibrated:
+    """Return a re-calibrated model with what is to be told first."""
+    ready = found.ready
+    warnings, assumptions = [*first, *ready.warnings], [*first, *ready.assumptions]
+    return dataclasses.replace(found, ready=dataclasses.replace(ready, warnings=warnings, assumptions=assumptions))
 
 
 def _say(progress: Callable[[str], None] | None, text: str) -> None:

@@ -191,6 +191,11 @@ class EvidenceSettings:
     model_error: float = number(0.03, "of the gap, in the weights of segments", "chosen: 3 % of a response is none")
     explained_error: float = number(1e-3, "of what effects explain, which are not exactly of the library's form")
     segment_s: float = number(0.25, "stretches of time whose sums are weighted, and drawn whole by the bootstrap")
+    limited: float = number(
+        0.05,
+        "share of the time at its limit from which a controller is left out of the model",
+        "25 axes of tiers F and G with 0.15 or more: 24 are told rightly without it, 16 with it; six with less, alike",
+    )
     held_out: float = number(1.0 / 3.0, "share of a record that is judged on, without repeats, laps or other records")
     smallest_artefact: float = number(0.04, "mean square of a sensor artefact, in units of the noise, that is a cause")
     telling_grid: float = number(

@@ -22,7 +22,12 @@ DIVERGED = 1e6  # gap, in units of the floor, of a simulation that diverges
 
 def segment_length(run: RecordedRun) -> int:
     """Return the samples of a segment."""
-    return max(8, round(EVIDENCE.segment_s / run.period_s))
+    return segment_samples(run.period_s)
+
+
+def segment_samples(period_s: float) -> int:
+    """Return the samples of a segment at a sampling time."""
+    return max(8, round(EVIDENCE.segment_s / period_s))
 
 
 def segment_counts(run: RecordedRun) -> FloatArray:

@@ -70,7 +70,7 @@ def prepared(
     drive = dataclasses.replace(drive, controller=controller)
     runs = [follow(item, drive, nominal.simulation.cycles) for item in records]
     check_content([run.as_read() for run in runs])
-    why = f"{silent[0]}: no column {COMMAND}" if known else "No controller was given in [plant.controller]"
+    why = f"{silent[0]}: no column {COMMAND}" if known else "The model has no controller"
     warning = (
         f"{why}: the model was made to follow the measured motion by a virtual controller of "
         f"{controller.bandwidth_Hz:.3g} Hz, and the force that it needs compared with the measured one; the gap of "

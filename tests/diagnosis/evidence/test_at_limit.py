@@ -2,18 +2,22 @@
 
 import dataclasses
 
+import axis_lab
 import numpy as np
 import pytest
 from search_lab import NOMINAL, search
 
-from fdbench.diagnosis.evidence.at_limit import at_limit, told_at_limits
+from fdbench.diagnosis.diagnose import diagnose
+from fdbench.diagnosis.evidence.at_limit import at_limit, told_at_limits, without_limited_controller
 from fdbench.diagnosis.evidence.evidence import Evidence, gather
 from fdbench.diagnosis.evidence.segment_products import segment_length
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.records.runs import FORCE, POSITION, RecordedRun
+from fdbench.effects import effects
 from fdbench.plants._controllers import Cascade, OpenLoop
-from fdbench.plants.feed_drive import FeedDrive
+from fdbench.plants.feed_drive import FeedDrive, Following
+from fdbench.record import Record
 
 
 def limited(force_limit_N: float) -> FeedDrive:
@@ -83,3 +87,31 @@ def test_what_a_loop_does_at_its_limit_is_no_evidence() -> None:
 def test_a_loop_that_is_at_its_limit_all_the_time_is_judged_there() -> None:
     _, found = wound_up(limited(1e-3))
     assert (found.weights > 0.0).all()
+
+
+def limited_axis(share: float) -> tuple[Nominal, list[Record], list[Record]]:
+    """Return records of an axis with cogging, and a model whose force limit is this share of their greatest force."""
+    nominal, fitted, judged = axis_lab.case((effects.get("cogging").typical(cogging_force_N=30.0),), seed=1)
+    drive, controller = nominal.drive, nominal.drive.controller
+    assert isinstance(controller, Cascade)
+    greatest_N = max(float(np.abs(drive.motor_force(record)).max()) for record in (*fitted, *judged))
+    controller = dataclasses.replace(controller, force_limit_N=share * greatest_N)
+    return dataclasses.replace(nominal, plant=dataclasses.replace(drive, controller=controller)), fitted, judged
+
+
+def test_a_controller_that_is_at_its_limit_for_long_is_left_out() -> None:
+    nominal, fitted, judged = limited_axis(0.9)
+    left_out, (text,) = without_limited_controller(nominal, [*fitted, *judged])
+    assert isinstance(left_out.drive.controller, Following)
+    assert "left out" in text
+    answer = diagnose(nominal, fitted, judged).answer
+    assert answer.warnings[0] == text
+    assert answer.causes[0].effect == "cogging"
+    assert answer.causes[0].probability > 0.9
+
+
+@pytest.mark.parametrize("share", [1.1, 0.4])
+def test_a_controller_stays_where_no_force_is_at_its_limit_or_one_is_far_beyond(share: float) -> None:
+    nominal, fitted, judged = limited_axis(share)
+    assert without_limited_controller(nominal, [*fitted, *judged]) == (nominal, [])
+    assert without_limited_controller(nominal, []) == (nominal, [])

@@ -154,8 +154,8 @@ def test_the_effect_is_named_first_without_the_controller(name: str, tmp_path: P
     assert name == first.effect or name in first.indistinguishable_from
     assert first.probability > 0.5
     assert found.answer.shrinkage.total > 0.5
-    assert "No controller was given" in found.answer.warnings[0]
-    assert "No controller was given" in summary(found.answer)
+    assert "The model has no controller" in found.answer.warnings[0]
+    assert "The model has no controller" in summary(found.answer)
     path = tmp_path / "repaired.toml"
     path.write_text(model_text(found), encoding="utf-8")
     assert load_nominal(path) == as_nominal(found.final)
