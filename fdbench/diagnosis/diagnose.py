@@ -65,6 +65,8 @@ class Diagnosis:
     Attributes
     ----------
     answer : Answer
+    asked : Nominal
+        The model as it was given, with its controller.
     calibrated, final : Hypothesis
         Without and with the named effects.
     stages : list of Stage
@@ -78,6 +80,7 @@ class Diagnosis:
     """
 
     answer: Answer
+    asked: Nominal
     calibrated: Hypothesis
     final: Hypothesis
     stages: list[Stage]
@@ -134,7 +137,7 @@ def _diagnosed(
     models: ProbabilityModels | None,
     baseline: Sequence[Record],
 ) -> Diagnosis:
-    healthy = None
+    healthy, asked = None, nominal
     if baseline:
         begun, healthy = _since(nominal, records, holdouts, baseline, progress)
     else:
@@ -190,6 +193,7 @@ def _diagnosed(
     )
     return Diagnosis(
         answer=answer,
+        asked=asked,
         calibrated=found.calibrated,
         final=final,
         stages=[*findings.stages],

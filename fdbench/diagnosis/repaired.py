@@ -15,6 +15,7 @@ from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.rotary_axis import plant_of_rotary
 from fdbench.errors import FdbenchError
 from fdbench.files import write_text
+from fdbench.plants.feed_drive import Following
 from fdbench.rotary import ROTARY, rotary_name, spoken_of
 from fdbench.specification import snake_case
 from fdbench.wording import less, probability_text, share_interval_text, si_text
@@ -55,8 +56,21 @@ def model_text(found: Diagnosis) -> str:
     """Return the repaired model as TOML, with what was changed as comments."""
     with spoken_of(found.answer.axis):
         history = list(_history(found))
-    lines = [*(f"# {line}" for line in history), *toml_lines(_table_of(as_nominal(found.final)))]
+    lines = [*(f"# {line}" for line in history), *toml_lines(_table_of(repaired(found)))]
     return "\n".join(lines) + "\n"
+
+
+def repaired(found: Diagnosis) -> Nominal:
+    """Return the final model of a diagnosis, with its controller as given where it was made to follow the motion."""
+    final, asked = as_nominal(found.final), found.asked.drive.controller
+    if not _was_left_out(found):
+        return final
+    return dataclasses.replace(final, plant=dataclasses.replace(final.drive, controller=asked))
+
+
+def _was_left_out(found: Diagnosis) -> bool:
+    asked, used = found.asked.drive.controller, found.final.nominal.drive.controller
+    return isinstance(used, Following) and not isinstance(asked, Following)
 
 
 def _table_of(nominal: Nominal) -> dict[str, Any]:
@@ -73,6 +87,8 @@ def _history(found: Diagnosis) -> Iterator[str]:
         yield "Repaired by fdbench diagnose: the nominal model, re-calibrated, with the effects that were named."
     else:
         yield "Written by fdbench diagnose: the nominal model, re-calibrated; no effect was added."
+    if _was_left_out(found):
+        yield "It was made to follow the measured motion. The controller is as it was given, and was not judged."
     yield f"Prediction error, root mean square on {shrinkage.judged_on_words}:"
     for name, gap in found.answer.gap.channels.items():
         errors = (("nominal", gap.before), ("re-calibrated", gap.recalibrated), ("repaired", gap.repaired))

@@ -14,6 +14,7 @@ from fdbench.diagnosis.evidence.segment_products import segment_length
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.records.runs import FORCE, POSITION, RecordedRun
+from fdbench.diagnosis.repaired import model_text, repaired
 from fdbench.effects import effects
 from fdbench.plants._controllers import Cascade, OpenLoop
 from fdbench.plants.feed_drive import FeedDrive, Following
@@ -104,8 +105,11 @@ def test_a_controller_that_is_at_its_limit_for_long_is_left_out() -> None:
     left_out, (text,) = without_limited_controller(nominal, [*fitted, *judged])
     assert isinstance(left_out.drive.controller, Following)
     assert "left out" in text
-    answer = diagnose(nominal, fitted, judged).answer
+    found = diagnose(nominal, fitted, judged)
+    answer = found.answer
     assert answer.warnings[0] == text
+    assert repaired(found).drive.controller == nominal.drive.controller
+    assert "was not judged" in model_text(found)
     assert answer.causes[0].effect == "cogging"
     assert answer.causes[0].probability > 0.9
 
