@@ -196,8 +196,9 @@ class Following:
     ----------
     bandwidth_Hz : float
         f, the highest that is tried.
-    feedback : str
-        Whose position is followed, ``"motor"`` or ``"table"``; `fdbench diagnose` takes the side that was measured.
+    feedback : str or None
+        Whose position is followed, ``"motor"`` or ``"table"``; `fdbench diagnose` takes the side that was measured,
+        and this one where a column does not say which it is.
     mass_kg : float or None
         m; `fdbench diagnose` takes the nominal one.
     greatest_force_N : float or None
@@ -207,7 +208,7 @@ class Following:
     """
 
     bandwidth_Hz: float = bounded(0.1, 1000.0, default=60.0)
-    feedback: str = "motor"
+    feedback: str | None = None
     mass_kg: float | None = positive(default=None)
     greatest_force_N: float | None = positive(default=None)
     smoothed_Hz: float | None = positive(default=None)
@@ -218,7 +219,8 @@ class Following:
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        check_feedback(self.feedback)
+        if self.feedback is not None:
+            check_feedback(self.feedback)
 
     @property
     def uses_table(self) -> bool:

@@ -151,7 +151,7 @@ def _side(drive: FeedDrive, record: Record) -> str:
         return "motor"
     if SIDES[1] in record:
         return "table"
-    if isinstance(drive.controller, Following):
+    if isinstance(drive.controller, Following) and drive.controller.feedback is None:
         raise RecordError(
             f"{record.source}: no column {SIDES[0]} or {SIDES[1]}. The model has a screw, so say on which side "
             "of it the position was measured: map the column to one of these names."

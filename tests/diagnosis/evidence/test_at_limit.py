@@ -13,6 +13,7 @@ from fdbench.diagnosis.evidence.evidence import Evidence, gather
 from fdbench.diagnosis.evidence.segment_products import segment_length
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.virtual_controller import prepared
 from fdbench.diagnosis.records.runs import FORCE, POSITION, RecordedRun
 from fdbench.diagnosis.repaired import model_text, repaired
 from fdbench.effects import effects
@@ -119,3 +120,22 @@ def test_a_controller_stays_where_no_force_is_at_its_limit_or_one_is_far_beyond(
     nominal, fitted, judged = limited_axis(share)
     assert without_limited_controller(nominal, [*fitted, *judged]) == (nominal, [])
     assert without_limited_controller(nominal, []) == (nominal, [])
+
+
+def test_its_side_of_the_screw_stays_known() -> None:
+    nominal, fitted, judged = limited_axis(0.9)
+    controller = nominal.drive.controller
+    assert isinstance(controller, Cascade)
+    unsaid = [
+        Record(
+            {"position_m": record["motor_position_m"]}
+            | {name: record[name] for name in record if name not in ("motor_position_m", "table_position_m")},
+            source=record.source,
+        )
+        for record in (*fitted, *judged)
+    ]
+    left_out, _ = without_limited_controller(nominal, unsaid)
+    assert left_out.drive.controller == Following(feedback=controller.feedback)
+    followed, _, _ = prepared(left_out, unsaid)
+    assert isinstance(followed.drive.controller, Following)
+    assert followed.drive.controller.uses_table == controller.uses_table
