@@ -42,10 +42,8 @@ def without_limited_controller(nominal: Nominal, records: Sequence[Record]) -> t
     greatest_N = max((float(np.abs(force).max()) for force in forces), default=0.0)
     if part <= EVIDENCE.limited or greatest_N > PLAUSIBLE.wrong_gain * controller.force_limit_N:
         return nominal, []
-    follows = Following(feedback="table" if controller.uses_table else "motor")
-    return dataclasses.replace(nominal, plant=dataclasses.replace(drive, controller=follows)), [
-        _said(part) + "the controller was left out of the model."
-    ]
+    left_out = dataclasses.replace(drive, controller=Following(feedback=controller.feedback))
+    return dataclasses.replace(nominal, plant=left_out), [_said(part) + "the controller was left out of the model."]
 
 
 def _limited(force_N: FloatArray, controller: Cascade, length: int) -> NDArray[np.bool_]:
