@@ -62,10 +62,13 @@ def _lines(sheets: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def _origin(sheets: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    made = {
-        f"{sheet['cases']} cases, made by {sheet['made_by_commit'][:12]}, nonce `{sheet['nonce']}`" for sheet in sheets
-    }
-    yield "; ".join(sorted(made)) + "."
+    yield "; ".join(sorted({_made(sheet) for sheet in sheets})) + "."
+
+
+def _made(sheet: Mapping[str, Any]) -> str:
+    commit = sheet["made_by_commit"][:12]
+    by = f", made by {commit}" if commit else ""
+    return f"{sheet['cases']} cases{by}, nonce `{sheet['nonce']}`"
 
 
 def _table(sheets: Sequence[Mapping[str, Any]]) -> Iterator[str]:
