@@ -8,7 +8,6 @@ Every axis is a line of a file, so that a run that was stopped goes on where it 
 """
 
 import argparse
-import json
 import tempfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -17,7 +16,7 @@ from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
-from diagnosis_recall import finished
+from diagnosis_recall import finished, kept
 from threadpoolctl import threadpool_limits
 
 from fdbench.diagnosis.diagnose import diagnose
@@ -186,13 +185,8 @@ def main() -> None:
     nonce = new_nonce() if given.nonce is None else check_nonce(given.nonce)
     print(f"nonce {nonce}, SHA-256 of the code {seal.code_digest()[:12]}", flush=True)
     done = finished(given.out)
-    with given.out.open("a", encoding="utf-8") as file:
-        for number in range(given.axes):
-            if f"{nonce}:{number}" not in done:
-                line = run(nonce, number)
-                done[line["key"]] = line
-                file.write(json.dumps(line) + "\n")
-                file.flush()
+    left = [number for number in range(given.axes) if f"{nonce}:{number}" not in done]
+    done |= {line["key"]: line for line in kept(given.out, (run(nonce, number) for number in left))}
     lines = [done[f"{nonce}:{number}"] for number in range(given.axes)]
     for way in (BESIDE, ALONE):
         print_scores(lines, way)

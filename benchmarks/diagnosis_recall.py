@@ -10,7 +10,7 @@ import itertools
 import json
 import math
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
@@ -383,14 +383,9 @@ def main() -> None:
         left = [case for case in cases if case.key not in lines]
         code = seal.code_digest()[:12]
         results = joblib.Parallel(n_jobs=given.jobs, return_as="generator_unordered")(map(joblib.delayed(run), left))
-        with given.out.open("a", encoding="utf-8") as file:
-            if file.tell() and not given.out.read_bytes().endswith(b"\n"):
-                file.write("\n")
-            for number, line in enumerate(results, 1):
-                lines[line["key"]] = {**line, "code": code}
-                file.write(json.dumps(lines[line["key"]]) + "\n")
-                file.flush()
-                print(f"{number} of {len(left)}: {line['key']}: {words(list(causes(line)))}", flush=True)
+        for number, line in enumerate(kept(given.out, ({**line, "code": code} for line in results)), 1):
+            lines[line["key"]] = line
+            print(f"{number} of {len(left)}: {line['key']}: {words(list(causes(line)))}", flush=True)
     for kind, title in KINDS.items():
         own = [lines[case.key] for case in cases if case.kind == kind and case.key in lines]
         if own:
@@ -410,6 +405,17 @@ def finished(file: Path) -> dict[str, dict[str, Any]]:
             continue
         found[line["key"]] = line
     return found
+
+
+def kept(file: Path, lines: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Yield lines as they come, each appended to a file first; what was cut off there stays a line of its own."""
+    with file.open("a", encoding="utf-8") as opened:
+        if opened.tell() and not file.read_bytes().endswith(b"\n"):
+            opened.write("\n")
+        for line in lines:
+            opened.write(json.dumps(line) + "\n")
+            opened.flush()
+            yield line
 
 
 if __name__ == "__main__":

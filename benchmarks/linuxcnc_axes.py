@@ -13,7 +13,6 @@ goes on where it ended.
 """
 
 import argparse
-import json
 import math
 import os
 import shutil
@@ -21,15 +20,16 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from pathlib import Path
 from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
-from diagnosis_recall import finished
+from diagnosis_recall import finished, kept
 from threadpoolctl import threadpool_limits
 
+from fdbench.cluster import in_processes
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.nominal import load_nominal
 from fdbench.diagnosis.repaired import toml_lines
@@ -40,9 +40,11 @@ from fdbench.record import FloatArray
 from fdbench.trials import seal
 from fdbench.trials.answer import FAILED, OK
 from fdbench.trials.score import NAMED
+from fdbench.virtual_axes.foreign.kinds import MOTOR_SHARE, SCREW_DAMPING
+from fdbench.virtual_axes.foreign.mechanics import TURN
 from fdbench.virtual_axes.foreign.motions import RECIPES, Space
 
-PERIOD_S, TURN = 1e-3, 2.0 * math.pi
+PERIOD_S = 1e-3
 AT_ONCE = 8  # axes in one instance of HAL, which has so many samplers
 MOTIONS, REPEATS = ("speeds", "hard", "multisine"), 2
 REST_S, SMOOTHING_S = 0.3, 0.02  # before each record, not in it; of the commands
@@ -50,7 +52,6 @@ NOBODY = 65534  # LinuxCNC does not run as root
 NEEDED = ("halrun", "halcmd", "halsampler", "halstreamer")
 MODULES = (Path("/usr/lib/linuxcnc/modules"), Path("/usr/realtime/modules/linuxcnc"))
 ONE_IN = 3  # axes on which nothing is planted
-MOTOR_SHARE, SCREW_DAMPING = 0.35, 0.04
 LATE = ("dead_time", "current_loop_lag")  # which make a loop behind a screw ring, that nobody would run
 LACKED = ("two_element_hysteresis", "square_wave_force", "friction_bump")  # by the library
 MODEL, FOLLOWING, HEALTHY = "model.toml", "without_controller.toml", "healthy"
@@ -386,8 +387,9 @@ def shows(folder: Path) -> float:
     return float(np.sqrt(change / noise).max())
 
 
-def run(key: str, folder: Path, drawn: Drawn, with_controller: bool) -> dict[str, Any]:
-    """Return the line of an axis: what is planted, and what is said."""
+def run(task: tuple[str, Path, Drawn], with_controller: bool) -> dict[str, Any]:
+    """Return the line of an axis, of its key, folder and draw: what is planted, and what is said."""
+    key, folder, drawn = task
     start = process_time()
     records = [read_record(file) for file in sorted(folder.glob("*.toml")) if file.name not in (MODEL, FOLLOWING)]
     truth = {"planted": drawn.planted, "size": dict(drawn.size), "shows": shows(folder) if drawn.planted else 0.0}
@@ -479,14 +481,9 @@ def main() -> None:
             recorded(without, [folder / HEALTHY for folder in folders[part]])
             print(f"{min(start + AT_ONCE, given.axes)} axes recorded", flush=True)
     done = finished(given.out)
-    asked = [index for index, key in enumerate(keys) if key not in done]
-    with given.out.open("a", encoding="utf-8") as file, ProcessPoolExecutor(given.jobs) as pool:
-        waiting = [pool.submit(run, keys[n], folders[n], drawn[n], not given.without_controller) for n in asked]
-        for answer in as_completed(waiting):
-            line = answer.result()
-            done[line["key"]] = line
-            file.write(json.dumps(line) + "\n")
-            file.flush()
+    tasks = [task for task in zip(keys, folders, drawn, strict=True) if task[0] not in done]
+    results = in_processes(partial(run, with_controller=not given.without_controller), tasks, given.jobs)
+    done |= {line["key"]: line for line in kept(given.out, results)}
     print_sheet([done[key] for key in keys])
 
 

@@ -10,7 +10,6 @@ tells how well the exact model predicts axes on which nothing is planted. It nee
 """
 
 import argparse
-import json
 import math
 import sys
 import tempfile
@@ -22,7 +21,7 @@ from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
-from diagnosis_recall import finished
+from diagnosis_recall import finished, kept
 from threadpoolctl import threadpool_limits
 
 from fdbench.cluster import in_processes
@@ -108,7 +107,7 @@ EVERYWHERE = {
 }
 
 
-class Machine(NamedTuple):
+class MachineKind(NamedTuple):
     """A kind of axis, the joint of its table, and how MuJoCo integrates it; `AxisKind.steps` in a cycle."""
 
     axis: AxisKind
@@ -118,7 +117,7 @@ class Machine(NamedTuple):
 
 def machine_kind(
     name: str, joint: str, integrator: str, ranges: Mapping[str, tuple[float, float]], **own: Any
-) -> Machine:
+) -> MachineKind:
     """Return a machine with a cascade; its law of friction and integrator are MuJoCo's, those of tier F do nothing."""
     axis = AxisKind(
         name=name,
@@ -129,7 +128,7 @@ def machine_kind(
         unlisted=UNLISTED,
         **{"motor": "linear", "logs": "motor_force_N", **own},
     )
-    return Machine(axis, joint, integrator)
+    return MachineKind(axis, joint, integrator)
 
 
 MACHINES = (
@@ -216,7 +215,7 @@ MACHINES = (
 # ---- the machine and its loop ----
 
 
-def compiled(machine: Machine, value: Mapping[str, float], body: Body, wrong: Mapping[str, float]) -> Any:
+def compiled(machine: MachineKind, value: Mapping[str, float], body: Body, wrong: Mapping[str, float]) -> Any:
     """Return the machine as MuJoCo has it, with what is planted in its bodies, joints and tendons."""
     kind = machine.axis
     table_kg = body.table_mass_kg + body.motor_mass_kg * (not kind.is_elastic) + wrong["payload_kg"]
@@ -286,7 +285,7 @@ class Loop(NamedTuple):
 
 
 def march(
-    machine: Machine,
+    machine: MachineKind,
     value: Mapping[str, float],
     body: Body,
     loop: Loop,
@@ -298,7 +297,7 @@ def march(
 
     Parameters
     ----------
-    machine : Machine
+    machine : MachineKind
     value : mapping
         Its data sheet.
     body : Body
@@ -413,10 +412,10 @@ class Surroundings:
 # ---- one axis ----
 
 
-class Axis:
+class MujocoAxis:
     """A machine with its data sheet, how it really is, and its loop; ``is_exact``: as its data sheet says."""
 
-    def __init__(self, machine: Machine, is_exact: bool, rng: np.random.Generator) -> None:
+    def __init__(self, machine: MachineKind, is_exact: bool, rng: np.random.Generator) -> None:
         value = nominal_values(machine.axis, bool(rng.integers(2)), rng)
         creeping = (1.0 - value["friction_impedance"]) * 0.5 * value["friction_time_s"]
         value["friction_width_m_per_s"] = creeping * value["friction_N"] / value["mass_kg"]
@@ -505,7 +504,7 @@ def of_rotary(tables: Any) -> Any:
     return {rotary_name(name): of_rotary(item) for name, item in tables.items()}
 
 
-def shows(axis: Axis, sound: FloatArray, changed: FloatArray) -> float:
+def shows(axis: MujocoAxis, sound: FloatArray, changed: FloatArray) -> float:
     """Return by how many times its noise the force changes, root mean square; or the stretch of the screw."""
     change = changed - sound
     size = change[:, 2].std() / (axis.value["force_noise_share"] * axis.value["friction_N"])
@@ -515,7 +514,7 @@ def shows(axis: Axis, sound: FloatArray, changed: FloatArray) -> float:
     return float(size)
 
 
-def runs(axis: Axis, command: FloatArray, readings: FloatArray) -> bool:
+def runs(axis: MujocoAxis, command: FloatArray, readings: FloatArray) -> bool:
     """Return whether its owner would run it: it follows, and neither rings nor is loud."""
     follows = np.abs(readings[:, 0] - command[:, 0]).max() < 0.1 * axis.value["travel_m"]
     quiet = np.abs(np.diff(readings[:, 2], n=2)).mean() < 0.05 * scales(axis.value)["peak_N"]
@@ -532,7 +531,7 @@ def draw(number: int, rng: np.random.Generator, is_exact: bool = False) -> Case:
     """
     machine = MACHINES[number % len(MACHINES)]
     role = "nothing" if is_exact else ROLES[(number + number // len(MACHINES)) % len(ROLES)]
-    axis = Axis(machine, is_exact, rng)
+    axis = MujocoAxis(machine, is_exact, rng)
     controller_given = is_exact or bool(rng.integers(2))
     kind = machine.axis
     space = space_of(kind, axis.value)
@@ -698,12 +697,7 @@ def main() -> None:
         return
     done = finished(given.out)
     left = [number for number in range(given.axes) if f"{nonce}:{number}" not in done]
-    of_nonce = partial(run, nonce)
-    with given.out.open("a", encoding="utf-8") as file:
-        for line in in_processes(of_nonce, left, given.jobs) if given.jobs > 1 else map(of_nonce, left):
-            done[line["key"]] = line
-            file.write(json.dumps(line) + "\n")
-            file.flush()
+    done |= {line["key"]: line for line in kept(given.out, in_processes(partial(run, nonce), left, given.jobs))}
     print_sheet([done[f"{nonce}:{number}"] for number in range(given.axes)])
 
 

@@ -8,13 +8,12 @@ Every case is a line of a file, so that a run that was stopped goes on where it 
 """
 
 import argparse
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnosis_recall import causes, finished, rate
+from diagnosis_recall import causes, finished, kept, rate
 from threadpoolctl import threadpool_limits
 
 from fdbench.diagnosis.answer import READING, VALUE
@@ -110,12 +109,9 @@ def main() -> None:
     if given.unseen:
         cases = [(name, case) for name, case in cases if any(file.startswith("holdouts/") for file in case["files"])]
     done = finished(given.out)
-    with given.out.open("a", encoding="utf-8") as file:
-        for name, case in cases:
-            if name not in done:
-                done[name] = run(given.folder, name, case["files"], given.unseen)
-                file.write(json.dumps(done[name]) + "\n")
-                file.flush()
+    left = [(name, case["files"]) for name, case in cases if name not in done]
+    lines = (run(given.folder, name, files, given.unseen) for name, files in left)
+    done |= {line["key"]: line for line in kept(given.out, lines)}
     named = [done[name] for name, _ in cases if causes(done[name])]
     added = [line for line in named if effects_added(line)]
     print(f"{len(cases)} cases, SHA-256 of the code {seal.code_digest()[:12]}")
