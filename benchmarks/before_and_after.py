@@ -12,23 +12,19 @@ import tempfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
-from diagnosis_recall import finished, kept
-from threadpoolctl import threadpool_limits
+from _axes import answered, finished, kept, named, number_of, ranked, words
 
-from fdbench.diagnosis.diagnose import diagnose
-from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.effects import effects
-from fdbench.errors import FdbenchError, SimulationDiverged, UnstableLoop
+from fdbench.errors import SimulationDiverged, UnstableLoop
 from fdbench.nonce import check_nonce, new_nonce
-from fdbench.record import FloatArray, Record
+from fdbench.record import FloatArray
 from fdbench.trials import seal
-from fdbench.trials.answer import FAILED, OK, read_case
+from fdbench.trials.answer import FAILED, read_case
 from fdbench.trials.make import MOST_ATTEMPTS, check_usable, listed_effects, write_case
-from fdbench.trials.score import NAMED, per_effect, per_kind, sheet, table_of, text
+from fdbench.trials.score import per_effect, per_kind, sheet, table_of, text
 from fdbench.virtual_axes.cases import Case, Tier, described, inject
 from fdbench.virtual_axes.foreign import loops
 from fdbench.virtual_axes.foreign.bench import HELD_OUT, ForeignAxis, ForeignBench, record_of
@@ -107,30 +103,8 @@ def run(nonce: str, number: int) -> dict[str, Any]:
             read_case(place, write_case(place, case)) for place, case in zip(places, drawn, strict=True)
         )
     healthy = [record for part in before for record in part]
-    said = {BESIDE: answered(nominal, records, holdouts, healthy), ALONE: answered(nominal, records, holdouts, [])}
+    said = {BESIDE: answered(nominal, records, holdouts, healthy), ALONE: answered(nominal, records, holdouts)}
     return {"key": f"{nonce}:{number}", "truth": drawn.after.truth, "said": said}
-
-
-def answered(
-    nominal: Nominal, records: Sequence[Record], holdouts: Sequence[Record], before: Sequence[Record]
-) -> dict[str, Any]:
-    """Return an answer in the form of a trial's, and how many records have no other of their command before."""
-    start = process_time()
-    none = {"status": FAILED, "effects": {}, "unknown": 0.0, "none": 0.0, "closure": None, "without_baseline": 0}
-    try:
-        with threadpool_limits(1):
-            answer = diagnose(nominal, records, holdouts, baseline=before).answer
-    except FdbenchError as error:
-        return {**none, "seconds": process_time() - start, "message": str(error)}
-    return {
-        "status": OK,
-        "effects": answer.chances(),
-        "unknown": answer.unknown_probability,
-        "none": answer.no_gap_probability,
-        "closure": answer.shrinkage.explained_fraction,
-        "seconds": process_time() - start,
-        "without_baseline": sum("no baseline record" in warning for warning in answer.warnings),
-    }
 
 
 # ---- what is printed ----
@@ -138,7 +112,7 @@ def answered(
 
 def print_scores(lines: Sequence[Mapping[str, Any]], way: str) -> None:
     """Print the score sheet of one way to ask, and the axes on which the planted effect is not the most probable."""
-    names = [line["key"].rsplit(":", 1)[1] for line in lines]
+    names = [number_of(line) for line in lines]
     said = [line["said"][way] for line in lines]
     cases = [{**item, "effects": {name: item["effects"].get(name, 0.0) for name in NAMES}} for item in said]
     manifest = {"effects": NAMES, "cases": dict.fromkeys(names)}
@@ -165,15 +139,16 @@ def print_miss(line: Mapping[str, Any], way: str) -> None:
     """Print an axis on which what is planted is not the most probable, or something is named where nothing is."""
     truth, said = line["truth"], line["said"][way]
     planted = {item["name"]: item["mean_square"] for item in truth["listed"]}
-    order = sorted(said["effects"], key=said["effects"].__getitem__, reverse=True)
-    first = order[0] if order and said["effects"][order[0]] > (0.0 if planted else NAMED) else ""
+    first = next(iter(ranked(said) if planted else named(said)), "")
     if first in planted or not (first or planted):
         return
     there = ", ".join(f"{name} (visible {size:.3g})" for name, size in planted.items()) or "nothing"
-    given = ", ".join(f"{name} {said['effects'][name]:.2f}" for name in order[:3] if said["effects"][name] > 0.0)
-    rest = f"unknown {said['unknown']:.2f}, none {said['none']:.2f}"
-    number = line["key"].rsplit(":", 1)[1]
-    print(f"- axis {number}, {truth['kind']}, {truth['repeats']} repeats: {there}; said: {given or '-'}; {rest}")
+    print(f"- axis {number_of(line)}, {truth['kind']}, {truth['repeats']} repeats: {there}; {words(said)}")
+
+
+def lacks_motion_before(said: Mapping[str, Any]) -> bool:
+    """Return whether a record has none of its motion before, so that nothing cancels there."""
+    return any("no baseline record" in warning for warning in said["warnings"])
 
 
 def main() -> None:
@@ -190,7 +165,7 @@ def main() -> None:
     lines = [done[f"{nonce}:{number}"] for number in range(given.axes)]
     for way in (BESIDE, ALONE):
         print_scores(lines, way)
-    apart = Counter(line["truth"]["kind"] for line in lines if line["said"][BESIDE]["without_baseline"])
+    apart = Counter(line["truth"]["kind"] for line in lines if lacks_motion_before(line["said"][BESIDE]))
     words = ", ".join(f"{kind} ({count})" for kind, count in apart.items()) or "none"
     print(f"\naxes with records whose motion before was another, so that nothing cancels: {words}")
 

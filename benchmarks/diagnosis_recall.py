@@ -7,16 +7,16 @@ Every case is a line of a file, so that a run that was stopped goes on where it 
 import argparse
 import dataclasses
 import itertools
-import json
 import math
 import statistics
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
 import joblib
 import numpy as np
+from _axes import finished, kept
 from threadpoolctl import threadpool_limits
 
 from fdbench.diagnosis.diagnose import diagnose
@@ -393,29 +393,6 @@ def main() -> None:
             print("\n".join(TABLES[kind](own)))
     codes = sorted({line["code"] for line in lines.values()})
     print(f"\nSHA-256 of the code: {words(codes)}")
-
-
-def finished(file: Path) -> dict[str, dict[str, Any]]:
-    """Return the lines of a file by their keys; a last line that was cut off does not count."""
-    found = {}
-    for text in file.read_text("utf-8").splitlines() if file.exists() else []:
-        try:
-            line = json.loads(text)
-        except json.JSONDecodeError:
-            continue
-        found[line["key"]] = line
-    return found
-
-
-def kept(file: Path, lines: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Yield lines as they come, each appended to a file first; what was cut off there stays a line of its own."""
-    with file.open("a", encoding="utf-8") as opened:
-        if opened.tell() and not file.read_bytes().endswith(b"\n"):
-            opened.write("\n")
-        for line in lines:
-            opened.write(json.dumps(line) + "\n")
-            opened.flush()
-            yield line
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ the pins are in mm and forces in N, as in a configuration of LinuxCNC in mm; par
 are 0 by default are of effects that the axis has not.
 """;
 author "fdbench";
-license "GPL";
+license "MIT";
 
 pin in float force "Asked of the motor, N";
 pin out float position "Reading of the motor's encoder, mm";

@@ -22,15 +22,12 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
-from diagnosis_recall import finished, kept
-from threadpoolctl import threadpool_limits
+from _axes import answered, finished, kept, named, number_of, ranked, words
 
 from fdbench.cluster import in_processes
-from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.nominal import load_nominal
 from fdbench.diagnosis.repaired import toml_lines
 from fdbench.errors import FdbenchError
@@ -38,7 +35,7 @@ from fdbench.nonce import check_nonce, new_nonce
 from fdbench.reading import read_record
 from fdbench.record import FloatArray
 from fdbench.trials import seal
-from fdbench.trials.answer import FAILED, OK
+from fdbench.trials.answer import OK
 from fdbench.trials.score import NAMED
 from fdbench.virtual_axes.foreign.kinds import MOTOR_SHARE, SCREW_DAMPING
 from fdbench.virtual_axes.foreign.mechanics import TURN
@@ -390,37 +387,25 @@ def shows(folder: Path) -> float:
 def run(task: tuple[str, Path, Drawn], with_controller: bool) -> dict[str, Any]:
     """Return the line of an axis, of its key, folder and draw: what is planted, and what is said."""
     key, folder, drawn = task
-    start = process_time()
     records = [read_record(file) for file in sorted(folder.glob("*.toml")) if file.name not in (MODEL, FOLLOWING)]
     truth = {"planted": drawn.planted, "size": dict(drawn.size), "shows": shows(folder) if drawn.planted else 0.0}
     truth |= {"elastic": drawn.is_elastic, "previous_target": drawn.previous_target}
     truth |= {"integral": drawn.pid["Igain"] > 0.0, "sticks": drawn.plant["width"] == 0.0}
-    said: dict[str, Any] = {"status": FAILED, "effects": {}, "unknown": 0.0, "none": 0.0}
-    try:
-        with threadpool_limits(1):
-            answer = diagnose(load_nominal(folder / (MODEL if with_controller else FOLLOWING)), records).answer
-    except FdbenchError as error:
-        said["message"] = str(error)
-    else:
-        unknown, none = answer.unknown_probability, answer.no_gap_probability
-        said = {"status": OK, "effects": answer.chances(), "unknown": unknown, "none": none}
-        said["gap"] = answer.sizes()
-    return {"key": key, "truth": truth, "said": {**said, "seconds": process_time() - start}}
+    said = answered(load_nominal(folder / (MODEL if with_controller else FOLLOWING)), records)
+    return {"key": key, "truth": truth, "said": said}
 
 
 def judged(line: Mapping[str, Any]) -> list[tuple[str, bool]]:
     """Return what is asked of an answer, and whether it is so; the first is what counts."""
     planted, said = line["truth"]["planted"], line["said"]
-    chance = said["effects"]
-    first = max(chance, key=chance.__getitem__, default="")
-    is_named = bool(chance) and chance[first] > NAMED
+    is_named = bool(named(said))
     is_silent = said["status"] == OK and not is_named
     if not planted:
         return [("nothing planted: nothing named", is_silent)]
     if planted in LACKED:
         told = is_silent and said["unknown"] > NAMED
         return [("the library lacks it: told as unknown", told), ("the library lacks it: another named", is_named)]
-    comes_first = first == planted and chance[first] > 0.0
+    comes_first = ranked(said)[:1] == [planted]
     return [("of the library: comes first", comes_first), ("of the library: named", comes_first and is_named)]
 
 
@@ -432,16 +417,12 @@ def print_sheet(lines: Sequence[Mapping[str, Any]]) -> None:
         answers = [is_so for found in judgements for asked, is_so in found if asked == name]
         print(f"{name}: {sum(answers)} of {len(answers)}")
     for line, ((_, is_right), *_) in zip(lines, judgements, strict=True):
-        truth, said = line["truth"], line["said"]
-        order = sorted(said["effects"], key=said["effects"].__getitem__, reverse=True)
-        given = ", ".join(f"{name} {said['effects'][name]:.2f}" for name in order[:3]) or said.get("message", "-")
+        truth = line["truth"]
         kind = ", ".join(name for name in ("elastic", "integral", "sticks", "previous_target") if truth[name])
-        gap = "gap {:.3g}, {:.3g} re-calibrated; ".format(*said["gap"]) if "gap" in said else ""
-        number = line["key"].split(":")[1]
         there = f"{truth['planted']} (shows {truth['shows']:.3g})" if truth["planted"] else "nothing"
         print(
-            f"- {'right' if is_right else 'WRONG'}, axis {number} ({kind or 'plain'}): {there}; "
-            f"said: {given}; unknown {said['unknown']:.2f}, none {said['none']:.2f}; {gap}{said['seconds']:.0f} s"
+            f"- axis {number_of(line)} ({kind or 'plain'}): {there}; {'right' if is_right else 'WRONG'}; "
+            f"{words(line['said'])}"
         )
 
 

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnosis_recall import causes, finished, kept, rate
+from _axes import finished, kept
+from diagnosis_recall import causes, rate
 from threadpoolctl import threadpool_limits
 
 from fdbench.diagnosis.answer import READING, VALUE
