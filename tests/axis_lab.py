@@ -12,7 +12,7 @@ from fdbench.plants.feed_drive import FeedDrive, RotaryMotor, Screw, Table
 from fdbench.record import Record
 from fdbench.simulate.system import Noise, Setup, Timing
 
-PERIOD_S = 1e-3
+PERIOD_S, NOISE_M = 1e-3, 3e-8
 
 
 def drive() -> FeedDrive:
@@ -68,12 +68,19 @@ def protocol(factor: float) -> dict[str, tuple[object, float]]:
     }
 
 
-def record(axis: FeedDrive, extra: tuple[Effect, ...], motion: object, duration_s: float, seed: int) -> Record:
+def record(
+    axis: FeedDrive,
+    extra: tuple[Effect, ...],
+    motion: object,
+    duration_s: float,
+    seed: int,
+    noise_m: float = NOISE_M,
+) -> Record:
     """Return what a logger writes."""
     setup = Setup(
         timing=Timing(sampling_time_s=PERIOD_S, duration_s=duration_s, substeps=10),
         motion=motion,  # type: ignore[arg-type]
-        noise=Noise(motor_position_m=3e-8, table_position_m=3e-8),
+        noise=Noise(motor_position_m=noise_m, table_position_m=noise_m),
         unmodelled=extra,
     )
     system = axis.system(setup)
@@ -95,13 +102,15 @@ def repeated(axis: FeedDrive, *extra: Effect) -> list[list[Record]]:
     ]
 
 
-def case(extra: tuple[Effect, ...], seed: int) -> tuple[Nominal, list[Record], list[Record]]:
+def case(extra: tuple[Effect, ...], seed: int, noise_m: float = NOISE_M) -> tuple[Nominal, list[Record], list[Record]]:
     """Return the nominal model, two repeats of each motion, and one held-out record of each kind."""
     axis = as_built(seed)
     fitted = [
-        record(axis, extra, motion, duration, 100 * seed + repeat)
+        record(axis, extra, motion, duration, 100 * seed + repeat, noise_m)
         for motion, duration in protocol(1.0).values()
         for repeat in range(2)
     ]
-    judged = [record(axis, extra, motion, duration, 100 * seed + 50) for motion, duration in protocol(1.3).values()]
+    judged = [
+        record(axis, extra, motion, duration, 100 * seed + 50, noise_m) for motion, duration in protocol(1.3).values()
+    ]
     return Nominal(plant=drive(), simulation=Simulation(substeps=10)), fitted, judged

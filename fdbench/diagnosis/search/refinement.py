@@ -96,18 +96,17 @@ class Refinement:
         self._refined: dict[Hashable, Hypothesis] = {}
 
     def look_closely(self, hypothesis: Hypothesis) -> Hypothesis:
-        """Return a hypothesis fitted anew to readings that few substeps are right for, where these are not.
+        """Return a hypothesis that effects were added to fitted closely, to readings that few substeps are right for.
 
-        Only beside a process force, such as that of a tooth that enters a cut: it comes at once. Where a friction or a
-        play is chaotic, no number of substeps reads what another one does.
+        What a fit that is stuck leaves would be explained by effects that are not there. Other readings are taken only
+        beside a process force, such as that of a tooth that enters a cut: it comes at once. Where a friction or a play
+        is chaotic, no number of substeps reads what another one does.
         """
-        if not any(item.disturbance for item in hypothesis.effects):
-            return hypothesis
-        readings = self.readings.about(hypothesis, self.split.noise_models)
-        if readings is self.readings:
-            return hypothesis
-        self.look_at(readings, self.split)
-        return self.refine(hypothesis)
+        if any(item.disturbance for item in hypothesis.effects):
+            readings = self.readings.about(hypothesis, self.split.noise_models)
+            if readings is not self.readings:
+                self.look_at(readings, self.split)
+        return self.refine(hypothesis, closely=True) if hypothesis.effects else hypothesis
 
     def calibrate(self, given: Hypothesis, *, narrow: bool = False) -> Hypothesis:
         """Fit the nominal parameters: first those that a data sheet has, then the form of friction beside them.
@@ -144,6 +143,7 @@ class Refinement:
         tempered: bool = True,
         ahead: Hypothesis | None = None,
         away_from: Hypothesis | None = None,
+        closely: bool = False,
     ) -> Hypothesis:
         """Fit all numbers of a hypothesis but fixed ones on the training segments in closed loop.
 
@@ -155,11 +155,12 @@ class Refinement:
         predict best, and is compared with nothing, is fitted by all samples as they are, not ``tempered``. From where a
         fit has begun before it ends where it did. One of which ``SEARCH.hopeless`` times what a step promises would not
         come near what a hypothesis ``ahead`` has is given up. So is one whose nominal parameters are nearer to those of
-        what it is to keep ``away_from`` than to those on paper.
+        what it is to keep ``away_from`` than to those on paper. Where no step comes near what it promises, a fit ends,
+        unless it is to look ``closely``: then responses are simulated to numbers moved by less first.
         """
-        begun = given.key, frozenset(fixed), tempered, *(item and item.key for item in (ahead, away_from))
+        begun = given.key, frozenset(fixed), tempered, *(item and item.key for item in (ahead, away_from)), closely
         if begun not in self._refined:
-            self._refined[begun] = self._descended(given, fixed, tempered, ahead, away_from)
+            self._refined[begun] = self._descended(given, fixed, tempered, ahead, away_from, closely)
         return self._refined[begun]
 
     def _descended(
@@ -169,6 +170,7 @@ class Refinement:
         tempered: bool,
         ahead: Hypothesis | None,
         away_from: Hypothesis | None,
+        closely: bool,
     ) -> Hypothesis:
         hypothesis, tangent, kept = given, self.tangent(given), True
         moving = [place for place, item in enumerate(adjustables_of(given)) if item.name not in fixed]
@@ -183,13 +185,15 @@ class Refinement:
             if steps.promise < enough or (ahead is not None and self._is_hopeless(steps, ahead)):
                 break
             hypothesis, fell = self._stepped(steps, given, fresh=fresh, likely=kept, slow=place >= SEARCH.quick)
-            if (fresh and fell < enough) or (away_from and hypothesis.is_nearer_to(away_from)):
+            stuck = fresh and fell < enough
+            ends = tangent.is_fine or not closely
+            if (stuck and ends) or (away_from and hypothesis.is_nearer_to(away_from)):
                 break
             kept = fell >= SEARCH.kept_promise * steps.promise
             if not kept or fell > steps.promise / SEARCH.kept_promise:
                 own = self._own(tangent, given)
                 self._forget(own, given, hypothesis)
-                if tangent.is_fine or (fresh and fell > steps.promise):
+                if tangent.is_fine or stuck or (fresh and fell > steps.promise):
                     tangent = Tangent.at(hypothesis, SEARCH.fine)
                 else:
                     tangent = self.tangent(hypothesis, anew=own.is_about(steps.hypothesis))
