@@ -112,7 +112,8 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     known = (1.0 - models.unknown.probability(unknown)) * (1.0 - deviating.nameless) * stand_ins
     doubt = max(1.0 - known, 1.0 - discount)
     credit = Credit(discount=discount, doubt=doubt, small=JUDGE.small_share * shares.of(repaired))
-    unknown_probability = min(doubt, 1.0 - within_repeats(found, recalibrated))
+    as_repeats = within_repeats(found, recalibrated)
+    unknown_probability = min(doubt, 1.0 - as_repeats)
     causes = [
         *_effects(found, effects, credit, parts),
         *(dataclasses.replace(value, probability=discount * value.probability) for value in deviating.causes),
@@ -124,12 +125,16 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     effect_features_of = {OR.join((item.effect.name, *item.same)): item.features for item in sound}
     claims = {"effect": effect_features_of, "suspect": suspect_features_of, "value": deviating.features}
     within_noise = noise_alone(max(float(reductions.mean()[0]), float(found.where_fitted.mean())))
+    no_gap = max(within_noise, as_repeats)
+    if not any(cause.probability > JUDGE.named for cause in causes):
+        # What is neither told nor no gap has to be something.
+        unknown_probability = max(unknown_probability, nothing(causes, suspects, 0.0) - no_gap)
     return Verdict(
         causes=tuple(causes),
         suspects=tuple(suspects),
         nearest=nearest(found),
         unknown_probability=unknown_probability,
-        no_gap_probability=min(within_noise, nothing(causes, suspects, unknown_probability)),
+        no_gap_probability=min(no_gap, nothing(causes, suspects, unknown_probability)),
         features={**claims, "unknown": {"unknown": unknown}},
         worst=left.worst,
     )
