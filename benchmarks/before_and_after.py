@@ -166,8 +166,8 @@ def main() -> None:
     for way in (BESIDE, ALONE):
         print_scores(lines, way)
     apart = Counter(line["truth"]["kind"] for line in lines if lacks_motion_before(line["said"][BESIDE]))
-    words = ", ".join(f"{kind} ({count})" for kind, count in apart.items()) or "none"
-    print(f"\naxes with records whose motion before was another, so that nothing cancels: {words}")
+    kinds_apart = ", ".join(f"{kind} ({count})" for kind, count in apart.items()) or "none"
+    print(f"\naxes with records whose motion before was another, so that nothing cancels: {kinds_apart}")
 
 
 if __name__ == "__main__":

@@ -80,6 +80,8 @@ LINK_GRAVITY = Imperfection(
     scale={"unbalance_N": "friction_N"},
 )
 ITEMS = {item.name: item for item in (*imperfections().listed, *imperfections().unlisted, LINK_GRAVITY)}
+
+
 # ---- one axis ----
 
 
