@@ -151,7 +151,7 @@ def _diagnosed(
     raw = float(findings.as_given.mean())
     models = models or probability_models.models()
     said = verdict(findings, models)
-    reader = VerdictReader(models=models, unknown=said.unknown_probability, worst=said.worst)
+    reader = VerdictReader(models=models, unknown=said.unknown_probability, worst=said.worst, settled=said.settled())
     forecast = design(readings, split, [*findings.contests, *findings.stages[-1:]], nominal, reader)
     rest = dependences(split.plain, simulated[2], drive)
     answer = Answer(

@@ -44,11 +44,14 @@ class VerdictReader:
         Probability of an unknown cause; where no effect was found, "no further effect" has at most the rest.
     worst : float
         See `fdbench.diagnosis.judge.probability_models.Beside`.
+    settled : float
+        Probability of the surest cause or of no gap, and no more than that of no unknown cause.
     """
 
     models: ProbabilityModels = field(default_factory=confidence.models)
     unknown: float = 0.0
     worst: float = 1.0
+    settled: float = 0.0
 
     def probabilities(self, stage: Stage) -> dict[str, float]:
         """Return the probabilities that the verdict gives to rivals and to none; what lacks to 1 is what it doubts."""

@@ -15,9 +15,13 @@ from fdbench.diagnosis.settings import EXPERIMENT
 def most_open(stages: Sequence[Stage], reader: VerdictReader) -> Stage | None:
     """Return the stage that is furthest from a decision; None where all are decided.
 
-    Beside effects that were found, rivals count only if one of them is there more likely than not.
+    Beside what was found, rivals count only if one of them is there more likely than not: beside effects, and beside a
+    value, what readings show or no gap, if the verdict is sure of it.
     """
-    found = [stage for stage in stages if stage.rivals and (stage.present() >= 0.5 or not stage.base.effects)]
+    is_settled = reader.settled >= EXPERIMENT.sure
+    found = [
+        stage for stage in stages if stage.rivals and (stage.present() >= 0.5 or not (stage.base.effects or is_settled))
+    ]
     surest = [max(reader.probabilities(stage).values()) for stage in found]
     open_ = [(p, stage) for p, stage in zip(surest, found, strict=True) if p < EXPERIMENT.sure]
     return min(open_, key=lambda item: item[0])[1] if open_ else None

@@ -58,6 +58,10 @@ class Verdict:
         """Return the probability of the surest cause or suspect, 0 without any."""
         return max(self.chances().values(), default=0.0)
 
+    def settled(self) -> float:
+        """Return the probability of the surest cause or of no gap, and no more than that of no unknown cause."""
+        return min(max(self.surest(), self.no_gap_probability), 1.0 - self.unknown_probability)
+
     def chances(self) -> dict[str, float]:
         """Return the probability of each effect that is named, suspected or an alternative to one that is named."""
         return chances(self.causes, self.suspects)

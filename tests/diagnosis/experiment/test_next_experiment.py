@@ -150,6 +150,13 @@ def test_effects_that_hardly_compete_beside_a_found_one_are_no_doubt() -> None:
     assert most_open([beside], READER) is None
 
 
+def test_effects_that_hardly_compete_beside_what_the_verdict_is_sure_of_are_no_doubt() -> None:
+    later = stage((SOFT, 1.18), (effects.get("cogging").typical(), 1.19), alone=1.22)
+    assert most_open([later], dataclasses.replace(READER, settled=0.8)) is later
+    assert most_open([later], dataclasses.replace(READER, settled=0.95)) is None
+    assert most_open([later, OPEN], dataclasses.replace(READER, settled=0.95)) is OPEN
+
+
 def test_a_stage_that_decides_more_surely_than_such_claims_have_earned_is_open() -> None:
     poor = stage((GAP, 1.25), alone=1.6, size=0.1)
     assert max(poor.probabilities()) > EXPERIMENT.sure > READER.probabilities(poor)["backlash"]
