@@ -30,6 +30,15 @@ REFRESH_S = 1.0
 WATCHED_S = 1.0  # how often a worker looks whether the process that started it lives
 
 
+@lru_cache(maxsize=1)
+def processors() -> int:
+    """Return how many processors this process may use: what affinity and control groups leave it, or its share."""
+    from joblib import cpu_count
+
+    found: int = cpu_count()
+    return found
+
+
 def in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int) -> Iterator[Result]:
     """Yield the results of tasks as they come from processes on this machine.
 
@@ -41,8 +50,9 @@ def in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], jobs
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import BrokenProcessPool
 
-    ends: Any = {"initializer": _end_with, "initargs": (os.getpid(),)}
-    parallel = Parallel(n_jobs=min(jobs, max(len(tasks), 2)), return_as="generator_unordered", **ends)
+    n_jobs = min(jobs, max(len(tasks), 2))
+    begins: Any = {"initializer": _begin, "initargs": (os.getpid(), max(processors() // n_jobs, 1))}
+    parallel = Parallel(n_jobs=n_jobs, return_as="generator_unordered", **begins)
     try:
         yield from parallel(delayed(function)(task) for task in tasks)
     except BrokenProcessPool as error:
@@ -50,6 +60,12 @@ def in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], jobs
             "a worker process died, by a crash in compiled code or for want of memory. What was finished is kept; "
             "start again with --jobs 1 to see where it is."
         ) from error
+
+
+def _begin(parent: int, share: int) -> None:
+    """Let this process use a share of the processors, and end with the one that started it."""
+    os.environ["LOKY_MAX_CPU_COUNT"] = str(share)
+    _end_with(parent)
 
 
 def _end_with(parent: int) -> None:

@@ -33,6 +33,8 @@ except ImportError:  # on Windows each process compiles for itself
     fcntl = None  # type: ignore[assignment]
 
 INTERLEAVE = "-force-vector-interleave"  # of LLVM; 0: as it sees fit
+UNROLLED = "-unroll-full-max-count"  # of LLVM: turns up to which a loop is written out, which then is no vector
+MOST_UNROLLED, WITHOUT_END = 4, 2**32 - 1
 LONGEST_WAIT_S, LOOK_AGAIN_S = 60.0, 0.02
 
 FIXED = {"_operator", "builtins", "cmath", "math", "numba", "numpy", "operator"}
@@ -86,7 +88,8 @@ def optimised(dispatcher: Any, level: int, interleaved: int = 0) -> Any:
     """Compile a function at a level of LLVM other than numba's 3, and with loops interleaved as often as told.
 
     A lower level suits long straight code better. A chain of divisions and polynomials that depend on each other waits
-    for each; where vectors of several turns of a loop take theirs at once, they wait together. No sum is reordered.
+    for each; where vectors of several turns of a loop take theirs at once, they wait together. Short loops become
+    vectors, too, instead of being written out lane by lane. No sum is reordered.
     """
     if isinstance(dispatcher, Dispatcher):
         compiler = cast(Any, dispatcher)._compiler
@@ -96,11 +99,13 @@ def optimised(dispatcher: Any, level: int, interleaved: int = 0) -> Any:
             config = cast(Any, numba.config)
             usual, config.OPT = config.OPT, type(config.OPT)(level)
             llvm.set_option("fdbench", f"{INTERLEAVE}={interleaved}")
+            llvm.set_option("fdbench", f"{UNROLLED}={MOST_UNROLLED if interleaved else WITHOUT_END}")
             try:
                 return compile_fully(arguments, returned)
             finally:
                 config.OPT = usual
                 llvm.set_option("fdbench", f"{INTERLEAVE}=0")
+                llvm.set_option("fdbench", f"{UNROLLED}={WITHOUT_END}")
 
         compiler.compile = compile_so
     return dispatcher

@@ -1,9 +1,12 @@
 """Processes that work for a command."""
 
+import os
 import subprocess
 import sys
 import time
 from pathlib import Path
+
+import pytest
 
 WORK = """
 import os
@@ -19,6 +22,18 @@ def work(seconds):
 
 for worker in in_processes(work, [0.0, 0.0, 600.0, 600.0], 2):
     print(worker, flush=True)
+"""
+
+
+SHARE = """
+from fdbench.cluster import in_processes, processors
+
+
+def share(_):
+    return processors()
+
+
+print(processors(), *in_processes(share, [0, 1, 2], 2))
 """
 
 
@@ -41,3 +56,17 @@ def test_workers_end_with_the_process_that_was_killed(tmp_path: Path) -> None:
     while any(map(is_alive, workers)) and time.monotonic() < end:
         time.sleep(0.1)
     assert not any(map(is_alive, workers))
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="affinity is that of Linux")
+def test_each_worker_uses_a_share_of_the_processors_that_the_process_may_use(tmp_path: Path) -> None:
+    file = tmp_path / "share.py"
+    file.write_text(SHARE)
+    allowed = os.sched_getaffinity(0)
+    several = subprocess.run([sys.executable, str(file)], capture_output=True, text=True, check=True).stdout.split()
+    pinned = f"import os; os.sched_setaffinity(0, {{{min(allowed)}}})\n"
+    file.write_text(pinned + SHARE)
+    alone = subprocess.run([sys.executable, str(file)], capture_output=True, text=True, check=True).stdout.split()
+    assert int(several[0]) <= len(allowed)
+    assert several[1:] == 3 * [str(max(int(several[0]) // 2, 1))]
+    assert alone == 4 * ["1"]

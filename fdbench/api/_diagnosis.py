@@ -1,6 +1,5 @@
 """``diagnose`` as a function."""
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from fdbench.api._table import frame
 from fdbench.checks.plugin_files import add_effects
+from fdbench.cluster import processors
 from fdbench.diagnosis.answer import Answer
 from fdbench.diagnosis.diagnose import Diagnosis, write_experiment
 from fdbench.diagnosis.diagnose import diagnose as find
@@ -192,7 +192,7 @@ def diagnose(
         return DiagnosisResult(find(nominal, fitted, judged, progress, None, before))
     from fdbench.trials.machine_calibration import calibration
 
-    learned = calibration(nominal, fitted, judged, calibrate, progress, jobs or os.cpu_count() or 1)
+    learned = calibration(nominal, fitted, judged, calibrate, progress, jobs or processors())
     found = find(nominal, fitted, judged, progress, learned.models, before)
     answer = replace(found.answer, virtual_machines=learned.outcome(found.features))
     return DiagnosisResult(replace(found, answer=answer))

@@ -1,6 +1,5 @@
 """``run`` and ``compare`` as functions."""
 
-import os
 import shutil
 import tempfile
 import weakref
@@ -19,6 +18,7 @@ from fdbench.benchmark.statistics import rankings, standings
 from fdbench.benchmark.store import Store
 from fdbench.benchmark.suite import SEEDS, Suite, in_suite
 from fdbench.checks.plugin_files import add_effects, distinct
+from fdbench.cluster import processors
 from fdbench.errors import SpecError, UnknownName
 from fdbench.report import cards
 from fdbench.report._plotly import ranking_figure
@@ -161,7 +161,7 @@ def run(
         sealed=sealed,
         nonce=nonce,
         first_seed=first_seed,
-        jobs=jobs or (1 if scheduler else os.cpu_count() or 1),
+        jobs=jobs or (1 if scheduler else processors()),
         scheduler=scheduler,
         keep_estimates=keep_estimates,
         time_limit_s=time_limit_s,

@@ -1,11 +1,11 @@
 """``fdbench trial``."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from fdbench.cluster import processors
 from fdbench.commands._json import echo_json
 from fdbench.commands._options import Jobs, Json, Scheduler, names_of, writable
 from fdbench.commands._say import say
@@ -43,7 +43,7 @@ def trial_make(
     if tier.upper() not in list(Tier):
         raise SpecError(f"tier: unknown tier '{tier}'.{did_you_mean(tier.upper(), list(Tier))}")
     with Console(stderr=True).status("making") as status:
-        manifest = make(folder, key, Tier(tier.upper()), count, nonce, status.update, jobs or os.cpu_count() or 1)
+        manifest = make(folder, key, Tier(tier.upper()), count, nonce, status.update, jobs or processors())
     say(f"{len(manifest['cases'])} cases of tier {manifest['tier']} in {folder}; key in {key}.")
 
 
@@ -64,9 +64,7 @@ def trial_answer(
     from fdbench.trials.diagnoser import diagnosers
 
     with Console(stderr=True).status("answering") as status:
-        found = answer(
-            folder, diagnosers.resolve(diagnoser), output, status.update, scheduler, jobs or os.cpu_count() or 1
-        )
+        found = answer(folder, diagnosers.resolve(diagnoser), output, status.update, scheduler, jobs or processors())
     failed = sum(case["status"] != "ok" for case in found["cases"].values())
     say(f"{len(found['cases'])} cases answered by {found['diagnoser']}, {failed} failed: {output}")
 
@@ -109,7 +107,7 @@ def trial_learn(
         raise SpecError(f"--key: {len(key)} for {len(folders)} folders; give one for each, in their order.")
     with Console(stderr=True).status("learning") as status:
         before = probability_models.models() if further else None
-        found = learn(list(zip(folders, key, strict=True)), output, status.update, before, jobs or os.cpu_count() or 1)
+        found = learn(list(zip(folders, key, strict=True)), output, status.update, before, jobs or processors())
     for words in found.left_out:
         say(f"left out, for it cannot be diagnosed: {words}")
     for kind in KINDS:

@@ -184,8 +184,8 @@ def advance(
     logged : (n_columns,) array of int
         What is handed out of the rows from COMMANDED_X on.
     normal : (n_blocks, n_random, NORMAL_COLUMNS * LANES) array
+        Random numbers of each sample; n_random of 0 where nothing is noisy.
     uniform : (n_blocks, n_random, n, LANES) array
-        Random numbers of each sample.
     out : (n_samples, n_columns, n_blocks, LANES) array, written
     """
     h = period / substeps
@@ -199,7 +199,7 @@ def advance(
                 w[COMMANDED_X + i] = reference[row, 0] + w[DISPLACEMENT + i]
                 w[COMMANDED_V + i] = reference[row, 1]
                 w[COMMANDED_A + i] = reference[row, 2]
-            for place in range(NORMAL_COLUMNS * LANES):
+            for place in range(NORMAL_COLUMNS * LANES if normal.shape[1] > 0 else 0):
                 w[NORMAL_MOTOR + place] = normal[block, first + k, place]
             flat = uniform[block, first + k]
             measure_and_control(w, calls, first_calls, period, flat)

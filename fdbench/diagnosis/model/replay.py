@@ -3,7 +3,6 @@
 import copy
 import dataclasses
 import itertools
-import os
 from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -15,6 +14,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.cluster import processors
 from fdbench.diagnosis.model.commands import LoopCommands
 from fdbench.diagnosis.records.runs import DEFLECTION, FORCE, RecordedRun
 from fdbench.effects import Effect
@@ -95,7 +95,7 @@ class Memory:
 
 @lru_cache(maxsize=1)
 def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(os.cpu_count(), "replay")
+    return ThreadPoolExecutor(processors(), "replay")
 
 
 class Replay:
@@ -135,7 +135,7 @@ class Replay:
             places = (place for place, other in enumerate(self.kinds) if other is kind and place not in self._known)
             self._known.append(next(places))
         n_uniform = max(1, sum(kind.random for kind in self.kinds))
-        self._no_noise = np.zeros((1, PIECE, layout.NORMAL_COLUMNS * WIDTH)), np.ones((1, PIECE, n_uniform, WIDTH))
+        self._no_noise = np.zeros((1, 0, layout.NORMAL_COLUMNS * WIDTH)), np.ones((1, PIECE, n_uniform, WIDTH))
         self._last = {kind: place for place, kind in enumerate(self.kinds)}  # of a kind, is no known one
         self._stepper = compose(self.kinds, WIDTH)
         self._lanes: Lanes = WeakKeyDictionary()
@@ -155,9 +155,7 @@ class Replay:
     def fill(self, replayed: Sequence[Replayed]) -> None:
         """Simulate several runs of one clock, lanes of different ones side by side, and fill in what is read."""
         lanes = [
-            _ReplayLane(
-                variant=variant, run=item.run, channels={name: own[place] for name, own in item.channels.items()}
-            )
+            _ReplayLane(variant=variant, replayed=item, row=place)
             for item in replayed
             for variant, place in zip(item.variants, item.places, strict=True)
         ]
@@ -254,21 +252,19 @@ class Replay:
             ahead = room_ahead(len(calls[0]), self._steps_of_a_loop)
             settings = self._steps_of_a_loop, cycle, *calls, ahead, commands.rows, logged
             until_next = min(left[place] for place in working)
-            filled = {
-                name: [
-                    (place, lane.run.n_samples - left[place], lane.channels[name]) for place, lane in working.items()
-                ]
-                for name in lanes[0].channels
-            }
+            begins = {place: lane.run.n_samples - left[place] for place, lane in working.items()}
+            together = [
+                (own, begins[own.start], working[own.start].rows(own)) for own in _side_by_side(working, begins)
+            ]
             for start in range(0, until_next, PIECE // self.loops):
                 n = min(PIECE // self.loops, until_next - start)
                 self._stepper.advance(blocks.flat, 0, n * self.loops, *settings, *self._no_noise, out)
-                for name, rows in filled.items():
+                for name in lanes[0].replayed.channels:
                     found = motor[:, :n] - scale[:, :n] if name == DEFLECTION else read_from[name][:, :n]
-                    for place, begin, channel in rows:
+                    for places, begin, rows in together:
                         first = begin + start
                         before = min(max(-first, 0), n)
-                        channel[first + before : first + n] = found[place, before:]
+                        rows[name][:, first + before : first + n] = found[places, before:]
             for place, lane in working.items():
                 left[place] -= until_next
                 if left[place] == 0:
@@ -278,28 +274,56 @@ class Replay:
 def _parts(lanes: Sequence["_ReplayLane"]) -> list[Sequence["_ReplayLane"]]:
     """Return lanes in as many parts as there are processors, but at least a block's and whole blocks in each."""
     lengths = np.array([len(lane.run.command) for lane in lanes])
-    n = min(os.cpu_count() or 1, len(lanes) // WIDTH) or 1
+    most = len(lanes) // WIDTH
+    n = min(processors(), most) if most > 1 else 1
     ends = np.searchsorted(np.cumsum(lengths), lengths.sum() * np.arange(1, n) / n)
     ends = [0, *(WIDTH * np.unique(np.round(ends / WIDTH))).astype(int).tolist(), len(lanes)]
     return [lanes[first:last] for first, last in itertools.pairwise(ends) if first < last]
 
 
+def _side_by_side(working: Mapping[int, "_ReplayLane"], begins: Mapping[int, int]) -> list[slice]:
+    """Return the places in a block, a slice for lanes that go on in rows behind each other, from the same sample."""
+    found: list[slice] = []
+    for place, lane in sorted(working.items()):
+        before = working.get(place - 1)
+        if before is not None and lane.follows(before) and begins[place] == begins[place - 1]:
+            found[-1] = slice(found[-1].start, place + 1)
+        else:
+            found.append(slice(place, place + 1))
+    return found
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _ReplayLane:
-    """One lane: a variant, the run that it follows, and each channel of it, (n_samples,), to be filled."""
+    """One lane: a variant, what it follows, and its row in each channel of that."""
 
     variant: Variant
-    run: RecordedRun
-    channels: Mapping[str, FloatArray]
+    replayed: Replayed
+    row: int
+
+    @property
+    def run(self) -> RecordedRun:
+        """The run that is followed."""
+        return self.replayed.run
+
+    def follows(self, other: "_ReplayLane") -> bool:
+        """Return whether the lane's row is the next one after another's."""
+        return self.replayed is other.replayed and self.row == other.row + 1
+
+    def rows(self, places: slice) -> dict[str, FloatArray]:
+        """Return, in each channel, the rows of as many lanes that begin with this one."""
+        last = self.row + places.stop - places.start
+        return {name: own[self.row : last] for name, own in self.replayed.channels.items()}
 
     def read_apart(self) -> None:
         """Move readings, in place, to the zeros that encoders count from, and to when the force is read."""
-        if self.variant.zeros_apart_m != 0.0 and DEFLECTION in self.channels:
-            deflection = self.channels[DEFLECTION]
+        channels = self.replayed.channels
+        if self.variant.zeros_apart_m != 0.0 and DEFLECTION in channels:
+            deflection = channels[DEFLECTION][self.row]
             deflection += self.variant.zeros_apart_m
         share = self.variant.force_read_late_s / self.run.period_s
         if share != 0.0:
-            force = self.channels[FORCE]
+            force = channels[FORCE][self.row]
             force[1:] -= share * np.diff(force)
 
     def held(self) -> dict[str, float]:

@@ -92,13 +92,18 @@ class Search:
         return second if gain > stage.base.cost_of_a_cause else None
 
     def stage(self, base: Hypothesis) -> Stage | None:
-        """Rank all classes of effects as the next one; None where the base leaves noise alone, and does not strain."""
+        """Rank all classes of effects as the next one; None where there is nothing to be explained by any.
+
+        So it is where the base does not strain, and leaves noise alone, or not much of which no class takes anything.
+        """
         before = self._screen(base, (), self.split.fitted)
         # Values that strain may hide an effect where noise alone is left, too.
         strains = base.named_penalty() > base.cost_of_a_cause
         if before.alone.train < SEARCH.noise_alone and not strains:
             return None
         every, fits = self._fitted_linearly(base, before.gap)
+        if before.alone.train < SEARCH.unexplained and not strains and not _takes_any(base, fits, before.alone):
+            return None
         sized, alone = self._sized(base, every, fits)
         worthwhile, unhidden = _worthwhile(base, sized, alone), self._unhidden(base, every)
         hypotheses, ahead = [], self.refinement.better(base, [base, *unhidden.values()])
@@ -122,8 +127,7 @@ class Search:
         fitted = self.split.fitted
         every = candidates(base, located(self.readings, self.split, base), self.split.runs[0].period_s)
         if len(fitted) > 1:  # most that is too large is seen to be so on a part of the records
-            shortest = min(fitted, key=lambda place: self.split.runs[place].n_samples)
-            every = _not_oversized(every, self._screen(base, every, [shortest]).sizes, gap)
+            every = _not_oversized(every, self._screen(base, every, [self._shortest]).sizes, gap)
         screened = self._screen(base, every, fitted)
         fits = screened.fits
         smaller = _not_oversized(every, screened.sizes, gap)
@@ -200,7 +204,8 @@ class Search:
         given = base.as_on_paper()
         if base.apart_from(given) <= SEARCH.strained:
             return {}
-        best = self._best_of_class(given, every, self._screen(given, every, self.split.fitted).fits)
+        tried = self._foremost_of_class(given, every)
+        best = self._best_of_class(given, tried, self._screen(given, tried, self.split.fitted).fits)
         costs = {kind: _cost(given, fit.train, fit) for kind, (_, fit) in best.items()}
         found, ahead = {}, base
         for kind in sorted(costs, key=costs.__getitem__)[: SEARCH.unhidden]:
@@ -392,6 +397,19 @@ class Search:
                 best[candidate.kind], costs[candidate.kind] = (scaled, fit), cost
         return best
 
+    def _foremost_of_class(self, base: Hypothesis, every: Sequence[Candidate]) -> list[Candidate]:
+        """Return the best candidate of the best classes on the shortest record, where others are fitted, too."""
+        if len(self.split.fitted) < 2:
+            return [*every]
+        best = self._best_of_class(base, every, self._screen(base, every, [self._shortest]).fits)
+        costs = {kind: _cost(base, fit.train, fit) for kind, (_, fit) in best.items()}
+        return [best[kind][0] for kind in sorted(costs, key=costs.__getitem__)[: SEARCH.rescaled]]
+
+    @property
+    def _shortest(self) -> int:
+        """The shortest of the runs that are fitted."""
+        return min(self.split.fitted, key=lambda place: self.split.runs[place].n_samples)
+
     def _starts(self, base: Hypothesis, hypothesis: Hypothesis, candidate: Candidate) -> list[Hypothesis]:
         """Return where a refinement begins: also at a smaller size, where the fitted one is worse than no effect.
 
@@ -420,6 +438,12 @@ class _Screened:
 def _linear(base: Hypothesis, candidate: Candidate, fit: Fit) -> Hypothesis:
     """Return a base with a candidate of one member as it is fitted linearly."""
     return base.with_effect(candidate.members[0], candidate.replaces).moved(fit.coefficients)
+
+
+def _takes_any(base: Hypothesis, fits: Sequence[Fit], alone: Fit) -> bool:
+    """Return whether any fit of what is fitted falls below that of the base alone by what may be evidence."""
+    least = min((_cost(base, fit.train, fit) for fit in fits), default=math.inf)
+    return _cost(base, alone.train, alone) - least >= SEARCH.smallest_fall
 
 
 def _worthwhile(base: Hypothesis, sized: Mapping[type[Effect], tuple[Candidate, Fit]], alone: Fit) -> set[type[Effect]]:

@@ -17,6 +17,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis, penalty, start
 from fdbench.diagnosis.model.nominal import Covered, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import Replay, Replayed
+from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.search.refinement import Refinement, Tangent, _Steps
 from fdbench.diagnosis.search.search import Search, foremost
 from fdbench.diagnosis.search.stage import Rival, Stage, ranked
@@ -63,6 +64,16 @@ def test_an_effect_is_reviewed_beside_the_rivals_that_it_was_chosen_from() -> No
 
 def test_noise_alone_needs_no_round() -> None:
     assert search().stage(start(NOMINAL)) is None
+
+
+@pytest.mark.parametrize(("of_floor", "is_judged"), [(0.85, False), (0.6, True)])
+def test_what_no_class_takes_anything_of_needs_no_round_unless_much_is_left(of_floor: float, is_judged: bool) -> None:
+    own = search()
+    quieter = {name: white(rms * of_floor, measured=True) for name, rms in search_lab.FLOORS.items()}
+    split = dataclasses.replace(own.split, noise_models=quieter)
+    stage = Search(Refinement(own.readings, split)).stage(start(NOMINAL))
+    assert (stage is not None) == is_judged
+    assert stage is None or stage.is_last()
 
 
 def test_values_that_strain_are_searched_beside_noise_alone() -> None:
