@@ -27,7 +27,7 @@ from fdbench.diagnosis.search.stage import (
     ranked,
     told,
 )
-from fdbench.diagnosis.settings import SEARCH
+from fdbench.diagnosis.settings import JUDGE, SEARCH
 from fdbench.effects import Effect
 
 
@@ -94,7 +94,8 @@ class Search:
     def stage(self, base: Hypothesis) -> Stage | None:
         """Rank all classes of effects as the next one; None where there is nothing to be explained by any.
 
-        So it is where the base does not strain, and leaves noise alone, or not much of which no class takes anything.
+        So it is where the base does not strain and leaves noise alone, or where no value of it may be a cause and no
+        class takes anything of what it leaves, if that is not much.
         """
         before = self._screen(base, (), self.split.fitted)
         # Values that strain may hide an effect where noise alone is left, too.
@@ -102,7 +103,8 @@ class Search:
         if before.alone.train < SEARCH.noise_alone and not strains:
             return None
         every, fits = self._fitted_linearly(base, before.gap)
-        if before.alone.train < SEARCH.unexplained and not strains and not _takes_any(base, fits, before.alone):
+        is_near = base.apart_from(base.as_on_paper()) <= JUDGE.beyond_doubt
+        if before.alone.train < SEARCH.unexplained and is_near and not _takes_any(base, fits, before.alone):
             return None
         sized, alone = self._sized(base, every, fits)
         worthwhile, unhidden = _worthwhile(base, sized, alone), self._unhidden(base, every)
