@@ -129,7 +129,8 @@ class Search:
         fitted = self.split.fitted
         every = candidates(base, located(self.readings, self.split, base), self.split.runs[0].period_s)
         if len(fitted) > 1:  # most that is too large is seen to be so on a part of the records
-            every = _not_oversized(every, self._screen(base, every, [self._shortest]).sizes, gap)
+            shortest = min(fitted, key=lambda place: self.split.runs[place].n_samples)
+            every = _not_oversized(every, self._screen(base, every, [shortest]).sizes, gap)
         screened = self._screen(base, every, fitted)
         fits = screened.fits
         smaller = _not_oversized(every, screened.sizes, gap)
@@ -206,8 +207,7 @@ class Search:
         given = base.as_on_paper()
         if base.apart_from(given) <= SEARCH.strained:
             return {}
-        tried = self._foremost_of_class(given, every)
-        best = self._best_of_class(given, tried, self._screen(given, tried, self.split.fitted).fits)
+        best = self._best_of_class(given, every, self._screen(given, every, self.split.fitted).fits)
         costs = {kind: _cost(given, fit.train, fit) for kind, (_, fit) in best.items()}
         found, ahead = {}, base
         for kind in sorted(costs, key=costs.__getitem__)[: SEARCH.unhidden]:
@@ -398,19 +398,6 @@ class Search:
             if scaled is not None and cost < costs.get(candidate.kind, math.inf):
                 best[candidate.kind], costs[candidate.kind] = (scaled, fit), cost
         return best
-
-    def _foremost_of_class(self, base: Hypothesis, every: Sequence[Candidate]) -> list[Candidate]:
-        """Return the best candidate of the best classes on the shortest record, where others are fitted, too."""
-        if len(self.split.fitted) < 2:
-            return [*every]
-        best = self._best_of_class(base, every, self._screen(base, every, [self._shortest]).fits)
-        costs = {kind: _cost(base, fit.train, fit) for kind, (_, fit) in best.items()}
-        return [best[kind][0] for kind in sorted(costs, key=costs.__getitem__)[: SEARCH.rescaled]]
-
-    @property
-    def _shortest(self) -> int:
-        """The shortest of the runs that are fitted."""
-        return min(self.split.fitted, key=lambda place: self.split.runs[place].n_samples)
 
     def _starts(self, base: Hypothesis, hypothesis: Hypothesis, candidate: Candidate) -> list[Hypothesis]:
         """Return where a refinement begins: also at a smaller size, where the fitted one is worse than no effect.
