@@ -104,7 +104,7 @@ class Search:
             return None
         every, fits = self._fitted_linearly(base, before.gap)
         is_near = base.apart_from(base.as_on_paper()) <= JUDGE.beyond_doubt
-        if before.alone.train < SEARCH.unexplained and is_near and not _takes_any(base, fits, before.alone):
+        if is_near and not _takes_any(base, fits, before.alone) and self._most_left(base) < SEARCH.unexplained:
             return None
         sized, alone = self._sized(base, every, fits)
         worthwhile, unhidden = _worthwhile(base, sized, alone), self._unhidden(base, every)
@@ -123,6 +123,11 @@ class Search:
         return self.contested(
             base, [item if item[-1] else self._looked_at_again(base, *item[:2]) for item in hypotheses]
         )
+
+    def _most_left(self, base: Hypothesis) -> float:
+        """Return the misfit of a base where it is fitted or where it is judged, whichever is more."""
+        evidence = gather(self.readings, self.split, base, ())
+        return max(float(evidence.misfits(held_out=part)[0]) for part in (True, False))
 
     def _fitted_linearly(self, base: Hypothesis, gap: float) -> tuple[list[Candidate], list[Fit]]:
         """Return all candidates, none by far larger than the gap, and the linear fits of what is fitted with them."""
