@@ -259,7 +259,7 @@ class Replay:
             for start in range(0, until_next, PIECE // self.loops):
                 n = min(PIECE // self.loops, until_next - start)
                 self._stepper.advance(blocks.flat, 0, n * self.loops, *settings, *self._no_noise, out)
-                for name in lanes[0].replayed.channels:
+                for name in lanes[0].run.channels:
                     found = motor[:, :n] - scale[:, :n] if name == DEFLECTION else read_from[name][:, :n]
                     for places, begin, rows in together:
                         first = begin + start
@@ -274,8 +274,7 @@ class Replay:
 def _parts(lanes: Sequence["_ReplayLane"]) -> list[Sequence["_ReplayLane"]]:
     """Return lanes in as many parts as there are processors, but at least a block's and whole blocks in each."""
     lengths = np.array([len(lane.run.command) for lane in lanes])
-    most = len(lanes) // WIDTH
-    n = min(processors(), most) if most > 1 else 1
+    n = min(processors(), len(lanes) // WIDTH) or 1
     ends = np.searchsorted(np.cumsum(lengths), lengths.sum() * np.arange(1, n) / n)
     ends = [0, *(WIDTH * np.unique(np.round(ends / WIDTH))).astype(int).tolist(), len(lanes)]
     return [lanes[first:last] for first, last in itertools.pairwise(ends) if first < last]
