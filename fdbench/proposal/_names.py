@@ -67,6 +67,9 @@ _ODRIVE = {
     r"\bIq_": "A",
 }
 
+# Programmers of controllers begin names with the type of the value.
+_TYPE = re.compile(r"(?<![A-Za-z])(?:[bfinruwx]|di|lr|ui)(?=([A-Z][a-z]{2,}[A-Za-z]*))")
+
 
 @dataclass(frozen=True)
 class LogColumn:
@@ -106,7 +109,7 @@ def column(name: str, values: FloatArray, unit: str, label: str, clock: str) -> 
     for pattern, odrive in _ODRIVE.items():
         if not known and re.search(pattern, name):
             known, why = odrive, "ODrive counts so"
-    said = f"{_words(stem)} {label.lower()}"
+    said = f"{_words(_without_type(stem))} {label.lower()}"
     quantity = next((key for key, pattern in _QUANTITIES.items() if re.search(pattern, said)), "")
     if known and quantity != "error":
         share = "output" if quantity == "output" else ""  # such as a torque in per cent
@@ -125,6 +128,20 @@ def turns(unit: str) -> bool:
     (True, False)
     """
     return bool(unit) and _MEASURED.get(si_unit(unit, unit)[0], ("", False))[1]
+
+
+def _without_type(text: str) -> str:
+    """Return a name without the letters of a type before what says by itself what is measured.
+
+    >>> _without_type("Axis.fSetPosition"), _without_type("iSoll")
+    ('Axis.SetPosition', 'iSoll')
+    """
+
+    def rest(found: re.Match[str]) -> str:
+        says = any(re.search(pattern, _words(found[1])) for pattern in _QUANTITIES.values())
+        return "" if says else found[0]
+
+    return _TYPE.sub(rest, text)
 
 
 def _words(text: str) -> str:

@@ -135,6 +135,28 @@ def twincat(record: Record, file: Path, mark: str = "\t", shared: bool = False) 
     file.write_text("\n".join([*lines, "EOF"]) + "\n", "utf-8")
 
 
+def codesys_trace(record: Record, file: Path, flags: int = 16, scatter_us: int = 0, cycles: int = 1) -> None:
+    """One variable after the other, each with its times; one ends a sample earlier, another is a text."""
+    columns = in_file_units(record)
+    ticks = {16: 1, 32: 1000}[flags & 48]
+    lines = [
+        "[key]; [value]",
+        "Version; 0x03050000",
+        "IecTaskName; EtherCAT_Task",
+        "Comment; ",
+        f"EveryNCycles; {cycles}",
+    ]
+    lines += ["BufferEntries; 5000", f"Flags; {flags}"]
+    variables = [("fSetPosition", "command"), ("fActPosition", "position"), ("fSetTorque", "torque")]
+    for number, (name, key) in enumerate([*variables, ("bPower", ""), ("sState", "")]):
+        lines += [f"{number}.Variable; GVL.Axis_X.{name}", f"{number}.Class; 14", f"{number}.Data; "]
+        for place in range(record.n_samples - (name == "bPower")):
+            time = 2 + ticks * place + (place * 7919 % (2 * scatter_us + 1) - scatter_us if scatter_us else 0)
+            value = {"bPower": "TRUE", "sState": "'ready; on'"}.get(name) or repr(float(columns[key][place]))
+            lines.append(f"; {max(time, 0)}; {value}")
+    file.write_bytes(("\n".join(lines) + "\n").replace("\n;", "\r\n;").encode("utf-8-sig"))
+
+
 def odrive_csv(record: Record, file: Path) -> None:
     """A user's own table of ODrive's values: turns, and amperes at 0.5 N m/A; names as in its API."""
     turns = {name: record[name] / 0.01 for name in ("reference_position_m", "position_m")}
@@ -269,6 +291,8 @@ WRITERS: dict[str, tuple[str, Callable[[Record, Path], None]]] = {
     "halsampler -t": ("a.log", lambda record, file: halsampler(record, file, tag=True)),
     "twincat": ("a.csv", twincat),
     "twincat, shared times": ("a.csv", lambda record, file: twincat(record, file, ";", shared=True)),
+    "codesys, ms": ("a.csv", codesys_trace),
+    "codesys, us that scatter": ("a.csv", lambda record, file: codesys_trace(record, file, 36, scatter_us=40)),
     "mdf": ("a.mf4", mdf),
     "mcap, JSON": ("a.mcap", mcap_json),
     "ROS 2 bag": ("bag/bag.db3", ros2_bag),

@@ -369,6 +369,7 @@ def test_a_measured_axis_in_two_commands(tmp_path: Path) -> None:
 CUTS = {
     "trace.xml": (log_writers.sinumerik, "not valid XML.*The file was cut there"),
     "scope.csv": (log_writers.twincat, "The file was cut"),
+    "trace.csv": (log_writers.codesys_trace, "The file was cut there: remove the line"),
     "hal.txt": (log_writers.halsampler, "The file was cut there: remove the line|numbers, the first row"),
     "a.mf4": (log_writers.mdf, "not an MDF file, or a damaged one"),
     "a.mcap": (log_writers.mcap_json, "not an MCAP file, or a damaged one"),
@@ -397,6 +398,10 @@ def test_cut_files_are_said_to_be(name: str, record: Record, tmp_path: Path) -> 
         ("a.xml", b"<traceSession></traceSession>", "without values"),
         ("a.xml", b"<traceSession><rec time='0' f1='2'/></traceSession>", "has no or an unknown f1"),
         ("a.csv", b"Name\tx\nFile\ty\nName\tch\nSampleTime[ms]\t1\n\n0\tx\n", "line 6: 'x' is not a number"),
+        ("a.csv", b"[key]; [value]\nFlags; 16\n0.Variable; x\n0.Data; \n", "a trace without samples"),
+        ("a.csv", b"[key]; [value]\nFlags; 16\n; 2; 1.5\n", "line 3: '; 2; 1.5' is no sample"),
+        ("a.csv", b"[key]; [value]\nFlags; 16\n0.Data; \n; x; 1.5\n", "line 4: '; x; 1.5' is no sample"),
+        ("a.csv", b"[key]; [value]\nFlags; 4\n0.Data; \n; 2; 1.5\n", "Flags is '4', which says neither"),
         ("a.csv", b"Name,x\nFile,y\nName,ch\nSampleTime[ms],1\n", "cells between ','"),
         ("a.txt", b"1.0 2.0 \n1.0 2.0 \n1.0 2.0 \n1.0 x \n", "line 1 holds 2 numbers, but no line above it as many n"),
         (
