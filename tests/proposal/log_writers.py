@@ -135,25 +135,19 @@ def twincat(record: Record, file: Path, mark: str = "\t", shared: bool = False) 
     file.write_text("\n".join([*lines, "EOF"]) + "\n", "utf-8")
 
 
-def codesys_trace(record: Record, file: Path, flags: int = 16, scatter_us: int = 0, cycles: int = 1) -> None:
+def codesys_trace(record: Record, file: Path, flags: int = 16, scatter_us: int = 0) -> None:
     """One variable after the other, each with its times; one ends a sample earlier, another is a text."""
     columns = in_file_units(record)
     ticks = {16: 1, 32: 1000}[flags & 48]
-    lines = [
-        "[key]; [value]",
-        "Version; 0x03050000",
-        "IecTaskName; EtherCAT_Task",
-        "Comment; ",
-        f"EveryNCycles; {cycles}",
-    ]
+    lines = ["[key]; [value]", "Version; 0x03050000", "IecTaskName; EtherCAT_Task", "Comment; ", "EveryNCycles; 1"]
     lines += ["BufferEntries; 5000", f"Flags; {flags}"]
     variables = [("fSetPosition", "command"), ("fActPosition", "position"), ("fSetTorque", "torque")]
     for number, (name, key) in enumerate([*variables, ("bPower", ""), ("sState", "")]):
         lines += [f"{number}.Variable; GVL.Axis_X.{name}", f"{number}.Class; 14", f"{number}.Data; "]
         for place in range(record.n_samples - (name == "bPower")):
-            time = 2 + ticks * place + (place * 7919 % (2 * scatter_us + 1) - scatter_us if scatter_us else 0)
+            time = 50 + ticks * place + place * 7919 % (2 * scatter_us + 1) - scatter_us
             value = {"bPower": "TRUE", "sState": "'ready; on'"}.get(name) or repr(float(columns[key][place]))
-            lines.append(f"; {max(time, 0)}; {value}")
+            lines.append(f"; {time}; {value}")
     file.write_bytes(("\n".join(lines) + "\n").replace("\n;", "\r\n;").encode("utf-8-sig"))
 
 

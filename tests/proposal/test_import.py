@@ -402,6 +402,11 @@ def test_cut_files_are_said_to_be(name: str, record: Record, tmp_path: Path) -> 
         ("a.csv", b"[key]; [value]\nFlags; 16\n; 2; 1.5\n", "line 3: '; 2; 1.5' is no sample"),
         ("a.csv", b"[key]; [value]\nFlags; 16\n0.Data; \n; x; 1.5\n", "line 4: '; x; 1.5' is no sample"),
         ("a.csv", b"[key]; [value]\nFlags; 4\n0.Data; \n; 2; 1.5\n", "Flags is '4', which says neither"),
+        (
+            "a.csv",
+            b"[key]; [value]\nFlags; " + b"9" * 5000 + b"\n0.Data; \n; 2; 1\n",
+            "Flags is '99999999999999999999', w",
+        ),
         ("a.csv", b"Name,x\nFile,y\nName,ch\nSampleTime[ms],1\n", "cells between ','"),
         ("a.txt", b"1.0 2.0 \n1.0 2.0 \n1.0 2.0 \n1.0 x \n", "line 1 holds 2 numbers, but no line above it as many n"),
         (

@@ -118,6 +118,20 @@ def text_of(file: Path) -> str:
     raise RecordError(f"{file}: neither UTF-8 nor Windows-1252: {fault}. Save it as UTF-8.")
 
 
+def whole_lines_of(file: Path) -> list[str]:
+    """Return the lines of a file of text whose producer ends each.
+
+    Raises
+    ------
+    RecordError
+        As `text_of`; or if the last one has no end.
+    """
+    text = text_of(file)
+    if not text.endswith("\n"):
+        raise RecordError(f"{file}: the last line has no end. The file was cut there: remove the line.")
+    return text.splitlines()
+
+
 def _has_utf_16_letters(head: bytes) -> bool:
     """Return whether every other byte is 0, and none between them, as in western letters of UTF-16."""
     halves = head[0::2], head[1::2]

@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 from fdbench.errors import RecordError
 from fdbench.reading.formats._cells import number_in
 from fdbench.reading.formats._format import Log, Raw, unique
-from fdbench.reading.formats._text import text_of
+from fdbench.reading.formats._text import whole_lines_of
 from fdbench.record import FloatArray
 
 HEAD = "[key]; [value]"
 TICKS_S = {16: 1e-3, 32: 1e-6}  # by the bits of Flags
+TRUTHS = {"TRUE": 1.0, "FALSE": 0.0}
 SCATTER = 0.5  # of a cycle, by which its time may be off and still be that cycle's
 _TIME = re.compile("-?[0-9]{1,18}")
+_FLAGS = re.compile("[0-9]{1,9}")
 
 
 @final
@@ -71,13 +73,10 @@ class CodesysTrace(Log):
 
 def _parts(file: Path) -> tuple[dict[str, str], dict[str, list[tuple[int, str]]]]:
     """Return the keys of the head, and the times and texts of the samples of each variable, by its number."""
-    text = text_of(file)
-    if not text.endswith("\n"):
-        raise RecordError(f"{file}: the last line has no end. The file was cut there: remove the line.")
     head: dict[str, str] = {}
     samples: dict[str, list[tuple[int, str]]] = {}
     rows: list[tuple[int, str]] | None = None
-    for number, line in enumerate(text.splitlines()[1:], 2):
+    for number, line in enumerate(whole_lines_of(file)[1:], 2):
         key, _, rest = line.partition(";")
         if not line.strip():
             continue
@@ -98,7 +97,7 @@ def _parts(file: Path) -> tuple[dict[str, str], dict[str, list[tuple[int, str]]]
 
 def _tick_s(flags: str, file: Path) -> float:
     """Return the unit of the times."""
-    bits = int(flags) if flags.isdecimal() else 0
+    bits = int(flags) if _FLAGS.fullmatch(flags) else 0
     found = [tick_s for bit, tick_s in TICKS_S.items() if bits & bit]
     if len(found) != 1:
         raise RecordError(
@@ -109,7 +108,7 @@ def _tick_s(flags: str, file: Path) -> float:
 
 
 def _value(text: str) -> float:
-    return {"TRUE": 1.0, "FALSE": 0.0}[text] if text in ("TRUE", "FALSE") else number_in(text)
+    return TRUTHS[text] if text in TRUTHS else number_in(text)
 
 
 def _of_cycles(times: FloatArray, tick_s: float) -> tuple[FloatArray, float]:

@@ -9,7 +9,7 @@ import numpy as np
 from fdbench.errors import RecordError
 from fdbench.reading.formats._cells import number_in
 from fdbench.reading.formats._format import Log, Raw
-from fdbench.reading.formats._text import text_of
+from fdbench.reading.formats._text import whole_lines_of
 
 _ROW = re.compile(rb"overrun|[-+\d.naif]+( [-+\d.naif]+)* ?")
 FEWEST_ROWS = 3
@@ -51,10 +51,7 @@ class Halsampler(Log):
         rows: list[list[float]] = []
         lines: list[int] = []
         gaps: list[int] = []
-        text = text_of(file)
-        if not text.endswith("\n"):
-            raise RecordError(f"{file}: the last line has no end. The file was cut there: remove the line.")
-        for number, line in enumerate(text.splitlines(), 1):
+        for number, line in enumerate(whole_lines_of(file), 1):
             if line.strip() == "overrun":
                 gaps.append(len(rows))
                 continue
