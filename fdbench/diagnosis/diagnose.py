@@ -23,6 +23,7 @@ from fdbench.diagnosis.judge.cause_sets import cause_set
 from fdbench.diagnosis.judge.cause_types import cause_types
 from fdbench.diagnosis.judge.false_alarms import false_alarms
 from fdbench.diagnosis.judge.findings import Findings
+from fdbench.diagnosis.judge.encoder_delay import late_encoder_warnings
 from fdbench.diagnosis.judge.gap import gap_of, noise_floor
 from fdbench.diagnosis.judge.localise import Gaps, where
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
@@ -35,7 +36,6 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
-from fdbench.diagnosis.records.encoder_clocks import encoder_clock_warnings
 from fdbench.diagnosis.records.plausibility import clock_warnings
 from fdbench.diagnosis.records.runs import FORCE, merged
 from fdbench.diagnosis.search.beside_the_known import beside_the_known
@@ -304,9 +304,8 @@ def _searched(
     calibrated = last.refine(calibrated, tempered=False)
     simulated = readings.replay.on_each(ready.runs, calibrated.variant)
     clocks = [text for run, own in zip(ready.runs, simulated, strict=True) for text in clock_warnings(run, own)]
-    clocks += encoder_clock_warnings(ready.runs, simulated)
-    ready = dataclasses.replace(ready, warnings=[*ready.warnings, *clocks])
     final = last.predicting_best(weighed, calibrated).as_it_acts() if weighed.effects else calibrated
+    ready = dataclasses.replace(ready, warnings=[*ready.warnings, *clocks, *late_encoder_warnings(final)])
     reductions = reductions_of(readings, plain, calibrated, final)
     findings = Findings(
         search=search,
@@ -358,8 +357,8 @@ def calibrated_on(
 
     What is left to doubt is what changes on one machine: see `fdbench.diagnosis.settings.BaselineSettings`.
     """
-    # A lag of every day is in what the baseline leaves; once known, no later one could be found.
-    on_paper = dataclasses.replace(nominal.uncertainty, loop_lag=0.0)
+    # What is late every day is in what the baseline leaves; once known, no later force could be found.
+    on_paper = dataclasses.replace(nominal.uncertainty, loop_lag=0.0, encoder_delay=0.0)
     ready = aligned(dataclasses.replace(nominal, uncertainty=on_paper), records, ())
     runs = merged(ready.runs)
     split = Split(
@@ -378,7 +377,7 @@ def calibrated_on(
     # Another day changes no screw, whatever the model had on paper.
     of_a_day = dataclasses.asdict(BASELINE)
     offset_N = of_a_day.pop("force_offset") * ready.nominal.force_offset_N
-    fixed = dict.fromkeys(("known_phase", "stiffness", "damping", "loop_lag"), 0.0)
+    fixed = dict.fromkeys(("known_phase", "stiffness", "damping", "loop_lag", "encoder_delay"), 0.0)
     doubt = Uncertainty(**of_a_day, **fixed, force_offset_N=offset_N)
     known = dataclasses.replace(as_nominal(model), uncertainty=doubt)
     return known, Baseline(runs=runs, residuals=residuals, artefacts=ready.artefacts)

@@ -26,7 +26,7 @@ def measure_and_control(w, calls, first_calls, period, uniform):
         w[T + i] = w[INDEX + i] * period
         through = w[NOISE_THROUGH_ENCODERS + i]
         w[READ_MOTOR + i] = w[X_M + i] + through * (w[NOISE_MOTOR + i] * w[NORMAL_MOTOR + i])
-        table = w[X_T + i] - w[RIGID + i] * w[OFFSET + i]
+        table = w[X_T + i] - w[RIGID + i] * w[OFFSET + i] - w[TABLE_LATE + i] * w[V_T + i]
         w[READ_TABLE + i] = table + through * (w[NOISE_TABLE + i] * w[NORMAL_TABLE + i])
         w[READ_HELD + i] = w[HELD + i]
     motor_encoder(w, calls, first_calls, period, X_M, V_M, READ_MOTOR, uniform)

@@ -23,6 +23,8 @@ ROWS: tuple[str, ...] = (
     *("STIFFNESS", "DAMPING", "RIGID", "POSITION_LIMIT", "VELOCITY_LIMIT", "LOGGED_PER_N"),
     *("NOISE_MOTOR", "NOISE_TABLE", "NOISE_VELOCITY", "NOISE_EQUATION", "NOISE_COMMAND"),
     "NOISE_THROUGH_ENCODERS",
+    # By how much the table is read late, of which its reading has the first order.
+    "TABLE_LATE",
     # Row of the reference with which a lane begins, and how far its positions are displaced; controller.
     *("FIRST_ROW", "DISPLACEMENT", "USE_TABLE", "DIFFERENCE_SPAN", "POSITION_GAIN"),
     *("VELOCITY_OF_TABLE", "VELOCITY_FILTER", "POSITION_LOOP_CYCLES"),

@@ -110,14 +110,16 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
             default=0.0,
         ),
     )
-    # What is left of the gap, a gain that is not as set, and a part of an effect that is none without the rest speak
-    # for an unknown cause independently of each other.
+    # What is left of the gap, a value that is off and has no name, and a part of an effect that is none without the
+    # rest speak for an unknown cause independently of each other.
     stand_ins = math.prod(1.0 - item.in_part * item.probability for item in effects)
-    known = (1.0 - models.unknown.probability(unknown)) * (1.0 - deviating.nameless) * stand_ins
-    doubt = max(1.0 - known, 1.0 - discount)
+    known = (1.0 - models.unknown.probability(unknown)) * stand_ins
+    of_the_rest, as_repeats = max(1.0 - known, 1.0 - discount), within_repeats(found, recalibrated)
+    has_a_name = 1.0 - deviating.nameless
+    doubt = 1.0 - (1.0 - of_the_rest) * has_a_name
     credit = Credit(discount=discount, doubt=doubt, small=JUDGE.small_share * shares.of(repaired))
-    as_repeats = within_repeats(found, recalibrated)
-    unknown_probability = min(doubt, 1.0 - as_repeats)
+    # A value without a name is off, however little it leaves.
+    unknown_probability = 1.0 - (1.0 - min(of_the_rest, 1.0 - as_repeats)) * has_a_name
     causes = [
         *_effects(found, effects, credit, parts),
         *(dataclasses.replace(value, probability=discount * value.probability) for value in deviating.causes),

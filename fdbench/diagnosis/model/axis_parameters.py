@@ -250,3 +250,33 @@ class EncoderZeros(NominalParameter):
 
     def text(self, drive: FeedDrive, shift: float) -> str:
         return si_text(self.zeros_apart_m(shift), self.unit)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class EncoderDelay(NominalParameter):
+    """By how much later than the motor's position the table's is read; its deviation is in seconds.
+
+    Two encoders come by two ways, and no data sheet says how long either takes. What is later by far is a cause that no
+    effect of the library is.
+    """
+
+    kind = "encoder_delay"
+    unit = "s"
+    stated = False
+    changes_from_run_to_run = False
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        deviation = nominal.uncertainty.encoder_delay * nominal.covered.period_s
+        seen = nominal.covered.two_positions and nominal.drive.screw is not None
+        return [cls(name=cls.kind, deviation=deviation)] if seen and deviation > 0.0 else []
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        return drive, ()
+
+    def table_read_late_s(self, shift: float) -> float:
+        return shift * self.deviation
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        return si_text(self.table_read_late_s(shift), self.unit)

@@ -92,6 +92,8 @@ class Uncertainty:
         either way.
     velocity_filter : float
         Of the time constant of a cascade's filter of the velocity, in sampling times.
+    encoder_delay : float
+        Of the time by which the table's position is read after the motor's, in sampling times, where both are logged.
     loop_lag : float
         Of the time by which the force follows its command, in sampling times; beside a lag that is known, of a dead
         time. Below 0 it is the time by which the force is read after the position.
@@ -112,6 +114,7 @@ class Uncertainty:
     controller_gains: float = nonnegative(default=0.02)
     reference_delay: float | None = nonnegative(default=None)
     velocity_filter: float = nonnegative(default=0.1)
+    encoder_delay: float = nonnegative(default=0.02)
     loop_lag: float = nonnegative(default=0.05)
     force_offset_N: float | None = nonnegative(default=None)
 

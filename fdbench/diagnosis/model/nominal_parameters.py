@@ -3,7 +3,15 @@
 import functools
 from collections.abc import Sequence
 
-from fdbench.diagnosis.model.axis_parameters import Damping, EncoderZeros, ForceOffset, Mass, Stiffness, Viscous
+from fdbench.diagnosis.model.axis_parameters import (
+    Damping,
+    EncoderDelay,
+    EncoderZeros,
+    ForceOffset,
+    Mass,
+    Stiffness,
+    Viscous,
+)
 from fdbench.diagnosis.model.friction_parameters import (
     BristleStiffness,
     FrictionForm,
@@ -29,6 +37,7 @@ KINDS: Sequence[type[NominalParameter]] = (
     BristleStiffness,
     ForceOffset,
     EncoderZeros,
+    EncoderDelay,
     FrictionForm,
     FrictionSide,
     ReferenceDelay,
