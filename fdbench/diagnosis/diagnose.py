@@ -21,9 +21,9 @@ from fdbench.diagnosis.experiment.proposal import design
 from fdbench.diagnosis.judge import probability_models
 from fdbench.diagnosis.judge.cause_sets import cause_set
 from fdbench.diagnosis.judge.cause_types import cause_types
+from fdbench.diagnosis.judge.encoder_delay import late_encoder_warnings
 from fdbench.diagnosis.judge.false_alarms import false_alarms
 from fdbench.diagnosis.judge.findings import Findings
-from fdbench.diagnosis.judge.encoder_delay import late_encoder_warnings
 from fdbench.diagnosis.judge.gap import gap_of, noise_floor
 from fdbench.diagnosis.judge.localise import Gaps, where
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
