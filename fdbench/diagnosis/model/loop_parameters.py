@@ -1,5 +1,6 @@
 """Nominal parameters of a loop: a cascade's gains, how late its reference of the velocity is, and the force."""
 
+import math
 from abc import abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self, final
@@ -13,7 +14,14 @@ from fdbench.plants.feed_drive import Cascade, FeedDrive, Following
 from fdbench.units import unit_of
 from fdbench.wording import si_text
 
-GAINS = ("position_gain_per_s", "velocity_gain_N_s_per_m", "integral_gain_N_per_m")
+GAINS = {
+    "position_gain_per_s": math.inf,
+    "velocity_gain_N_s_per_m": math.inf,
+    "integral_gain_N_per_m": math.inf,
+    "velocity_feedforward": 2.0,
+    "acceleration_feedforward_kg": math.inf,
+}
+"""Those that may be off, with the highest that a model may have."""
 LONGEST_DELAY_S = 0.1  # that a model may have
 
 
@@ -158,18 +166,24 @@ class LoopLag(NominalParameter):
 @final
 @dataclass(frozen=True, kw_only=True)
 class ControllerGain(_OfACascade):
-    """A gain of the controller, in its own unit; its deviation is relative."""
+    """A gain of the controller, in its own unit, not above ``highest``; its deviation is relative."""
 
     kind = "controller_gain"
     unit = ""
+    highest: float
 
     @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
         controller, deviation = nominal.drive.controller, nominal.uncertainty.controller_gains
         if not isinstance(controller, Cascade) or deviation == 0.0:
             return []
-        return [cls(name=name, deviation=deviation) for name in GAINS if getattr(controller, name) != 0.0]
+        return [
+            cls(name=name, deviation=deviation, highest=highest)
+            for name, highest in GAINS.items()
+            if getattr(controller, name) != 0.0
+        ]
 
     def value(self, drive: FeedDrive, shift: float) -> float:
         """Return the gain."""
-        return float(getattr(drive.controller, self.name)) * max(1.0 + shift * self.deviation, MODEL.smallest_ratio)
+        moved = float(getattr(drive.controller, self.name)) * max(1.0 + shift * self.deviation, MODEL.smallest_ratio)
+        return min(moved, self.highest)
