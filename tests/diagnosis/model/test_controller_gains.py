@@ -73,7 +73,8 @@ def test_what_is_known_exactly_or_is_zero_is_not_moved() -> None:
 
 def test_no_gain_turns_its_sign_and_none_is_higher_than_a_model_may_have() -> None:
     far = start(nominal())
-    low, high = (far.moved(np.full(len(far.shifts), shift)).variant.plant.controller for shift in (-1e3, 1e3))
+    moves = np.array([isinstance(item, ControllerGain) for item in nominal_parameters(nominal())])
+    low, high = (far.moved(shift * moves).variant.plant.controller for shift in (-1e6, 1e6))
     for name in OFF:
         smallest = MODEL.smallest_ratio * getattr(axis_lab.drive().controller, name)
         assert getattr(low, name) == pytest.approx(smallest, rel=1e-12)
