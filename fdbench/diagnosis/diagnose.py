@@ -21,11 +21,11 @@ from fdbench.diagnosis.experiment.proposal import design
 from fdbench.diagnosis.judge import probability_models
 from fdbench.diagnosis.judge.cause_sets import cause_set
 from fdbench.diagnosis.judge.cause_types import cause_types
-from fdbench.diagnosis.judge.encoder_delay import late_encoder_warnings
 from fdbench.diagnosis.judge.false_alarms import false_alarms
 from fdbench.diagnosis.judge.findings import Findings
 from fdbench.diagnosis.judge.gap import gap_of, noise_floor
 from fdbench.diagnosis.judge.localise import Gaps, where
+from fdbench.diagnosis.judge.nameless_values import nameless_warnings
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
 from fdbench.diagnosis.judge.process_force import process_forces, unsteady_forces
 from fdbench.diagnosis.judge.reduction import Reductions, channel_gaps, parametric, reductions_of, shrinkage
@@ -305,7 +305,7 @@ def _searched(
     simulated = readings.replay.on_each(ready.runs, calibrated.variant)
     clocks = [text for run, own in zip(ready.runs, simulated, strict=True) for text in clock_warnings(run, own)]
     final = last.predicting_best(weighed, calibrated).as_it_acts() if weighed.effects else calibrated
-    ready = dataclasses.replace(ready, warnings=[*ready.warnings, *clocks, *late_encoder_warnings(final)])
+    ready = dataclasses.replace(ready, warnings=[*ready.warnings, *clocks, *nameless_warnings(final)])
     reductions = reductions_of(readings, plain, calibrated, final)
     findings = Findings(
         search=search,

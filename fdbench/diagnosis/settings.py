@@ -127,7 +127,6 @@ class ModelSettings:
         10.0, "deviations by which the position may be read before the force, half a sample, without a controller"
     )
     most_lag: float = number(3.0, "deviations by which the force may follow its command late, and no more")
-    most_filter: float = number(2.0, "deviations by which the filter of the velocity may be slower, and no more")
     most_delay: float = number(2.0, "deviations by which the velocity's reference may be late or early, and no more")
     untold_delay: float = number(0.25, "sampling times by which a velocity's reference that is not logged may be late")
     zeros_apart_m: float = number(1e-5, "standard deviation of what the zeros of two encoders are still apart")

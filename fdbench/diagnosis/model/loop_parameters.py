@@ -82,14 +82,13 @@ class ReferenceDelay(_OfACascade):
 class VelocityFilter(_OfACascade):
     """Time constant of the filter of the velocity, ``given_s`` in the model; its deviation is in seconds.
 
-    Drives smooth the velocity that they difference, and not every data sheet says so; what smooths much is a cause.
+    Drives smooth the velocity that they difference, and not every data sheet says so. What smooths by far more is a
+    cause that no effect of the library is.
     """
 
     kind = "velocity_filter"
     unit = "s"
     stated = False
-    nuisance = True
-    limited = True
     field = "velocity_filter_s"
     given_s: float
 
@@ -102,7 +101,7 @@ class VelocityFilter(_OfACascade):
 
     @property
     def room(self) -> tuple[float, float]:
-        return -min(self.given_s / self.deviation, MODEL.most_filter), MODEL.most_filter
+        return -self.given_s / self.deviation, math.inf
 
     def value(self, drive: FeedDrive, shift: float) -> float:
         """Return the time constant (s)."""

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.evidence.prepare import aligned
-from fdbench.diagnosis.judge.encoder_delay import late_encoder_warnings
+from fdbench.diagnosis.judge.nameless_values import nameless_warnings
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
@@ -48,7 +48,7 @@ def test_a_table_is_read_where_it_was_so_much_earlier(late_s: float) -> None:
 @pytest.mark.parametrize("late_s", [-4e-4, 1.5e-4, 1e-3])
 def test_a_late_encoder_is_told_with_its_delay(late_s: float) -> None:
     _, *parts = axis_lab.case((), seed=1)
-    (text,) = late_encoder_warnings(calibrated(*([read_late(item, late_s) for item in part] for part in parts)))
+    (text,) = nameless_warnings(calibrated(*([read_late(item, late_s) for item in part] for part in parts)))
     assert ("before" if late_s < 0.0 else "after") + " motor_position_m" in text
     (found,) = re.findall(r"late_s = (\S+)`", text)
     assert float(found) == pytest.approx(late_s, rel=0.05)
@@ -59,7 +59,7 @@ def test_a_late_encoder_is_told_with_its_delay(late_s: float) -> None:
 )
 def test_no_effect_is_a_late_encoder(name: str) -> None:
     _, fitted, judged = axis_lab.case((effects.get(name).typical(),), seed=2)
-    assert late_encoder_warnings(calibrated(fitted, judged)) == []
+    assert nameless_warnings(calibrated(fitted, judged)) == []
 
 
 @pytest.mark.parametrize("name", [None, "inertia_mismatch"])
