@@ -16,7 +16,8 @@ def at_likely_rate(best: Calibrated, anew: Callable[[Simulation], Aligned]) -> C
     """Return the re-calibrated model at the rate of its loop that is told, or else at the likeliest.
 
     Controllers often act two or four times between samples of their log, and are late by less then. A rate is taken
-    where it brings more than naming a cause costs; a loop as fast as the log, which leaves noise alone, is.
+    where it brings more than naming a cause costs, and a higher one beside it where it brings more at all; a loop as
+    fast as the log, which leaves noise alone, is.
 
     Parameters
     ----------
@@ -31,7 +32,7 @@ def at_likely_rate(best: Calibrated, anew: Callable[[Simulation], Aligned]) -> C
     for loops in SEARCH.loops:
         if best.misfit < SEARCH.noise_alone:
             break
-        tried = best.surpassed_by(_at_rate(ready, loops, anew))
+        tried = best.surpassed_by(_at_rate(ready, loops, anew), as_likely=best.ready is not ready)
         if tried is None:
             break
         best = tried
