@@ -46,8 +46,9 @@ class Calibrated:
     def surpassed_by(self, ready: Aligned, *, late: bool = False, as_likely: bool = False) -> "Calibrated | None":
         """Return another model re-calibrated, where it brings more than naming a cause costs; else None.
 
-        One that is ``as_likely`` beforehand has to bring no more than this one. It is not fitted where noise alone is left, or where a linear fit about what was found here does not promise
-        that. Both may be ``late``, by more than the trace that each loop is, where that could be taken for the other.
+        One that is ``as_likely`` beforehand has to bring no more than this one. It is not fitted where noise alone is
+        left, or where a linear fit about what was found here does not promise that. Both may be ``late``, by more than
+        the trace that each loop is, where that could be taken for the other.
         """
         own = self._if_late() if late else self
         enough = own.cost - (0.0 if as_likely else own.hypothesis.cost_of_a_cause)
