@@ -120,8 +120,9 @@ class Search:
         stage = self.contested(base, hypotheses)
         if not stage.is_last() or before.alone.train < SEARCH.unexplained:
             return stage
+        fruitful = {rival.kind for rival in stage.rivals if rival.refined and stage.gain(rival) > 0.0}
         return self.contested(
-            base, [item if item[-1] else self._looked_at_again(base, *item[:2]) for item in hypotheses]
+            base, [item if item[0] in fruitful else self._looked_at_again(base, *item[:2]) for item in hypotheses]
         )
 
     def _most_left(self, base: Hypothesis) -> float:
@@ -189,7 +190,7 @@ class Search:
     def _looked_at_again(
         self, base: Hypothesis, kind: type[Effect], linear: Hypothesis
     ) -> tuple[type[Effect], Hypothesis, bool]:
-        """Return a class that was only fitted linearly, refined from its usual size, if that is better.
+        """Return a class that was only fitted linearly, or refined in vain, from its usual size, if that is better.
 
         What is far from proportional to its size, such as a resonance that moves, shows nothing in a linear fit. What
         stands in place of a known effect has no other size.
