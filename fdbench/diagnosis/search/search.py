@@ -120,7 +120,7 @@ class Search:
         stage = self.contested(base, hypotheses)
         if not stage.is_last() or before.alone.train < SEARCH.unexplained:
             return stage
-        fruitful = {rival.kind for rival in stage.rivals if rival.refined and stage.gain(rival) > 0.0}
+        fruitful = {rival.kind for rival in stage.rivals if rival.refined and stage.gain(rival) >= SEARCH.smallest_gain}
         return self.contested(
             base, [item if item[0] in fruitful else self._looked_at_again(base, *item[:2]) for item in hypotheses]
         )

@@ -144,6 +144,21 @@ def test_a_class_that_shows_nothing_in_a_linear_fit_is_refined_from_its_usual_si
     assert value == pytest.approx(40.0, rel=0.15)
 
 
+def test_a_class_that_was_refined_in_vain_is_refined_from_its_usual_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Near the edge of stability a response says nothing of an effect of any size, and a fit stays where it began."""
+    true = effects.get("axial_compliance").typical(stiffness_loss_percent=40.0)
+
+    def stuck(_: Search, base: Hypothesis, candidate: Candidate, *others: object) -> Hypothesis:
+        return base.with_effect(candidate.members[0].scaled(1e-3))
+
+    monkeypatch.setattr(Search, "_refined", stuck)
+    stage = search(true).stage(start(NOMINAL))
+    assert stage is not None
+    assert stage.misfit >= SEARCH.unexplained
+    assert stage.rivals[0].kind.declared is type(true)
+    assert stage.gain(stage.rivals[0]) > 0.9
+
+
 def test_probabilities_of_a_round_by_hand() -> None:
     """Evidence is M to the power of -n/2 for each; that there is none is as likely beforehand as the whole library."""
     base = start(NOMINAL)
