@@ -151,7 +151,13 @@ def test_a_class_that_was_refined_in_vain_is_refined_from_its_usual_size(monkeyp
     def stuck(_: Search, base: Hypothesis, candidate: Candidate, *others: object) -> Hypothesis:
         return base.with_effect(candidate.members[0].scaled(1e-3))
 
+    contested = Search.contested
+
+    def alone(own: Search, base: Hypothesis, found: Sequence[tuple[type[Effect], Hypothesis, bool]]) -> Stage:
+        return contested(own, base, [item for item in found if item[0].declared is type(true)])
+
     monkeypatch.setattr(Search, "_refined", stuck)
+    monkeypatch.setattr(Search, "contested", alone)
     stage = search(true).stage(start(NOMINAL))
     assert stage is not None
     assert stage.misfit >= SEARCH.unexplained
