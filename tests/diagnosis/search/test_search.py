@@ -158,11 +158,13 @@ def test_a_class_that_was_refined_in_vain_is_refined_from_its_usual_size(monkeyp
 
     monkeypatch.setattr(Search, "_refined", stuck)
     monkeypatch.setattr(Search, "contested", alone)
-    stage = search(true).stage(start(NOMINAL))
+    own = search(true)
+    quieter = {name: white(0.5 * rms, measured=True) for name, rms in search_lab.FLOORS.items()}
+    stage = Search(Refinement(own.readings, dataclasses.replace(own.split, noise_models=quieter))).stage(start(NOMINAL))
     assert stage is not None
     assert stage.misfit >= SEARCH.unexplained
     assert stage.rivals[0].kind.declared is type(true)
-    assert stage.gain(stage.rivals[0]) > 0.9
+    assert stage.gain(stage.rivals[0]) > 0.8
 
 
 def test_probabilities_of_a_round_by_hand() -> None:
