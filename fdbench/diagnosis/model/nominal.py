@@ -114,7 +114,7 @@ class Uncertainty:
     controller_gains: float = nonnegative(default=0.02)
     reference_delay: float | None = nonnegative(default=None)
     velocity_filter: float = nonnegative(default=0.1)
-    encoder_delay: float = nonnegative(default=0.02)
+    encoder_delay: float = nonnegative(default=0.002)
     loop_lag: float = nonnegative(default=0.05)
     force_offset_N: float | None = nonnegative(default=None)
 
