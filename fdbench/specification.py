@@ -54,7 +54,7 @@ def _interval(low: float, high: float) -> str:
 def check_bounds(specification: Any) -> None:
     """Raise a SpecError if a number of a dataclass is not finite or lies outside its declared bounds."""
     kind: type = type(specification)
-    for name, low, high in _declared_bounds(kind):
+    for name, (low, high) in declared_bounds(kind).items():
         value = getattr(specification, name)
         if not isinstance(value, int | float) or isinstance(value, bool):
             continue
@@ -64,10 +64,10 @@ def check_bounds(specification: Any) -> None:
 
 
 @functools.cache
-def _declared_bounds(kind: type) -> tuple[tuple[str, float, float], ...]:
-    """Return name and closed interval of each field of a dataclass that declares one."""
+def declared_bounds(kind: type) -> Mapping[str, tuple[float, float]]:
+    """Return the closed interval of each field of a dataclass that declares one, by its name."""
     fields = [field for field in dataclasses.fields(kind) if "low" in field.metadata]
-    return tuple((field.name, field.metadata["low"], field.metadata["high"]) for field in fields)
+    return {field.name: (field.metadata["low"], field.metadata["high"]) for field in fields}
 
 
 def _short(value: float) -> str:

@@ -11,18 +11,17 @@ from fdbench.diagnosis.model.nominal_parameter import Changed, NominalParameter
 from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import Effect
 from fdbench.plants.feed_drive import Cascade, FeedDrive, Following
+from fdbench.specification import declared_bounds
 from fdbench.units import unit_of
 from fdbench.wording import si_text
 
-GAINS = {
-    "position_gain_per_s": math.inf,
-    "velocity_gain_N_s_per_m": math.inf,
-    "integral_gain_N_per_m": math.inf,
-    "velocity_feedforward": 2.0,
-    "acceleration_feedforward_kg": math.inf,
-}
-"""Those that may be off, with the highest that a model may have."""
-LONGEST_DELAY_S = 0.1  # that a model may have
+GAINS = (
+    "position_gain_per_s",
+    "velocity_gain_N_s_per_m",
+    "integral_gain_N_per_m",
+    "velocity_feedforward",
+    "acceleration_feedforward_kg",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,8 +32,13 @@ class _OfACascade(NominalParameter):
     field: ClassVar[str] = ""
 
     @abstractmethod
+    def moved(self, drive: FeedDrive, shift: float) -> float:
+        """Return the field moved by so many standard deviations, whatever a model may have."""
+
     def value(self, drive: FeedDrive, shift: float) -> float:
-        """Return the field moved by so many standard deviations."""
+        """Return the field moved by so many standard deviations, as far as a model may have it."""
+        low, high = declared_bounds(Cascade)[self.field or self.name]
+        return min(max(self.moved(drive, shift), low), high)
 
     def apply(self, drive: FeedDrive, shift: float) -> Changed:
         controller: Any = drive.controller
@@ -71,10 +75,9 @@ class ReferenceDelay(_OfACascade):
     def room(self) -> tuple[float, float]:
         return -MODEL.most_delay, MODEL.most_delay
 
-    def value(self, drive: FeedDrive, shift: float) -> float:
+    def moved(self, drive: FeedDrive, shift: float) -> float:
         """Return by how much the reference is late (s)."""
-        moved = float(getattr(drive.controller, self.field)) + shift * self.deviation
-        return min(max(moved, -LONGEST_DELAY_S), LONGEST_DELAY_S)
+        return float(getattr(drive.controller, self.field)) + shift * self.deviation
 
 
 @final
@@ -103,9 +106,9 @@ class VelocityFilter(_OfACascade):
     def room(self) -> tuple[float, float]:
         return -self.given_s / self.deviation, math.inf
 
-    def value(self, drive: FeedDrive, shift: float) -> float:
+    def moved(self, drive: FeedDrive, shift: float) -> float:
         """Return the time constant (s)."""
-        return max(self.given_s + shift * self.deviation, 0.0)
+        return self.given_s + shift * self.deviation
 
 
 @final
@@ -165,24 +168,18 @@ class LoopLag(NominalParameter):
 @final
 @dataclass(frozen=True, kw_only=True)
 class ControllerGain(_OfACascade):
-    """A gain of the controller, in its own unit, not above ``highest``; its deviation is relative."""
+    """A gain of the controller, in its own unit; its deviation is relative."""
 
     kind = "controller_gain"
     unit = ""
-    highest: float
 
     @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
         controller, deviation = nominal.drive.controller, nominal.uncertainty.controller_gains
         if not isinstance(controller, Cascade) or deviation == 0.0:
             return []
-        return [
-            cls(name=name, deviation=deviation, highest=highest)
-            for name, highest in GAINS.items()
-            if getattr(controller, name) != 0.0
-        ]
+        return [cls(name=name, deviation=deviation) for name in GAINS if getattr(controller, name) != 0.0]
 
-    def value(self, drive: FeedDrive, shift: float) -> float:
+    def moved(self, drive: FeedDrive, shift: float) -> float:
         """Return the gain."""
-        moved = float(getattr(drive.controller, self.name)) * max(1.0 + shift * self.deviation, MODEL.smallest_ratio)
-        return min(moved, self.highest)
+        return float(getattr(drive.controller, self.name)) * max(1.0 + shift * self.deviation, MODEL.smallest_ratio)

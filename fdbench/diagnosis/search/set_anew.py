@@ -22,7 +22,7 @@ def gains_set_anew(found: Calibrated) -> dict[str, float]:
     """
     nominal, hypothesis = found.ready.nominal, found.hypothesis
     moved = {
-        item.name: shift * item.deviation
+        item.name: item.value(nominal.drive, shift) / item.value(nominal.drive, 0.0) - 1.0
         for item, shift in zip(nominal_parameters(nominal), hypothesis.shifts, strict=True)
         if isinstance(item, ControllerGain)
     }

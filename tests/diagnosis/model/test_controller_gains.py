@@ -78,4 +78,4 @@ def test_no_gain_turns_its_sign_and_none_is_higher_than_a_model_may_have() -> No
     for name in OFF:
         smallest = MODEL.smallest_ratio * getattr(axis_lab.drive().controller, name)
         assert getattr(low, name) == pytest.approx(smallest, rel=1e-12)
-    assert high.rows()["VELOCITY_FEEDFORWARD"] == GAINS["velocity_feedforward"]
+    assert high.rows()["VELOCITY_FEEDFORWARD"] == 2.0

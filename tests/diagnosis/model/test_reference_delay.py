@@ -8,7 +8,6 @@ import pytest
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
-from fdbench.diagnosis.model.loop_parameters import LONGEST_DELAY_S
 from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.settings import MODEL
@@ -69,4 +68,4 @@ def test_no_slow_log_asks_for_more_than_a_model_may_have() -> None:
     slow = start(in_doubt().beside(Covered(fastest_m_per_s=0.5, period_s=1.0)))
     controller = slow.moved(np.full(len(slow.shifts), -1.0)).variant.plant.controller
     assert isinstance(controller, Cascade)
-    assert controller.velocity_reference_delay_s == -LONGEST_DELAY_S
+    assert controller.velocity_reference_delay_s == -0.1
