@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.effects import Effect, effects
@@ -114,3 +115,9 @@ def case(extra: tuple[Effect, ...], seed: int, noise_m: float = NOISE_M) -> tupl
         record(axis, extra, motion, duration, 100 * seed + 50, noise_m) for motion, duration in protocol(1.3).values()
     ]
     return Nominal(plant=drive(), simulation=Simulation(substeps=10)), fitted, judged
+
+
+def read_late(record: Record, late_s: float) -> Record:
+    """Return a record whose table is read so much after the motor."""
+    table = CubicSpline(record["time_s"], record["table_position_m"])(record["time_s"] - late_s)
+    return Record({**record, "table_position_m": table}, dict(record.provenance), record.source)

@@ -226,35 +226,50 @@ class ForceOffset(NominalParameter):
         return si_text(shift * self.deviation, "N")
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
-class EncoderZeros(NominalParameter):
-    """What the zeros of both encoders are apart, beside what `with_common_zeros` takes out; its deviation in metres."""
+class _BetweenEncoders(NominalParameter):
+    """What is between the readings of two encoders on either side of a screw; the drive is as it is."""
 
-    kind = "encoder_zeros"
-    unit = "m"
     stated = False
-    nuisance = True
     changes_from_run_to_run = False
 
     @classmethod
+    @abstractmethod
+    def doubt(cls, nominal: Nominal) -> float:
+        """Return the standard deviation, in the unit that the class says."""
+
+    @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
-        seen = nominal.covered.two_positions and nominal.drive.screw is not None
-        return [cls(name=cls.kind, deviation=nominal.scale.length * MODEL.zeros_apart_m)] if seen else []
+        seen, deviation = nominal.covered.two_positions and nominal.drive.screw is not None, cls.doubt(nominal)
+        return [cls(name=cls.kind, deviation=deviation)] if seen and deviation > 0.0 else []
 
     def apply(self, drive: FeedDrive, shift: float) -> Changed:
         return drive, ()
 
-    def zeros_apart_m(self, shift: float) -> float:
-        return shift * self.deviation
-
     def text(self, drive: FeedDrive, shift: float) -> str:
-        return si_text(self.zeros_apart_m(shift), self.unit)
+        return si_text(shift * self.deviation, self.unit)
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class EncoderDelay(NominalParameter):
+class EncoderZeros(_BetweenEncoders):
+    """What the zeros of both encoders are apart, beside what `with_common_zeros` takes out; its deviation in metres."""
+
+    kind = "encoder_zeros"
+    unit = "m"
+    nuisance = True
+
+    @classmethod
+    def doubt(cls, nominal: Nominal) -> float:
+        return nominal.scale.length * MODEL.zeros_apart_m
+
+    def zeros_apart_m(self, shift: float) -> float:
+        return shift * self.deviation
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class EncoderDelay(_BetweenEncoders):
     """By how much later than the motor's position the table's is read; its deviation is in seconds.
 
     Two encoders come by two ways, and no data sheet says how long either takes. What is later by far is a cause that no
@@ -263,20 +278,10 @@ class EncoderDelay(NominalParameter):
 
     kind = "encoder_delay"
     unit = "s"
-    stated = False
-    changes_from_run_to_run = False
 
     @classmethod
-    def of(cls, nominal: Nominal) -> list[Self]:
-        deviation = nominal.uncertainty.encoder_delay * nominal.covered.period_s
-        seen = nominal.covered.two_positions and nominal.drive.screw is not None
-        return [cls(name=cls.kind, deviation=deviation)] if seen and deviation > 0.0 else []
-
-    def apply(self, drive: FeedDrive, shift: float) -> Changed:
-        return drive, ()
+    def doubt(cls, nominal: Nominal) -> float:
+        return nominal.uncertainty.encoder_delay * nominal.covered.period_s
 
     def table_read_late_s(self, shift: float) -> float:
         return shift * self.deviation
-
-    def text(self, drive: FeedDrive, shift: float) -> str:
-        return si_text(self.table_read_late_s(shift), self.unit)

@@ -1,35 +1,20 @@
 """A table that is read after the motor: fitted beside all else, told where it is much, and of no effect."""
 
-import re
-
 import axis_lab
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
 from fdbench.diagnosis.diagnose import diagnose
-from fdbench.diagnosis.evidence.prepare import aligned
-from fdbench.diagnosis.judge.nameless_values import nameless_warnings
-from fdbench.diagnosis.model.hypothesis import Hypothesis, start
+from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import Replay, Variant
 from fdbench.diagnosis.records.runs import DEFLECTION, POSITION, prepare
-from fdbench.diagnosis.search.calibrated import Calibrated
 from fdbench.effects import effects
-from fdbench.record import Record
 from fdbench.statistics import rms
 
 NOMINAL = Nominal(plant=axis_lab.drive(), simulation=Simulation(substeps=10))
-
-
-def read_late(record: Record, late_s: float) -> Record:
-    table = CubicSpline(record["time_s"], record["table_position_m"])(record["time_s"] - late_s)
-    return Record({**record, "table_position_m": table}, dict(record.provenance), record.source)
-
-
-def calibrated(fitted: list[Record], judged: list[Record]) -> Hypothesis:
-    return Calibrated.of(aligned(NOMINAL, fitted, judged)).hypothesis
 
 
 @pytest.mark.parametrize("late_s", [-4e-4, 1.5e-4, 5e-4])
@@ -45,28 +30,11 @@ def test_a_table_is_read_where_it_was_so_much_earlier(late_s: float) -> None:
     assert np.array_equal(late[POSITION], at_once[POSITION])  # the loop follows the motor
 
 
-@pytest.mark.parametrize("late_s", [-4e-4, 1.5e-4, 1e-3])
-def test_a_late_encoder_is_told_with_its_delay(late_s: float) -> None:
-    _, *parts = axis_lab.case((), seed=1)
-    (text,) = nameless_warnings(calibrated(*([read_late(item, late_s) for item in part] for part in parts)))
-    assert ("before" if late_s < 0.0 else "after") + " motor_position_m" in text
-    (found,) = re.findall(r"late_s = (\S+)`", text)
-    assert float(found) == pytest.approx(late_s, rel=0.05)
-
-
-@pytest.mark.parametrize(
-    "name", ["axial_compliance", "backlash", "coulomb_friction", "inertia_mismatch", "lead_error", "thermal_expansion"]
-)
-def test_no_effect_is_a_late_encoder(name: str) -> None:
-    _, fitted, judged = axis_lab.case((effects.get(name).typical(),), seed=2)
-    assert nameless_warnings(calibrated(fitted, judged)) == []
-
-
 @pytest.mark.parametrize("name", [None, "inertia_mismatch"])
 def test_the_answer_says_so_and_names_what_else_is_there(name: str | None) -> None:
     injected = () if name is None else (effects.get(name).typical(),)
     nominal, fitted, judged = axis_lab.case(injected, seed=3)
-    answer = diagnose(nominal, *([read_late(item, 5e-4) for item in part] for part in (fitted, judged))).answer
+    answer = diagnose(nominal, *([axis_lab.read_late(item, 5e-4) for item in part] for part in (fitted, judged))).answer
     assert [text for text in answer.warnings if "table_position_m seems to be read 500 µs after" in text]
     assert [cause.effect for cause in answer.causes if cause.probability > 0.5] == [item.name for item in injected]
     # No effect of the library is such a delay, even where it is all that is there.
