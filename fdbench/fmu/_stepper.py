@@ -1,6 +1,6 @@
 """The stepper of one axis in C: the integrator and the kernels of the axis' effects, with their values."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -23,7 +23,7 @@ INTEGRATOR = {
 ARRAYS = {"w": "w[{0}]"}
 
 
-def stepper(drive: FeedDrive, rows: Mapping[str, float], period_s: float, substeps: int) -> str:
+def stepper(drive: FeedDrive, period_s: float, substeps: int) -> str:
     """Return the text in C: ``initial``, the block of an axis, and ``sample``, which advances it by a sampling time.
 
     Raises
@@ -38,7 +38,7 @@ def stepper(drive: FeedDrive, rows: Mapping[str, float], period_s: float, subste
     blocks = Blocks(kinds, 1, 1)
     mechanics = drive.mechanics()
     blocks.set_mechanics(mechanics, period_s / substeps)
-    blocks.set_scalars({**rows, "LOGGED_PER_N": 1.0 / drive.motor.force_per_unit})
+    blocks.set_scalars({**drive.rows(), "LOGGED_PER_N": 1.0 / drive.motor.force_per_unit})
     for number, effect in enumerate(drive.effects):
         blocks.set_effect(number, effect, not (mechanics.rigid and effect.needs_screw))
     translator = Translator(ARRAYS)

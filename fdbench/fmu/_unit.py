@@ -84,7 +84,6 @@ def write_fmu(drive: FeedDrive, axis: str, sampling_time_s: float, substeps: int
         drive = replace(drive, controller=OpenLoop(acceleration_feedforward_kg=0.0, force_limit_N=LARGEST_N))
     timing = Timing(sampling_time_s=sampling_time_s, duration_s=CHECKED_SAMPLES * sampling_time_s, substeps=substeps)
     system = drive.system(Setup(timing=timing, motion=Sampled(np.zeros((CHECKED_SAMPLES, 3)))))
-    rows = drive.controller.rows()
     inputs = ("motor_force_N",) if is_free else COMMANDS
     outputs = {name: column for name, column in _columns(drive).items() if name in system.columns}
     called: Callable[[str], str] = rotary_name if axis == ROTARY else str
@@ -97,7 +96,7 @@ def write_fmu(drive: FeedDrive, axis: str, sampling_time_s: float, substeps: int
     for key, value in (
         ("NAME", IDENTIFIER),
         ("VERSION", __version__),
-        ("STEPPER", stepper(drive, rows, sampling_time_s, substeps)),
+        ("STEPPER", stepper(drive, sampling_time_s, substeps)),
         ("N_IN", str(len(inputs))),
         ("COLUMNS", ", ".join(str(column) for column in outputs.values())),
     ):

@@ -25,7 +25,7 @@ from fdbench.simulate.axis import Axis
 from fdbench.simulate.block import Mechanics
 from fdbench.simulate.stability import check_substep, needed_substeps
 from fdbench.simulate.system import FloatArray, Sampled, Setup, Timing
-from fdbench.specification import positive
+from fdbench.specification import bounded, positive
 
 __all__ = ["Cascade", "FeedDrive", "Following", "LinearMotor", "OpenLoop", "RotaryMotor", "Screw", "Table"]
 
@@ -65,6 +65,8 @@ class FeedDrive(Plant):
         Friction, cogging and so on that the nominal model knows.
     inverse_dynamics : InverseDynamics or None
         What the models of inverse dynamics filter; for estimators alone.
+    table_read_late_s : float
+        By how much later than the motor's position the table's is read, to first order; earlier where it is negative.
     sensors : Sensors or None
         Noise of the readings; for observers among the estimators alone.
     """
@@ -76,6 +78,7 @@ class FeedDrive(Plant):
     travel_m: float = positive()
     velocity_limit_m_per_s: float = positive()
     effects: tuple[Effect, ...] = ()
+    table_read_late_s: float = bounded(-0.1, 0.1, default=0.0)
     inverse_dynamics: InverseDynamics | None = None
     sensors: Sensors | None = None
 
@@ -128,6 +131,10 @@ class FeedDrive(Plant):
             velocity_limit_m_per_s=self.velocity_limit_m_per_s,
         )
 
+    def rows(self) -> dict[str, float]:
+        """Return the rows of a block that encoders and controller set."""
+        return {"TABLE_LATE": self.table_read_late_s, **self.controller.rows()}
+
     @property
     def table_limits(self) -> tuple[float, float]:
         """Travel (m) and velocity (m/s) of the table."""
@@ -156,7 +163,7 @@ class FeedDrive(Plant):
         columns[self.motor.logged] = layout.OUT_FORCE
         return Axis(
             self.mechanics(),
-            self.controller.rows(),
+            self.rows(),
             effects,
             setup,
             columns,

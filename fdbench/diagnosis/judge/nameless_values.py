@@ -17,8 +17,8 @@ def nameless_warnings(final: Hypothesis) -> list[str]:
         return found
     for item, shift in zip(nominal_parameters(nominal), final.shifts, strict=True):
         if isinstance(item, EncoderDelay):
-            late_s = item.table_read_late_s(shift)
-            if abs(late_s) >= PLAUSIBLE.encoders_apart * nominal.covered.period_s:
+            if abs(shift) * item.deviation >= PLAUSIBLE.encoders_apart * nominal.covered.period_s:
+                late_s = final.variant.plant.table_read_late_s
                 found.append(late_encoder_text(late_s, "that is fitted, and the rest is explained beside it"))
         elif abs(shift) > MODEL.far_fetched and not item.nuisance and not item.cause(nominal):
             here, there = (item.text(nominal.drive, own) for own in (shift, 0.0))

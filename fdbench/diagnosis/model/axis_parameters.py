@@ -11,6 +11,7 @@ from fdbench.diagnosis.model.nominal_parameter import Changed, NominalParameter
 from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import Effect
 from fdbench.plants.feed_drive import FeedDrive, RotaryMotor
+from fdbench.specification import declared_bounds
 from fdbench.units import unit_of
 from fdbench.wording import si_text
 
@@ -228,7 +229,7 @@ class ForceOffset(NominalParameter):
 
 @dataclass(frozen=True, kw_only=True)
 class _BetweenEncoders(NominalParameter):
-    """What is between the readings of two encoders on either side of a screw; the drive is as it is."""
+    """What is between the readings of two encoders on either side of a screw."""
 
     stated = False
     changes_from_run_to_run = False
@@ -242,12 +243,6 @@ class _BetweenEncoders(NominalParameter):
     def of(cls, nominal: Nominal) -> list[Self]:
         seen, deviation = nominal.covered.two_positions and nominal.drive.screw is not None, cls.doubt(nominal)
         return [cls(name=cls.kind, deviation=deviation)] if seen and deviation > 0.0 else []
-
-    def apply(self, drive: FeedDrive, shift: float) -> Changed:
-        return drive, ()
-
-    def text(self, drive: FeedDrive, shift: float) -> str:
-        return si_text(shift * self.deviation, self.unit)
 
 
 @final
@@ -263,6 +258,12 @@ class EncoderZeros(_BetweenEncoders):
     def doubt(cls, nominal: Nominal) -> float:
         return nominal.scale.length * MODEL.zeros_apart_m
 
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        return drive, ()
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        return si_text(self.zeros_apart_m(shift), self.unit)
+
     def zeros_apart_m(self, shift: float) -> float:
         return shift * self.deviation
 
@@ -270,7 +271,7 @@ class EncoderZeros(_BetweenEncoders):
 @final
 @dataclass(frozen=True, kw_only=True)
 class EncoderDelay(_BetweenEncoders):
-    """By how much later than the motor's position the table's is read; its deviation is in seconds.
+    """By how much later than on paper the table's position is read after the motor's; its deviation is in seconds.
 
     Two encoders come by two ways, and no data sheet says how long either takes. What is later by far is a cause that no
     effect of the library is.
@@ -283,5 +284,10 @@ class EncoderDelay(_BetweenEncoders):
     def doubt(cls, nominal: Nominal) -> float:
         return nominal.uncertainty.encoder_delay * nominal.covered.period_s
 
-    def table_read_late_s(self, shift: float) -> float:
-        return shift * self.deviation
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        low, high = declared_bounds(FeedDrive)["table_read_late_s"]
+        moved = drive.table_read_late_s + shift * self.deviation
+        return replace(drive, table_read_late_s=min(max(moved, low), high)), ()
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        return si_text(self.apply(drive, shift)[0].table_read_late_s, self.unit)

@@ -82,13 +82,12 @@ class Hypothesis:
         """The drive that is simulated."""
         drive = self.nominal.drive
         offsets: tuple[Effect, ...] = ()
-        apart_m = table_late_s = late_s = 0.0
+        apart_m = late_s = 0.0
         for calibration, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True):
             if shift != 0.0 and not calibration.gone_with(self.replaced):
                 drive, extra = calibration.apply(drive, shift)
                 offsets += extra
                 apart_m += calibration.zeros_apart_m(shift)
-                table_late_s += calibration.table_read_late_s(shift)
                 late_s += calibration.force_read_late_s(shift)
         for index in self.replaced:
             drive = without(drive, index)
@@ -97,7 +96,6 @@ class Hypothesis:
             plant=drive,
             extra=sliding_alike(drive, apart),
             zeros_apart_m=apart_m,
-            table_read_late_s=table_late_s,
             force_read_late_s=late_s,
         )
 

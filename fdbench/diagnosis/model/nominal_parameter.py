@@ -67,10 +67,6 @@ class NominalParameter(ABC):
         """Return by how much the motor's reading is ahead of the table's at the same place, by this parameter."""
         return 0.0
 
-    def table_read_late_s(self, shift: float) -> float:
-        """Return by how much the table's position is read later than the motor's, by this parameter."""
-        return 0.0
-
     def force_read_late_s(self, shift: float) -> float:
         """Return by how much the force is read later than the position, by this parameter."""
         return 0.0

@@ -35,15 +35,13 @@ APART = PIECE + 8  # from lane to lane: rows a power of two apart would push eac
 class Variant:
     """One lane: a plant, perhaps re-calibrated, with effects that the nominal model lacks.
 
-    At the same place the motor's reading is ``zeros_apart_m`` ahead of the table's. The table's position is read
-    ``table_read_late_s`` after the motor's, the force ``force_read_late_s`` after the position: a part of a sampling
-    time.
+    At the same place the motor's reading is ``zeros_apart_m`` ahead of the table's. The force is read
+    ``force_read_late_s`` after the position: a part of a sampling time.
     """
 
     plant: FeedDrive
     extra: tuple[Effect, ...] = field(default=())
     zeros_apart_m: float = 0.0
-    table_read_late_s: float = 0.0
     force_read_late_s: float = 0.0
 
     def kinds(self) -> frozenset[type[Effect]]:
@@ -205,8 +203,7 @@ class Replay:
         if period_s not in kept:
             blocks = Blocks(self.kinds, 1, 1)
             blocks.set_mechanics(self._mechanics_of(variant.plant), period_s / (self.loops * self._steps_of_a_loop))
-            scalars = {"LOGGED_PER_N": 1.0, "TABLE_LATE": variant.table_read_late_s}
-            blocks.set_scalars({**scalars, **variant.plant.controller.rows()})
+            blocks.set_scalars({"LOGGED_PER_N": 1.0, **variant.plant.rows()})
             active = np.zeros(len(self.kinds), dtype=np.bool_)
             known = zip(self._known, variant.plant.effects, strict=True)
             for place, effect in (*known, *((self._last[item.declared], item) for item in variant.extra)):
@@ -321,7 +318,7 @@ class _ReplayLane:
         """Move readings, in place, to the zeros that encoders count from, and to when table and force are read."""
         channels = self.replayed.channels
         if DEFLECTION in channels:
-            deflection, share = channels[DEFLECTION][self.row], self.variant.table_read_late_s / self.run.period_s
+            deflection, share = channels[DEFLECTION][self.row], self.variant.plant.table_read_late_s / self.run.period_s
             if self.variant.zeros_apart_m != 0.0:
                 deflection += self.variant.zeros_apart_m
             if share != 0.0:

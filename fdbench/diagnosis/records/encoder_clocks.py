@@ -53,5 +53,6 @@ def late_encoder_text(late_s: float, why: str) -> str:
     return (
         f"table_position_m seems to be read {si_text(abs(late_s), 's')} {'after' if late_s > 0.0 else 'before'} "
         f"motor_position_m: {why}. If each has a clock of its own, `late_s = {late_s:.3g}` for the table's column in "
-        "the mapping puts that right. If they have one, nothing here names what makes the table lag by a time."
+        "the mapping puts that right, or `table_read_late_s` in [plant]. If they have one, nothing here names what "
+        "makes the table lag by a time."
     )
