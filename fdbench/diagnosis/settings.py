@@ -252,7 +252,7 @@ class SearchSettings:
     most_effects: int = number(4, "effects that are added at most")
     set_anew: float = number(0.05, "relative change of a gain since the baseline, from which somebody changed it")
     law_left: float = number(0.5, "of what the force is beside the law of a controller, left by gains that were set")
-    steep: float = number(1.0, "deviations by which a friction turns its sign faster than on paper, and may stick")
+    steep: float = number(0.5, "deviations by which a friction turns its sign faster than on paper, and may stick")
     unseen_bend: float = number(
         1.0,
         "times the noise of the position, of repeats too: bristles that bend over less may only hold an axis at rest",
@@ -340,7 +340,7 @@ class SearchSettings:
     lengths: tuple[float, ...] = number((2.0, 4.0), "of the best step, tried together where a fit is slow")
     tie: float = number(0.1, "log odds of a rival up to which an effect is not replaced by it")
     reviews: int = number(3, "rounds in which effects may be replaced by rivals or go")
-    loops: tuple[int, ...] = number((2, 4), "cycles of the controller in a sampling time that are tried")
+    loops: tuple[int, ...] = number((2, 4, 8), "cycles of the controller in a sampling time that are tried")
     lines: int = number(3, "lines over time, and long waves over the way, that are tried")
     pitches: int = number(3, "short waves over the way that are tried")
     standing_out: int = number(16, "waves that stand out most, of which those are chosen")

@@ -15,9 +15,9 @@ from fdbench.plants._controllers import Following, OpenLoop
 def at_likely_rate(best: Calibrated, anew: Callable[[Simulation], Aligned]) -> Calibrated:
     """Return the re-calibrated model at the rate of its loop that is told, or else at the likeliest.
 
-    Controllers often act two or four times between samples of their log, and are late by less then. A rate is taken
-    where it brings more than naming a cause costs, and a higher one beside it where it brings more at all; a loop as
-    fast as the log, which leaves noise alone, is.
+    Controllers often act two, four or eight times between samples of their log, and are late by less then. A rate is
+    taken where it brings more than naming a cause costs, and a higher one beside it where it brings more at all; a loop
+    as fast as the log, which leaves noise alone, is.
 
     Parameters
     ----------
@@ -41,9 +41,9 @@ def at_likely_rate(best: Calibrated, anew: Callable[[Simulation], Aligned]) -> C
 
 def _at_rate(ready: Aligned, loops: int, anew: Callable[[Simulation], Aligned]) -> Aligned:
     said = (
-        f"The controller seems to act {loops} times between two samples of the log: with one cycle a sample the model "
-        f"fits worse, whatever its values. Write `loops = {loops}` under [simulation] of the model, or `loops = 1` if "
-        "that is wrong."
+        f"The controller seems to act {loops} times between two samples of the log, or more often: with one cycle a "
+        "sample the model fits worse, whatever its values. Write how often under [simulation] of the model, as "
+        f"`loops = {loops}`, or `loops = 1` if that is wrong."
     )
     simulation = dataclasses.replace(ready.nominal.simulation, loops=loops)
     # What is followed depends on the rate of the loop, and so do rates that the controller differences backwards.

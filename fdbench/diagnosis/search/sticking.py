@@ -9,6 +9,7 @@ from fdbench.diagnosis.records.runs import POSITION
 from fdbench.diagnosis.search.calibrated import Calibrated
 from fdbench.diagnosis.settings import SEARCH
 from fdbench.effects import Effect
+from fdbench.plants.feed_drive import Following
 
 
 def that_sticks(best: Calibrated, beside: Callable[[Sequence[Effect]], Aligned]) -> Calibrated:
@@ -25,20 +26,23 @@ def that_sticks(best: Calibrated, beside: Callable[[Sequence[Effect]], Aligned])
         Returns the records prepared for a model with other known effects.
     """
     nominal, known = best.ready.nominal, best.ready.nominal.drive.effects
-    noise = best.ready.split.noise_models[POSITION]
+    noise, follows = best.ready.split.noise_models[POSITION], isinstance(nominal.drive.controller, Following)
+    unseen_m = SEARCH.unseen_bend * noise.total
+    # A virtual loop has to bend bristles that stick to follow a motion: by more than the encoder shows.
+    unseen_m = 2.0 * unseen_m if follows else min(unseen_m, SEARCH.unseen_reading * noise.at_high_frequencies)
     shifts = zip(nominal_parameters(nominal), best.hypothesis.shifts, strict=True)
     steep = [item.index for item, shift in shifts if isinstance(item, TransitionVelocity) and shift < -SEARCH.steep]
     forms = [
         (index, form)
         for index in steep
         for kind in nominal.library
-        if (form := kind.that_sticks(known[index], noise.total))
+        if (form := kind.that_sticks(known[index], unseen_m))
     ]
     if not forms or best.misfit < SEARCH.noise_alone:
         return best
     index, form = forms[0]
     found = best.refinement.refine(best.hypothesis.with_effect(form, index)).effects[-1]
-    if found.bend_m > min(SEARCH.unseen_bend * noise.total, SEARCH.unseen_reading * noise.at_high_frequencies):
+    if found.bend_m > unseen_m:
         return best
     sizes = (type(form).amplitude, *type(form).further_amplitudes)
     found = found.changed(**{size: getattr(form, size) for size in sizes})
@@ -48,4 +52,5 @@ def that_sticks(best: Calibrated, beside: Callable[[Sequence[Effect]], Aligned])
             "more than the readings show it fits better, whatever its size. Write it so in the model."
         )
     )
-    return tried if tried.cost < best.cost - best.hypothesis.cost_of_a_cause else best
+    # Beside a virtual loop bristles as soft as that are no cause, and as likely as what turns its sign steeply.
+    return tried if tried.cost < best.cost - (0.0 if follows else best.hypothesis.cost_of_a_cause) else best

@@ -1,12 +1,15 @@
 """A known friction that sticks is no cause; one whose bristles are seen to bend is."""
 
+import dataclasses
+
 import axis_lab
+import numpy as np
 import pytest
 
 from fdbench.diagnosis.diagnose import Diagnosis, diagnose
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.effects import Effect, effects
-from fdbench.plants._controllers import Cascade
+from fdbench.plants._controllers import Cascade, Following
 from fdbench.plants.feed_drive import FeedDrive, LinearMotor
 
 COULOMB, LUGRE = effects.get("coulomb_friction"), effects.get("lugre_friction")
@@ -32,25 +35,33 @@ def stage(mass_kg: float, friction: Effect) -> FeedDrive:
     )
 
 
-def diagnosis_of(bend_m: float) -> Diagnosis:
-    """Return the diagnosis of a stage with bristles that bend over a way, of which Coulomb friction is known."""
-    stiffness = 19.0 / bend_m
-    bristles = LUGRE.typical(
-        coulomb_force_N=19.0,
-        static_force_N=19.0,
+def bristles(force_N: float, bend_m: float) -> Effect:
+    """Return bristles that bend over a way."""
+    stiffness = force_N / bend_m
+    return LUGRE.typical(
+        coulomb_force_N=force_N,
+        static_force_N=force_N,
         bristle_stiffness_N_per_m=stiffness,
         bristle_damping_N_s_per_m=5e-4 * stiffness,
     )
+
+
+def nominal() -> Nominal:
+    """Return the stage on paper, with Coulomb friction."""
+    return Nominal(plant=stage(20.0, COULOMB.typical(coulomb_force_N=20.0)), simulation=Simulation(substeps=10))
+
+
+def diagnosis_of(bend_m: float) -> Diagnosis:
+    """Return the diagnosis of a stage with bristles that bend over a way."""
     groups = [
         [
-            axis_lab.record(stage(20.4, bristles), (), motion, duration, seed=int(10 * factor) + repeat)
-            for motion, duration in axis_lab.protocol(factor).values()
+            axis_lab.record(stage(20.4, bristles(19.0, bend_m)), (), *motion, seed=int(10 * factor) + repeat)
+            for motion in axis_lab.protocol(factor).values()
             for repeat in range(repeats)
         ]
         for factor, repeats in ((1.0, 2), (1.3, 1))
     ]
-    nominal = Nominal(plant=stage(20.0, COULOMB.typical(coulomb_force_N=20.0)), simulation=Simulation(substeps=10))
-    return diagnose(nominal, *groups)
+    return diagnose(nominal(), *groups)
 
 
 @pytest.mark.parametrize(("bend_m", "sticks"), [(2e-8, True), (5e-6, False)])
@@ -62,3 +73,25 @@ def test_bristles_that_are_not_seen_to_bend_are_no_cause(bend_m: float, sticks: 
     assert isinstance(known, LUGRE) is sticks
     forces = [getattr(known, name) for name in (type(known).amplitude, *type(known).further_amplitudes)]
     assert set(forces) == {20.0}
+
+
+def test_beside_another_cause_and_without_a_controller_what_sticks_is_none() -> None:
+    cogging, random = effects.get("cogging").typical(cogging_force_N=8.0, pitch_m=0.016), np.random.default_rng(0)
+    groups = [
+        [
+            axis_lab.record(
+                stage(20.4, bristles(19.0 * (1.0 + 0.03 * random.standard_normal()), 2e-8)),
+                (cogging,),
+                *motion,
+                seed=int(10 * factor) + repeat,
+            )
+            for motion in axis_lab.protocol(factor).values()
+            for repeat in range(repeats)
+        ]
+        for factor, repeats in ((1.0, 2), (1.3, 1))
+    ]
+    model = nominal()
+    follows = dataclasses.replace(model, plant=dataclasses.replace(model.drive, controller=Following()))
+    answer = diagnose(follows, *groups).answer
+    assert any("seems to stick at rest" in text for text in answer.assumptions)
+    assert [cause.effect for cause in answer.causes if cause.probability > 0.5] == ["cogging"]
