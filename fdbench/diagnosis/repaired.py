@@ -13,6 +13,7 @@ from fdbench.diagnosis.model.as_nominal import as_nominal
 from fdbench.diagnosis.model.nominal import Nominal
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.rotary_axis import plant_of_rotary
+from fdbench.diagnosis.settings import JUDGE
 from fdbench.errors import FdbenchError
 from fdbench.files import write_text
 from fdbench.plants.feed_drive import Following
@@ -26,14 +27,19 @@ SMALLEST = 1e-12  # noise floor that is divided by
 def write_repaired(found: Diagnosis, path: str | Path) -> None:
     """Write the repaired model of a diagnosis as TOML; `fdbench.diagnosis.model.nominal.load_nominal` reads it.
 
+    Where the effects make the prediction of what was held out worse, in the mean over the channels in units of their
+    noise, and none of them is named, it is the re-calibrated model.
+
     Raises
     ------
     FdbenchError
-        If the file cannot be written, or the effects make the prediction of what was held out worse, in the mean over
-        the channels in units of their noise: then nothing is written.
+        If the file cannot be written, or the prediction is worse with effects that are named: then nothing is written.
     """
     recalibrated, with_effects = prediction_errors(found)
     if found.final.effects and with_effects > recalibrated:
+        if not any(cause.probability > JUDGE.named for cause in found.answer.causes):
+            write_text(path, model_text(dataclasses.replace(found, final=found.calibrated)))
+            return
         raise FdbenchError(
             f"{path}: not written: on {found.answer.shrinkage.judged_on_words} the repaired model predicts worse than "
             f"the re-calibrated one ({with_effects:.3g} against {recalibrated:.3g} times the noise, in the mean over "
@@ -91,7 +97,8 @@ def _history(found: Diagnosis) -> Iterator[str]:
         yield "It was made to follow the measured motion. The controller is as it was given, and was not judged."
     yield f"Prediction error, root mean square on {shrinkage.judged_on_words}:"
     for name, gap in found.answer.gap.channels.items():
-        errors = (("nominal", gap.before), ("re-calibrated", gap.recalibrated), ("repaired", gap.repaired))
+        errors = [("nominal", gap.before), ("re-calibrated", gap.recalibrated)]
+        errors += [("repaired", gap.repaired)] if found.final.effects else []
         parts = ", ".join(f"{words} {si_text(error, gap.unit)}" for words, error in errors)
         yield f"  {name}: {parts}; noise floor {si_text(gap.noise_floor, gap.unit)}."
     if found.final.effects:

@@ -449,10 +449,17 @@ def test_a_model_that_predicts_worse_is_not_written(found: Diagnosis, tmp_path: 
     with pytest.raises(FdbenchError, match=r"not written.*predicts worse.*\(3 against 1 times the noise"):
         write_repaired(worse, path)
     assert not path.exists()
-    alone = replace(worse, final=found.calibrated)
-    write_repaired(alone, path)
-    assert "re-calibrated; no effect was added" in path.read_text("utf-8")
-    assert load_nominal(path) == as_nominal(found.calibrated)
+    unnamed = [replace(cause, probability=0.3) for cause in found.answer.causes]
+    for alone in (
+        replace(worse, final=found.calibrated),
+        replace(worse, answer=replace(worse.answer, causes=unnamed)),
+    ):
+        path.unlink(missing_ok=True)
+        write_repaired(alone, path)
+        text = path.read_text("utf-8")
+        assert "re-calibrated; no effect was added" in text
+        assert ", repaired " not in text
+        assert load_nominal(path) == as_nominal(found.calibrated)
 
 
 # ---- page ----
