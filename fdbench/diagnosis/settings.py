@@ -60,7 +60,7 @@ class PlausibleSettings:
     motion: float = number(20.0, "times the noise of a position that is a motion")
     fewest_samples: int = number(256, "samples that a record must have")
     shortest_s: float = number(0.5, "time that a record must last")
-    outside: float = number(1.5, "times the travel or the velocity limit that a command may reach")
+    outside: float = number(1.5, "times the travel to both sides, or the velocity limit, that a command may reach")
     constant_speed: float = number(1e-3, "relative spread of a speed, below which only its mean tells its unit")
     other_unit: float = number(8.0, "ratio of two lengths or speeds that only a wrong unit gives")
     other_zero: float = number(0.5, "share of the command's range by which position and command may differ throughout")

@@ -124,7 +124,7 @@ FLAWS: Mapping[str, tuple[Callable[[Columns], Columns], str]] = {
     "millimetres": (lambda c: c | {"position_m": 1e3 * c["position_m"]}, "about a thousand: millimetres"),
     "millimetres, no command": (
         lambda c: no_command(c) | {"position_m": 1e3 * c["position_m"]},
-        'motion reaches 100 m, the model\'s travel_m is 0.3.* unit = "mm"',
+        'motion spans 100 m, the model\'s travel_m is 0.3.* unit = "mm"',
     ),
     "kilonewtons, no command": (
         lambda c: no_command(c) | {"motor_force_N": 1e-3 * c["motor_force_N"]},
@@ -143,6 +143,15 @@ def test_a_flawed_record_is_refused_in_words(
     path = tmp_path / "axis.csv"
     Record(spoil(stroke())).save(path)
     assert re.search(words, blamed(["--model", str(MODEL), str(path)], monkeypatch, capsys))
+
+
+def test_a_command_may_span_the_travel_to_both_sides() -> None:
+    drive = dataclasses.replace(load_nominal(MODEL).drive, travel_m=0.06)
+    record = Record(stroke())
+    assert np.ptp(record["reference_position_m"]) == pytest.approx(0.1, rel=0.01)
+    check_record(prepare(record, drive), drive)
+    with pytest.raises(RecordError, match="the command spans 0.1 m, the model's travel_m is 0.02"):
+        check_record(prepare(record, drive), dataclasses.replace(drive, travel_m=0.02))
 
 
 def test_records_of_two_clocks_are_refused(

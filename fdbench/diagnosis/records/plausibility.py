@@ -100,13 +100,13 @@ def check_record(run: RecordedRun, drive: FeedDrive) -> None:
             f"it moves {longest:.3g} m between samples. Damaged samples, or two recordings in one: split it there."
         )
     check_damage(run, drive, noise_estimate(position))
-    for value, limit, key, unit in (
-        (span, drive.travel_m, "travel_m", "m"),
-        (fastest, drive.velocity_limit_m_per_s, "velocity_limit_m_per_s", "m/s"),
+    for does, value, sides, limit, key, unit in (
+        ("spans", span, 2.0, drive.travel_m, "travel_m", "m"),
+        ("reaches", fastest, 1.0, drive.velocity_limit_m_per_s, "velocity_limit_m_per_s", "m/s"),
     ):
-        if value > PLAUSIBLE.outside * limit:
+        if value > PLAUSIBLE.outside * sides * limit:
             raise RecordError(
-                f"{run.name}: the {'motion' if followed else 'command'} reaches {value:.4g} {unit}, the model's {key} "
+                f"{run.name}: the {'motion' if followed else 'command'} {does} {value:.4g} {unit}, the model's {key} "
                 f"is {limit:g}. Probably the unit of {name} or time_s is not m or s; a mapping file converts it: "
                 'unit = "mm".'
             )
