@@ -150,7 +150,7 @@ def test_a_command_may_span_the_travel_to_both_sides() -> None:
     record = Record(stroke())
     assert np.ptp(record["reference_position_m"]) == pytest.approx(0.1, rel=0.01)
     check_record(prepare(record, drive), drive)
-    with pytest.raises(RecordError, match="the command spans 0.1 m, the model's travel_m is 0.02"):
+    with pytest.raises(RecordError, match=r"the command spans 0\.1 m, the model's travel_m is 0\.02"):
         check_record(prepare(record, drive), dataclasses.replace(drive, travel_m=0.02))
 
 
