@@ -36,7 +36,7 @@ def that_sticks(best: Calibrated, beside: Callable[[Sequence[Effect]], Aligned])
         (index, form)
         for index in steep
         for kind in nominal.library
-        if (form := kind.that_sticks(known[index], unseen_m))
+        if (form := kind.that_sticks(known[index], noise.total))
     ]
     if not forms or best.misfit < SEARCH.noise_alone:
         return best
