@@ -36,16 +36,15 @@ def write_repaired(found: Diagnosis, path: str | Path) -> None:
         If the file cannot be written, or the prediction is worse with effects that are named: then nothing is written.
     """
     recalibrated, with_effects = prediction_errors(found)
-    if found.final.effects and with_effects > recalibrated:
-        if not any(cause.probability > JUDGE.named for cause in found.answer.causes):
-            write_text(path, model_text(dataclasses.replace(found, final=found.calibrated)))
-            return
+    is_worse = bool(found.final.effects) and with_effects > recalibrated
+    is_named = any(cause.probability > JUDGE.named for cause in found.answer.causes)
+    if is_worse and is_named:
         raise FdbenchError(
             f"{path}: not written: on {found.answer.shrinkage.judged_on_words} the repaired model predicts worse than "
             f"the re-calibrated one ({with_effects:.3g} against {recalibrated:.3g} times the noise, in the mean over "
             "the channels). Leave --write-model out to read the answer; it needs more records, or other motions."
         )
-    write_text(path, model_text(found))
+    write_text(path, model_text(dataclasses.replace(found, final=found.calibrated) if is_worse else found))
 
 
 def prediction_errors(found: Diagnosis) -> tuple[float, float]:

@@ -262,6 +262,11 @@ class SearchSettings:
         "times the noise of the position at high frequencies, of which that holds besides",
         "between 8 axes that stick in PyBullet (13 or less) and one of tier D whose bristles bend (110)",
     )
+    unseen_following: float = number(
+        2.0,
+        "the first of these two where a virtual loop makes a model follow a motion, by bending what sticks",
+        "of five axes of another's simulator that stick, bristles bent over 0.7 to 1.8 times that noise",
+    )
     oversized: float = number(5.0, "times the gap that the response to a tried effect may be before it is made smaller")
     rescaled: int = number(10, "classes that are simulated again at their fitted size")
     sizes: tuple[float, ...] = number((1.0, 0.5), "of that size: large effects are not proportional to it")

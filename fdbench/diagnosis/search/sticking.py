@@ -17,7 +17,9 @@ def that_sticks(best: Calibrated, beside: Callable[[Sequence[Effect]], Aligned])
 
     A friction that turns its sign by far faster than on paper seems to stick. Where bristles in its place bend over no
     more than readings show, they say nothing but that, and are as strong as on paper at any speed; where they bend over
-    more, or are stronger at rest, they are a cause to be found.
+    more, or are stronger at rest, they are a cause to be found. A virtual loop has to bend what sticks to follow a
+    motion, by more than an encoder shows: along one, such bristles are as likely as a friction that turns its sign
+    steeply, and have to bring no more than that.
 
     Parameters
     ----------
@@ -27,9 +29,8 @@ def that_sticks(best: Calibrated, beside: Callable[[Sequence[Effect]], Aligned])
     """
     nominal, known = best.ready.nominal, best.ready.nominal.drive.effects
     noise, follows = best.ready.split.noise_models[POSITION], isinstance(nominal.drive.controller, Following)
-    unseen_m = SEARCH.unseen_bend * noise.total
-    # A virtual loop has to bend bristles that stick to follow a motion: by more than the encoder shows.
-    unseen_m = 2.0 * unseen_m if follows else min(unseen_m, SEARCH.unseen_reading * noise.at_high_frequencies)
+    by_reading_m = min(SEARCH.unseen_bend * noise.total, SEARCH.unseen_reading * noise.at_high_frequencies)
+    unseen_m = SEARCH.unseen_following * noise.total if follows else by_reading_m
     shifts = zip(nominal_parameters(nominal), best.hypothesis.shifts, strict=True)
     steep = [item.index for item, shift in shifts if isinstance(item, TransitionVelocity) and shift < -SEARCH.steep]
     forms = [
@@ -52,5 +53,4 @@ def that_sticks(best: Calibrated, beside: Callable[[Sequence[Effect]], Aligned])
             "more than the readings show it fits better, whatever its size. Write it so in the model."
         )
     )
-    # Beside a virtual loop bristles as soft as that are no cause, and as likely as what turns its sign steeply.
     return tried if tried.cost < best.cost - (0.0 if follows else best.hypothesis.cost_of_a_cause) else best

@@ -1,16 +1,18 @@
 """A known friction that sticks is no cause; one whose bristles are seen to bend is."""
 
 import dataclasses
+from collections.abc import Callable
 
 import axis_lab
 import numpy as np
 import pytest
 
-from fdbench.diagnosis.diagnose import Diagnosis, diagnose
+from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.effects import Effect, effects
 from fdbench.plants._controllers import Cascade, Following
 from fdbench.plants.feed_drive import FeedDrive, LinearMotor
+from fdbench.record import Record
 
 COULOMB, LUGRE = effects.get("coulomb_friction"), effects.get("lugre_friction")
 
@@ -51,22 +53,21 @@ def nominal() -> Nominal:
     return Nominal(plant=stage(20.0, COULOMB.typical(coulomb_force_N=20.0)), simulation=Simulation(substeps=10))
 
 
-def diagnosis_of(bend_m: float) -> Diagnosis:
-    """Return the diagnosis of a stage with bristles that bend over a way."""
-    groups = [
+def recorded(friction: Callable[[], Effect], *extra: Effect) -> list[list[Record]]:
+    """Return two repeats of each motion, and one of each held-out one, each with a friction of its own."""
+    return [
         [
-            axis_lab.record(stage(20.4, bristles(19.0, bend_m)), (), *motion, seed=int(10 * factor) + repeat)
+            axis_lab.record(stage(20.4, friction()), extra, *motion, seed=int(10 * factor) + repeat)
             for motion in axis_lab.protocol(factor).values()
             for repeat in range(repeats)
         ]
         for factor, repeats in ((1.0, 2), (1.3, 1))
     ]
-    return diagnose(nominal(), *groups)
 
 
 @pytest.mark.parametrize(("bend_m", "sticks"), [(2e-8, True), (5e-6, False)])
 def test_bristles_that_are_not_seen_to_bend_are_no_cause(bend_m: float, sticks: bool) -> None:
-    diagnosis = diagnosis_of(bend_m)
+    diagnosis = diagnose(nominal(), *recorded(lambda: bristles(19.0, bend_m)))
     answer, known = diagnosis.answer, diagnosis.final.nominal.drive.effects[0]
     assert any("seems to stick at rest" in text for text in answer.assumptions) is sticks
     assert (answer.chances().get("lugre_friction", 0.0) > 0.9) is not sticks
@@ -77,19 +78,7 @@ def test_bristles_that_are_not_seen_to_bend_are_no_cause(bend_m: float, sticks: 
 
 def test_beside_another_cause_and_without_a_controller_what_sticks_is_none() -> None:
     cogging, random = effects.get("cogging").typical(cogging_force_N=8.0, pitch_m=0.016), np.random.default_rng(0)
-    groups = [
-        [
-            axis_lab.record(
-                stage(20.4, bristles(19.0 * (1.0 + 0.03 * random.standard_normal()), 2e-8)),
-                (cogging,),
-                *motion,
-                seed=int(10 * factor) + repeat,
-            )
-            for motion in axis_lab.protocol(factor).values()
-            for repeat in range(repeats)
-        ]
-        for factor, repeats in ((1.0, 2), (1.3, 1))
-    ]
+    groups = recorded(lambda: bristles(19.0 * (1.0 + 0.03 * random.standard_normal()), 2e-8), cogging)
     model = nominal()
     follows = dataclasses.replace(model, plant=dataclasses.replace(model.drive, controller=Following()))
     answer = diagnose(follows, *groups).answer
