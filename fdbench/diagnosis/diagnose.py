@@ -34,10 +34,9 @@ from fdbench.diagnosis.judge.verdict import Verdict, verdict
 from fdbench.diagnosis.model.as_nominal import as_nominal
 from fdbench.diagnosis.model.hypothesis import Hypothesis, start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
-from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.model.rotary_axis import record_of_rotary
 from fdbench.diagnosis.records.plausibility import clock_warnings
-from fdbench.diagnosis.records.runs import FORCE, merged
+from fdbench.diagnosis.records.runs import FORCE
 from fdbench.diagnosis.search.beside_the_known import beside_the_known
 from fdbench.diagnosis.search.calibrated import Calibrated
 from fdbench.diagnosis.search.command_rates import with_likely_rates
@@ -255,6 +254,7 @@ def _since(
     """
     nominal, told = without_limited_controller(nominal, [*baseline, *records, *holdouts])
     known, healthy = calibrated_on(nominal, baseline, progress)
+    told = [*told, *healthy.said]
     ready = aligned(known, records, holdouts, healthy)
     if not healthy.covers(ready.runs):
         # Without records of the same command before, an error of the model's form does not cancel.
@@ -359,17 +359,15 @@ def calibrated_on(
     """
     # What is late every day is in what the baseline leaves; once known, no later force could be found.
     on_paper = dataclasses.replace(nominal.uncertainty, loop_lag=0.0, encoder_delay=0.0)
-    ready = aligned(dataclasses.replace(nominal, uncertainty=on_paper), records, ())
-    runs = merged(ready.runs)
-    split = Split(
-        runs=runs,
-        held_out=[np.zeros(run.n_samples, dtype=np.bool_) for run in runs],
-        noise_models=ready.split.noise_models,
-    )
-    given = start(ready.nominal)
-    readings = Readings(ready.readings.replay, runs).coarsened(given, split.noise_models)
+
+    def beside(known: Sequence[Effect]) -> Aligned:
+        plant = dataclasses.replace(nominal.drive, effects=tuple(known))
+        return aligned(dataclasses.replace(nominal, plant=plant, uncertainty=on_paper), records, ()).whole()
+
+    ready = beside(nominal.drive.effects)
     _say(progress, "calibrating on the baseline")
-    model = Refinement(readings, split).calibrate(given)
+    found = that_sticks(Calibrated.of(ready), beside)
+    model, readings, runs = found.hypothesis, found.refinement.readings, found.ready.split.runs
     residuals = [
         {name: measured - readings.alone(place, model)[name] for name, measured in run.channels.items()}
         for place, run in enumerate(runs)
@@ -380,7 +378,8 @@ def calibrated_on(
     fixed = dict.fromkeys(("known_phase", "stiffness", "damping", "loop_lag", "encoder_delay"), 0.0)
     doubt = Uncertainty(**of_a_day, **fixed, force_offset_N=offset_N)
     known = dataclasses.replace(as_nominal(model), uncertainty=doubt)
-    return known, Baseline(runs=runs, residuals=residuals, artefacts=ready.artefacts)
+    said = [text for text in found.ready.assumptions if text not in ready.assumptions]
+    return known, Baseline(runs=runs, residuals=residuals, artefacts=found.ready.artefacts, said=said)
 
 
 def write_experiment(found: Diagnosis, path: str | Path) -> Diagnosis:

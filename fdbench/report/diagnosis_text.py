@@ -113,7 +113,7 @@ def verdict(answer: Answer) -> Iterator[str]:
         yield from _changed_values(answer)
         return
     said = [cause for cause in answer.causes if cause.probability >= WORTH_SAYING and not _is_nothing(cause)]
-    yield from (_named(cause, answer.recorded) for cause in said)
+    yield from (_named(cause, answer) for cause in said)
     for suspect in answer.suspects:
         if suspect.probability >= WORTH_SAYING:
             words = (
@@ -141,13 +141,23 @@ def _nothing(answer: Answer) -> Iterator[str]:
     elif size > NOISE_ALONE:
         yield f"Too small to attribute: the mean squared gap is {size:.2f} times the noise, no more."
     elif nominal > max(NOISE_ALONE, 1.2 * size):
-        yield "No gap beyond the noise once the nominal parameters are re-calibrated: no effect is missing."
+        text = "No gap beyond the noise once the nominal parameters are re-calibrated: no effect is missing"
+        yield f"{text}{_unless(answer)}."
     else:
         yield "No gap beyond the noise: these records show nothing that the model lacks."
     values = [cause for cause in answer.causes if cause.parametric and cause.probability >= WORTH_SAYING]
-    yield from (_named(cause, answer.recorded) for cause in values)
+    yield from (_named(cause, answer) for cause in values)
     if answer.causes:
         yield f"No cause is named: what was fitted, {_names(answer.causes)}, is less probable than that."
+
+
+def _unless(answer: Answer) -> str:
+    """Return which values that moved far may stand in for an effect, where none of them is told to be wrong."""
+    if _is_since(answer.recorded) or any(cause.parametric and cause.probability > LIKELY for cause in answer.causes):
+        return ""
+    moved = answer.parametric.moved_in_standard_deviations
+    far = [f"{name} by {shift:+.1f}" for name, shift in moved.items() if abs(shift) > MOVED]
+    return f", unless what moved far stands in for one: {', '.join(far)} standard deviations" if far else ""
 
 
 def _set_anew(answer: Answer) -> Iterator[str]:
@@ -170,8 +180,9 @@ def _is_since(recorded: Recorded | None) -> bool:
     return recorded is not None and recorded.baseline > 0
 
 
-def _named(cause: Cause, recorded: Recorded | None) -> str:
+def _named(cause: Cause, answer: Answer) -> str:
     """Return what is said of a cause, and of what its share is."""
+    recorded = answer.recorded
     chance, likely = f"probability {probability_text(cause.probability)}", cause.probability > LIKELY
     if cause.parametric:
         removes = f"its correction removes {percent(cause.share)} of the {NOMINAL}"
@@ -187,7 +198,19 @@ def _named(cause: Cause, recorded: Recorded | None) -> str:
         chance = f"probability together {probability_text(together)}"
         return f"Cannot be distinguished on these data: {names}, {chance}. Whichever it is explains {share}."
     first = "Cause:" if likely else "Perhaps"
-    return f"{first} {cause.effect}, {chance}; it explains {share}.{_small(cause, recorded)}"
+    taken_for = f"re-calibration alone takes it for {_sizes(answer)}, beyond which " if _scales(cause.effect) else ""
+    return f"{first} {cause.effect}, {chance}; {taken_for}it explains {share}.{_small(cause, recorded)}"
+
+
+def _scales(effect: str) -> bool:
+    """Return whether an effect changes every size of a model alike, so that re-calibration hides it."""
+    return effect in effects.names() and effects.get(effect).scales_every_value
+
+
+def _sizes(answer: Answer) -> str:
+    """Return by how much which values seem to have changed."""
+    changes = (f"{name} by {_signed(change)}" for name, change in answer.parametric.values.items())
+    return f"another size of {', '.join(changes)}" if answer.parametric.values else "other sizes"
 
 
 def _small(cause: Cause, recorded: Recorded | None) -> str:
@@ -400,9 +423,14 @@ def _doubts(answer: Answer) -> Iterator[str]:
                 f"What friction changes by from run to run hides what {step.added} adds to one model for all: its "
                 "share and its step are beside that."
             )
-        elif step.ci95[0] <= 0.0 and step.added in sure and step is not answer.shrinkage.steps[-1]:
+        elif (
+            step.ci95[0] <= 0.0
+            and step.added in sure
+            and not _scales(step.added)
+            and step is not answer.shrinkage.steps[-1]
+        ):
             yield f"What {step.added} adds shows beside what follows it: the interval of its own step includes none."
-        elif step.ci95[0] <= 0.0:
+        elif step.ci95[0] <= 0.0 and not _scales(step.added):
             yield f"What {step.added} adds may be chance: the interval of its reduction includes none."
     for name, channel in answer.gap.channels.items():
         if channel.repaired > 1.02 * channel.recalibrated:

@@ -119,6 +119,29 @@ def test_what_was_fitted_to_noise_is_not_called_little() -> None:
     assert list(contradictions_in_words(text)) == []
 
 
+def test_no_gap_says_which_values_moved_far_for_it() -> None:
+    """A dead time may hide behind the filter of a velocity, which has no name as a cause."""
+    own = answer([], no_gap_probability=0.9)
+    none = replace(own.shrinkage, recalibrated=0.4, left=0.4, steps=())
+    moved = {"velocity_filter": 4.2, "motor_mass": 0.3}
+    own = replace(
+        own, shrinkage=none, parametric=replace(own.parametric, moved_in_standard_deviations=moved, values={})
+    )
+    hidden = ", unless what moved far stands in for one: velocity_filter by +4.2 standard deviations."
+    assert f"no effect is missing{hidden}" in told(own)
+    wrong = replace(own, causes=(replace(FRICTION, probability=0.9),))
+    assert "no effect is missing." in told(wrong)
+    steady = replace(own, parametric=replace(own.parametric, moved_in_standard_deviations={"velocity_filter": 2.0}))
+    assert "no effect is missing." in told(steady)
+
+
+def test_what_scales_every_value_is_told_beside_the_values_that_it_is_taken_for() -> None:
+    own = answer([replace(CAUSE, effect="motor_constant", share=0.01)])
+    values = {"inertia_mismatch": Quantity(value=3.6, ci95=None, unit="kg")}
+    text = told(replace(own, parametric=replace(own.parametric, values=values)))
+    assert "re-calibration alone takes it for another size of inertia_mismatch by +3.6 kg, beyond which it" in text
+
+
 def test_nominal_parameters_stand_apart_with_what_their_share_is_of() -> None:
     found = answer([FRICTION, CAUSE])
     lines = summary(found).splitlines()

@@ -28,6 +28,8 @@ class Baseline:
         Channels of each, less those simulated, (n_samples,).
     artefacts : sequence of Artefact
         What its readings show by themselves.
+    said : sequence of str
+        What was found of the model besides its numbers.
     set_anew : mapping of str to float
         Gains of the controller that somebody has changed since, by their names, and by what share of themselves.
     """
@@ -35,6 +37,7 @@ class Baseline:
     runs: Sequence[RecordedRun]
     residuals: Sequence[Mapping[str, FloatArray]]
     artefacts: Sequence[Artefact] = ()
+    said: Sequence[str] = ()
     set_anew: Mapping[str, float] = field(default_factory=dict)
 
     @property

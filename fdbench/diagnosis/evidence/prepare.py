@@ -94,6 +94,13 @@ class Aligned:
         """Return them with an assumption more."""
         return dataclasses.replace(self, warnings=[*self.warnings, text], assumptions=[*self.assumptions, text])
 
+    def whole(self) -> "Aligned":
+        """Return them with the means of repeats fitted and nothing judged on."""
+        runs = merged(self.runs)
+        held_out = [np.zeros(run.n_samples, dtype=np.bool_) for run in runs]
+        split = Split(runs=runs, held_out=held_out, noise_models=self.split.noise_models)
+        return dataclasses.replace(self, readings=Readings(self.readings.replay, runs), split=split)
+
     @property
     def only_unsteady(self) -> list[RecordedRun]:
         """Runs whose force does not repeat, but for those of another condition."""

@@ -102,8 +102,9 @@ def effect_features(contest: Stage, kind: type[Effect], beside: Beside, same: Co
 
     What an effect changes counts beside the evidence for it: machines have traces of every effect, and forms that are
     not quite the library's look like further effects that are small. It counts twice: as what it changes in the base,
-    of which nominal parameters may hide a part, and in its own hypothesis; and once more between the size of a trace
-    and that of a cause, up to a larger one for an effect that is ``everywhere``. What else the contest shows (misfits,
+    of which nominal parameters may hide a part (and all of one that scales every value, whose own size counts there),
+    and in its own hypothesis; and once more between the size of a trace and that of a cause, up to a larger one for an
+    effect that is ``everywhere``. What else the contest shows (misfits,
     how many numbers were fitted, steadiness over time, what it removes of the force balances) added nothing.
 
     Parameters
@@ -119,7 +120,8 @@ def effect_features(contest: Stage, kind: type[Effect], beside: Beside, same: Co
     different = (rival for rival in contest.rivals if rival.kind is not kind and rival.kind.name not in same)
     others = [contest.log_evidence(rival.misfit, rival.penalty) for rival in different]
     best = max([contest.log_evidence(contest.misfit, contest.penalty), *others])
-    size, own_size = (max(item, JUDGE.smallest_size) for item in (own.size, own.own_size))
+    in_base = own.own_size if kind.scales_every_value else own.size
+    size, own_size = (max(item, JUDGE.smallest_size) for item in (in_base, own.own_size))
     least = max(min(size, own_size), JUDGE.trace_size)
     return {
         "margin": math.asinh(contest.log_evidence(own.misfit, own.penalty) - best),

@@ -84,3 +84,18 @@ def test_beside_another_cause_and_without_a_controller_what_sticks_is_none() -> 
     answer = diagnose(follows, *groups).answer
     assert any("seems to stick at rest" in text for text in answer.assumptions)
     assert [cause.effect for cause in answer.causes if cause.probability > 0.5] == ["cogging"]
+
+
+def test_on_a_baseline_what_sticks_is_known_too() -> None:
+    """With a friction that creeps at rest, what the model leaves of the baseline hides what has changed since."""
+    random = np.random.default_rng(0)
+
+    def friction() -> Effect:
+        return bristles(19.0 * (1.0 + 0.03 * random.standard_normal()), 2e-8)
+
+    before, _ = recorded(friction)
+    now = recorded(friction, effects.get("motor_constant").typical(relative_change=-0.15))
+    answer = diagnose(nominal(), *now, baseline=before).answer
+    assert any("seems to stick at rest" in text for text in answer.assumptions)
+    assert [cause.effect for cause in answer.causes if cause.probability > 0.5] == ["motor_constant"]
+    assert answer.causes[0].parameters["relative_change"].value == pytest.approx(-0.15, rel=0.15)
