@@ -232,8 +232,8 @@ def _on_paper(
         return aligned(dataclasses.replace(nominal, simulation=simulation), records, holdouts)
 
     def beside(known: Sequence[Effect]) -> Aligned:
-        simulation, plant = found.ready.nominal.simulation, dataclasses.replace(nominal.drive, effects=tuple(known))
-        return aligned(dataclasses.replace(nominal, simulation=simulation, plant=plant), records, holdouts)
+        simulation = found.ready.nominal.simulation
+        return aligned(dataclasses.replace(nominal.knowing(known), simulation=simulation), records, holdouts)
 
     ready = aligned(nominal, records, holdouts)
     _say(progress, "re-calibrating the nominal parameters")
@@ -358,11 +358,11 @@ def calibrated_on(
     What is left to doubt is what changes on one machine: see `fdbench.diagnosis.settings.BaselineSettings`.
     """
     # What is late every day is in what the baseline leaves; once known, no later force could be found.
-    on_paper = dataclasses.replace(nominal.uncertainty, loop_lag=0.0, encoder_delay=0.0)
+    doubt = dataclasses.replace(nominal.uncertainty, loop_lag=0.0, encoder_delay=0.0)
+    in_time = dataclasses.replace(nominal, uncertainty=doubt)
 
     def beside(known: Sequence[Effect]) -> Aligned:
-        plant = dataclasses.replace(nominal.drive, effects=tuple(known))
-        return aligned(dataclasses.replace(nominal, plant=plant, uncertainty=on_paper), records, ()).whole()
+        return aligned(in_time.knowing(known), records, ()).whole()
 
     ready = beside(nominal.drive.effects)
     _say(progress, "calibrating on the baseline")
@@ -376,7 +376,7 @@ def calibrated_on(
     of_a_day = dataclasses.asdict(BASELINE)
     offset_N = of_a_day.pop("force_offset") * ready.nominal.force_offset_N
     fixed = dict.fromkeys(("known_phase", "stiffness", "damping", "loop_lag", "encoder_delay"), 0.0)
-    doubt = Uncertainty(**of_a_day, **fixed, force_offset_N=offset_N)
+    doubt = Uncertainty(**of_a_day | fixed, force_offset_N=offset_N)
     known = dataclasses.replace(as_nominal(model), uncertainty=doubt)
     said = [text for text in found.ready.assumptions if text not in ready.assumptions]
     return known, Baseline(runs=runs, residuals=residuals, artefacts=found.ready.artefacts, said=said)

@@ -163,9 +163,10 @@ def toml_lines(table: Mapping[str, Any], path: str = "") -> Iterator[str]:
     [[e]]
     f = [1, 2]
     """
-    inner = {key: value for key, value in table.items() if isinstance(value, Mapping) or _lists_tables(value)}
-    for key, value in table.items():
-        if key not in inner and value != []:
+    told = {key: value for key, value in table.items() if value not in ([], {})}
+    inner = {key: value for key, value in told.items() if isinstance(value, Mapping) or _lists_tables(value)}
+    for key, value in told.items():
+        if key not in inner:
             yield f"{key} = {_literal(value)}"
     for key, value in inner.items():
         name = f"{path}{key}"

@@ -18,8 +18,10 @@ def as_nominal(hypothesis: Hypothesis) -> Nominal:
             effects.append(added)
         else:
             effects[place] = with_amplitude(added, amplitude_of(effects[place]) + amplitude_of(added))
-    plant = dataclasses.replace(variant.plant, effects=tuple(effects))
-    return dataclasses.replace(hypothesis.nominal, plant=plant)
+    plant, doubt = dataclasses.replace(variant.plant, effects=tuple(effects)), hypothesis.nominal.uncertainty
+    known = {item.name for item in effects}
+    doubt = dataclasses.replace(doubt, effects={name: own for name, own in doubt.effects.items() if name in known})
+    return dataclasses.replace(hypothesis.nominal, plant=plant, uncertainty=doubt)
 
 
 def _adds_up(known: Effect, added: Effect) -> bool:

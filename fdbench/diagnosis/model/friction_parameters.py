@@ -61,7 +61,7 @@ class KnownAmplitude(_OfAKnownEffect):
             cls(
                 name=f"known_{item.name}",
                 index=index,
-                deviation=nominal.uncertainty.known_effects,
+                deviation=nominal.uncertainty.of_effect(item),
                 is_friction=is_friction(item),
             )
             for index, item in enumerate(nominal.drive.effects)
@@ -134,12 +134,12 @@ class KnownFurtherAmplitude(_BesideItsSize):
 
     @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
-        deviation = nominal.uncertainty.known_effects
+        doubt_of = nominal.uncertainty.of_effect
         return [
-            cls(name=f"known_{item.name}_{name}", index=index, deviation=deviation, parameter=name)
+            cls(name=f"known_{item.name}_{name}", index=index, deviation=doubt_of(item), parameter=name)
             for index, item in enumerate(nominal.drive.effects)
             for name in type(item).further_amplitudes
-            if deviation > 0.0 and getattr(item, name) != 0.0 and unit_of(name) != unit_of(type(item).amplitude)
+            if getattr(item, name) != 0.0 and unit_of(name) != unit_of(type(item).amplitude)
         ]
 
     def value(self, drive: FeedDrive, shift: float) -> float:

@@ -74,6 +74,8 @@ class Uncertainty:
         Of the natural logarithm of the damping of a screw or shaft, which no data sheet says.
     known_effects : float
         Of the size of each effect that the model knows, relative.
+    effects : mapping of str to float
+        The same of single ones, by their names: weight of a joint is known better than its friction.
     known_phase : float
         Of the phase of each known effect that repeats over the way, such as gravity of a joint, in radians.
     transition_velocity : float
@@ -106,6 +108,7 @@ class Uncertainty:
     stiffness: float = nonnegative(default=0.05)
     damping: float = nonnegative(default=0.3)
     known_effects: float = positive(default=0.06)
+    effects: Mapping[str, float] = field(default_factory=dict, hash=False)
     known_phase: float = nonnegative(default=0.05)
     transition_velocity: float = nonnegative(default=1.0)
     bristle_stiffness: float = nonnegative(default=1.0)
@@ -120,6 +123,13 @@ class Uncertainty:
 
     def __post_init__(self) -> None:
         check_bounds(self)
+        for name, deviation in self.effects.items():
+            if not deviation > 0.0:
+                raise SpecError(f"effects.{name}: {deviation:g} is not allowed; it must be above 0.")
+
+    def of_effect(self, known: Effect) -> float:
+        """Return the relative standard deviation of the size of a known effect."""
+        return self.effects.get(known.name, self.known_effects)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,6 +197,15 @@ class Nominal:
         known = tuple(at_scale(type(item), found.scale)(**vars(item)) for item in self.drive.effects)
         object.__setattr__(found, "plant", replace(self.drive, effects=known))
         return found
+
+    def knowing(self, known: Sequence[Effect]) -> "Nominal":
+        """Return the model with other known effects, each in the place of one and known as well as that."""
+        doubt, before = self.uncertainty, self.drive.effects
+        own = (
+            {now.name: doubt.of_effect(item) for item, now in zip(before, known, strict=True)} if doubt.effects else {}
+        )
+        plant = replace(self.drive, effects=tuple(known))
+        return replace(self, plant=plant, uncertainty=replace(doubt, effects=own))
 
     @cached_property
     def scale(self) -> Scale:
@@ -331,10 +350,20 @@ def _read(table: Mapping[str, Any], where: str) -> Nominal:
     plant = table.get("plant")
     known = plant.get("effects") if isinstance(plant, Mapping) else None
     if not isinstance(plant, Mapping) or not isinstance(known, list) or not all(map(_is_known, known)):
-        return read(Nominal, table, where)
+        return _with_known_doubts(read(Nominal, table, where), where)
     nominal = read(Nominal, {**table, "plant": {**plant, "effects": []}}, where)
     found = tuple(_known(item, f"{where}.plant.effects[{place}]") for place, item in enumerate(known))
-    return replace(nominal, plant=replace(nominal.drive, effects=found))
+    return _with_known_doubts(replace(nominal, plant=replace(nominal.drive, effects=found)), where)
+
+
+def _with_known_doubts(nominal: Nominal, where: str) -> Nominal:
+    """Return the model, all of whose single doubts are of effects that it knows."""
+    for name in nominal.uncertainty.effects:
+        known = [item.name for item in nominal.drive.effects]
+        if name not in known:
+            nearest = did_you_mean(name, known) or f" Known are {', '.join(known) or 'none'}."
+            raise SpecError(f"{where}.uncertainty.effects.{name}: no effect of [[plant.effects]].{nearest}")
+    return nominal
 
 
 def _is_known(effect: Any) -> bool:
