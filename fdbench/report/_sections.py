@@ -6,12 +6,14 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from fdbench.diagnosis.answer import Answer, Cell, Experiment, Pair, Quantity, Where
-from fdbench.report import diagnosis_text as words
+from fdbench.report import diagnosis_text, doubts_text, verdict_text
 from fdbench.report._bars import bars, dots
 from fdbench.report._figures import BEFORE, Band, Curve, Figure, Panel
 from fdbench.report._page import Block, Grid, Section, breakable, folded, note, paragraph, table
 from fdbench.report._templates import Html, part
+from fdbench.report._text import LIKELY
 from fdbench.report._virtual_machines import virtual_machines
+from fdbench.report.process_forces_text import forces, process_forces
 from fdbench.wording import percent, probability_text, public_text, quantity, scaled, si_text, unit_text
 
 PARTITIONS = {
@@ -27,14 +29,14 @@ TITLES = ("Where the gap lies", "Causes", "How far the gap shrinks", "Process fo
 
 def lead(answer: Answer) -> Iterator[Html]:
     """Yield the answer on one card, and beside it what speaks against it."""
-    doubts = [public_text(doubt) for doubt in words.doubts(answer)]
-    content = [*_causes_in_short(answer), channel_bars(answer), *map(paragraph, words.verdict(answer))]
-    yield part("answer", words.title(answer), content, doubts)
+    doubts = [public_text(doubt) for doubt in doubts_text.doubts(answer)]
+    content = [*_causes_in_short(answer), channel_bars(answer), *map(paragraph, verdict_text.verdict(answer))]
+    yield part("answer", diagnosis_text.title(answer), content, doubts)
 
 
 def _causes_in_short(answer: Answer) -> Iterator[Html]:
     """Yield what is most probable: causes with their values, the type of cause where the effect is in doubt."""
-    named = [cause for cause in answer.causes if cause.probability > words.LIKELY]
+    named = [cause for cause in answer.causes if cause.probability > LIKELY]
     for cause in named:
         names = Html(" or ").join(map(breakable, [cause.effect, *cause.indistinguishable_from]))
         values = [
@@ -45,7 +47,7 @@ def _causes_in_short(answer: Answer) -> Iterator[Html]:
         yield part("cause", names, probability_text(cause.probability), cause.probability, "; ".join(values))
     others = (("no gap beyond the noise", answer.no_gap_probability), ("something unknown", answer.unknown_probability))
     for name, chance in others:
-        if chance >= words.LIKELY:
+        if chance >= LIKELY:
             yield part("cause", name, probability_text(chance), chance, "")
     if not named and answer.types:
         best = answer.types[0]
@@ -96,7 +98,7 @@ def _virtual_machines(answer: Answer) -> Iterator[Block]:
 
 
 def _process_forces(answer: Answer) -> Iterator[Block]:
-    for force, sentence in zip(words.forces(answer), words.process_forces(answer), strict=True):
+    for force, sentence in zip(forces(answer), process_forces(answer), strict=True):
         yield paragraph(public_text(sentence))
         time, values = np.array(force.course.time_s), np.array(force.course.force_N)
         within = 1.96 * force.standard_deviation_N
@@ -121,7 +123,7 @@ def noise_floors(answer: Answer) -> Html:
 
 
 def _where(answer: Answer) -> Iterator[Block]:
-    if words.is_noise_alone(answer):
+    if diagnosis_text.is_noise_alone(answer):
         yield paragraph("Nothing is beyond the noise.")
         return
     yield note(
@@ -131,7 +133,7 @@ def _where(answer: Answer) -> Iterator[Block]:
     yield note("Thin lines: 95 % of resampled stretches of time.")
     figures = []
     for key, title in PARTITIONS.items():
-        cells = words.cells_of(answer, key)
+        cells = diagnosis_text.cells_of(answer, key)
         if any(share > 0.0 for _, share in cells):
             names, shares = [name for name, _ in cells], [share for _, share in cells]
             figures.append(bars(title, names, shares, bounds=_bounds(answer.where, key), whole=1.0))
@@ -199,7 +201,7 @@ def cause_tables(answer: Answer) -> Iterator[Html]:
         shares = [
             [
                 *(breakable(cause.effect), probability_text(cause.probability), percent(cause.share)),
-                *(percent(words.unique(cause)), ", ".join(cause.indistinguishable_from) or "–"),
+                *(percent(diagnosis_text.unique(cause)), ", ".join(cause.indistinguishable_from) or "–"),
             ]
             for cause in added
         ]
@@ -269,7 +271,7 @@ def _shrinkage(answer: Answer) -> Iterator[Block]:
         caption=f"Judged on {answer.shrinkage.judged_on_words}. Fine lines: 95 % of resampled stretches of time, for "
         "the step alone.",
     )
-    yield part("bullets", list(words.shrinkage(answer)))
+    yield part("bullets", list(diagnosis_text.shrinkage(answer)))
     yield folded("Gap of each channel, root mean square", channel_table(answer))
 
 

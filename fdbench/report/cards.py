@@ -8,7 +8,7 @@ from fdbench.benchmark.compare import Comparison
 from fdbench.benchmark.leaderboard import check_mergeable, interval_text
 from fdbench.benchmark.statistics import LEVEL, rankings, standings
 from fdbench.diagnosis.answer import Answer
-from fdbench.report import diagnosis_text as words
+from fdbench.report import diagnosis_text, doubts_text, verdict_text
 from fdbench.report._page import folded, paragraph, table
 from fdbench.report._sections import cause_tables, channel_table
 from fdbench.report._templates import Html, part, rendered
@@ -25,11 +25,11 @@ def _card(title: str, content: Iterable[Html]) -> str:
 def verdict_card(answer: Answer) -> str:
     """Return the verdict of a diagnosis, the gap of each channel and the causes as HTML for a notebook."""
     with spoken_of(answer.axis):
-        doubts = list(words.doubts(answer))
-        content = [*(paragraph(sentence) for sentence in words.verdict(answer)), channel_table(answer)]
+        doubts = list(doubts_text.doubts(answer))
+        content = [*(paragraph(sentence) for sentence in verdict_text.verdict(answer)), channel_table(answer)]
         content += cause_tables(answer)
         content += [folded("Doubts", part("bullets", doubts))] if doubts else []
-        return _card(words.title(answer), content)
+        return _card(diagnosis_text.title(answer), content)
 
 
 def ranking_card(scores: "pd.DataFrame") -> str:

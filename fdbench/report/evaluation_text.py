@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from fdbench.diagnosis.evaluation.result import ALL_RECORDS, WAYS, Evaluation, ModelComparison, PredictionScore
-from fdbench.report.diagnosis_text import wrapped
+from fdbench.report._text import wrapped
 from fdbench.wording import quantity, scaled, si_text
 
 HEADER = ("channel", "record", "model", "error", "of the spread", "fit", "noise floor")

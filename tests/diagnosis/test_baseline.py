@@ -24,7 +24,7 @@ from fdbench.errors import UnstableLoop
 from fdbench.plants._controllers import Cascade
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import Record
-from fdbench.report.diagnosis_text import verdict
+from fdbench.report.verdict_text import verdict
 
 WAVE = effects.get("encoder_interpolation_error").typical()
 

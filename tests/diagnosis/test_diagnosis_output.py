@@ -43,7 +43,8 @@ from fdbench.reading import read_record
 from fdbench.record import Record
 from fdbench.report._curves import Curves
 from fdbench.report.diagnosis import write_diagnosis
-from fdbench.report.diagnosis_text import summary, verdict
+from fdbench.report.diagnosis_text import summary
+from fdbench.report.verdict_text import verdict
 from fdbench.wording import percent, quantity, scaled, si_text
 
 MODEL = REPOSITORY / "examples" / "emps" / "model.toml"

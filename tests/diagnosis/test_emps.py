@@ -17,7 +17,7 @@ from fdbench.estimator import Context, Estimate, estimators
 from fdbench.metrics import Outcome, metrics
 from fdbench.reading import read_record
 from fdbench.record import FloatArray, Record
-from fdbench.report.diagnosis_text import WORTH_SAYING
+from fdbench.report._text import WORTH_SAYING
 from fdbench.scenario import load_scenario, scenario_folder
 
 EXAMPLE = REPOSITORY / "examples" / "emps"

@@ -25,7 +25,8 @@ from fdbench.diagnosis.answer import (
     read_answer,
 )
 from fdbench.report._sections import cause_tables, sections
-from fdbench.report.diagnosis_text import summary, verdict
+from fdbench.report.diagnosis_text import summary
+from fdbench.report.verdict_text import verdict
 from fdbench.trials.contradictions import contradictions_in_words
 
 CAUSE = Cause(effect="cogging", probability=0.9, share=0.6, unique_share=0.6, parameters={})
