@@ -17,7 +17,7 @@ from _axes import finished, kept
 from diagnosis_recall import causes, rate
 from threadpoolctl import threadpool_limits
 
-from fdbench.diagnosis.answer import READING, VALUE
+from fdbench.diagnosis.answer.cause import READING, VALUE
 from fdbench.diagnosis.diagnose import Diagnosis, diagnose
 from fdbench.diagnosis.evidence.prepare import aligned
 from fdbench.diagnosis.model.replay import Replay

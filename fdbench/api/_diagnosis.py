@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from fdbench.api._table import frame
 from fdbench.checks.plugin_files import add_effects
 from fdbench.cluster import processors
-from fdbench.diagnosis.answer import Answer
+from fdbench.diagnosis.answer.answer import Answer
 from fdbench.diagnosis.diagnose import Diagnosis, write_experiment
 from fdbench.diagnosis.diagnose import diagnose as find
 from fdbench.diagnosis.model.nominal import Nominal, load_nominal, nominal_of

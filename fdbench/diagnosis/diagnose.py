@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from fdbench.diagnosis.answer import Answer, Quantity, Recorded
+from fdbench.diagnosis.answer.answer import Answer
+from fdbench.diagnosis.answer.quantity import Quantity
+from fdbench.diagnosis.answer.recorded import Recorded
 from fdbench.diagnosis.evidence.at_limit import without_limited_controller
 from fdbench.diagnosis.evidence.baseline import Baseline
 from fdbench.diagnosis.evidence.evidence import gather, with_explained

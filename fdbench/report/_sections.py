@@ -5,7 +5,10 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from fdbench.diagnosis.answer import Answer, Cell, Experiment, Pair, Quantity, Where
+from fdbench.diagnosis.answer.answer import Answer
+from fdbench.diagnosis.answer.experiment import Experiment
+from fdbench.diagnosis.answer.quantity import Pair, Quantity
+from fdbench.diagnosis.answer.where import Cell, Where
 from fdbench.report import diagnosis_text, doubts_text, verdict_text
 from fdbench.report._bars import bars, dots
 from fdbench.report._figures import BEFORE, Band, Curve, Figure, Panel

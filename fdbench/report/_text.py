@@ -3,7 +3,8 @@
 import re
 import textwrap
 
-from fdbench.diagnosis.answer import Quantity, Recorded
+from fdbench.diagnosis.answer.quantity import Quantity
+from fdbench.diagnosis.answer.recorded import Recorded
 from fdbench.effects import effects
 from fdbench.wording import percent, si_text
 

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 
-from fdbench.diagnosis.answer import Answer, VirtualMachines
+from fdbench.diagnosis.answer.answer import Answer
+from fdbench.diagnosis.answer.virtual_machines import VirtualMachines
 from fdbench.wording import percent
 
 UNLIKE = 0.1  # p-value up to which the measured machine is not like the virtual ones: wrongly in one of ten

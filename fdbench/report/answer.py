@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from fdbench.diagnosis.answer import Answer, read_answer
+from fdbench.diagnosis.answer.answer import Answer, read_answer
 from fdbench.errors import FdbenchError
 from fdbench.report._page import Block, Section, note, paragraph, table, write_page
 from fdbench.report._sections import lead, noise_floors, sections

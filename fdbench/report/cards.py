@@ -7,7 +7,7 @@ from fdbench.benchmark import compare_text
 from fdbench.benchmark.compare import Comparison
 from fdbench.benchmark.leaderboard import check_mergeable, interval_text
 from fdbench.benchmark.statistics import LEVEL, rankings, standings
-from fdbench.diagnosis.answer import Answer
+from fdbench.diagnosis.answer.answer import Answer
 from fdbench.report import diagnosis_text, doubts_text, verdict_text
 from fdbench.report._page import folded, paragraph, table
 from fdbench.report._sections import cause_tables, channel_table

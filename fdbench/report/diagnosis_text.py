@@ -2,7 +2,10 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from fdbench.diagnosis.answer import Answer, Cause, Cell, Quantity
+from fdbench.diagnosis.answer.answer import Answer
+from fdbench.diagnosis.answer.cause import Cause
+from fdbench.diagnosis.answer.quantity import Quantity
+from fdbench.diagnosis.answer.where import Cell
 from fdbench.report._text import AFTER, BESIDE_CHANGES, LIKELY, NOISE_ALONE, NOMINAL, part_text, wrapped
 from fdbench.report._virtual_machines import virtual_machines
 from fdbench.report.doubts_text import doubts

@@ -4,7 +4,9 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 
-from fdbench.diagnosis.answer import EFFECT, Answer, CauseSet, FalseAlarms, Quantity
+from fdbench.diagnosis.answer.answer import Answer
+from fdbench.diagnosis.answer.cause import EFFECT, CauseSet, FalseAlarms
+from fdbench.diagnosis.answer.quantity import Quantity
 from fdbench.report._text import (
     LIKELY,
     MOSTLY,

@@ -3,7 +3,8 @@
 import math
 from collections.abc import Iterator
 
-from fdbench.diagnosis.answer import Answer, ProcessForce
+from fdbench.diagnosis.answer.answer import Answer
+from fdbench.diagnosis.answer.process_force import ProcessForce
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.wording import si_text
 

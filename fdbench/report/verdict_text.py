@@ -3,7 +3,10 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from fdbench.diagnosis.answer import Answer, Cause, Dependence, Recorded
+from fdbench.diagnosis.answer.answer import Answer
+from fdbench.diagnosis.answer.cause import Cause
+from fdbench.diagnosis.answer.recorded import Recorded
+from fdbench.diagnosis.answer.where import Dependence
 from fdbench.diagnosis.model.known_effects import OFFSET
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import effects

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator
 
-from fdbench.diagnosis.answer import Answer
+from fdbench.diagnosis.answer.answer import Answer
 from fdbench.diagnosis.settings import JUDGE
 
 WORSE = 1.02  # ratio of two gaps that no noise of the judgement explains

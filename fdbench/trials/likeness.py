@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fdbench.diagnosis.answer import VirtualMachines
+from fdbench.diagnosis.answer.virtual_machines import VirtualMachines
 from fdbench.diagnosis.judge.probability_models import Features
 
 

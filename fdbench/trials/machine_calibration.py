@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from fdbench.cluster import in_processes
-from fdbench.diagnosis.answer import VirtualMachines
+from fdbench.diagnosis.answer.virtual_machines import VirtualMachines
 from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
 from fdbench.diagnosis.model.nominal import Nominal

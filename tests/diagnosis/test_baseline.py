@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from axis_lab import PERIOD_S, as_built, drive, other_friction, protocol, record
 
-from fdbench.diagnosis.answer import Answer, Quantity
+from fdbench.diagnosis.answer.answer import Answer
+from fdbench.diagnosis.answer.quantity import Quantity
 from fdbench.diagnosis.diagnose import calibrated_on, diagnose
 from fdbench.diagnosis.evidence.baseline import Baseline
 from fdbench.diagnosis.evidence.prepare import aligned

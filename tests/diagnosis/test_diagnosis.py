@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from axis_lab import case, drive
 
-from fdbench.diagnosis.answer import Answer
+from fdbench.diagnosis.answer.answer import Answer
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, load_nominal
 from fdbench.effects import effects

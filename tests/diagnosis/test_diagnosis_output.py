@@ -16,16 +16,9 @@ from html_page import Page
 
 from fdbench import cli
 from fdbench.catalogue import scenario_folder
-from fdbench.diagnosis.answer import (
-    VALUE,
-    Cause,
-    ExpectedProbability,
-    Experiment,
-    ForceBalances,
-    RivalReduction,
-    Separation,
-    from_json,
-)
+from fdbench.diagnosis.answer.answer import from_json
+from fdbench.diagnosis.answer.cause import VALUE, Cause, ForceBalances, RivalReduction
+from fdbench.diagnosis.answer.experiment import ExpectedProbability, Experiment, Separation
 from fdbench.diagnosis.diagnose import Diagnosis, diagnose
 from fdbench.diagnosis.judge.localise import Gaps, Partition, where
 from fdbench.diagnosis.model.as_nominal import as_nominal

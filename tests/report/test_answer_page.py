@@ -11,7 +11,8 @@ import pytest
 from conftest import REPOSITORY
 from html_page import Page
 
-from fdbench.diagnosis.answer import EFFECT, from_json, read_answer
+from fdbench.diagnosis.answer.answer import from_json, read_answer
+from fdbench.diagnosis.answer.cause import EFFECT
 from fdbench.errors import FdbenchError
 from fdbench.report._page import table
 from fdbench.report.answer import write_answer

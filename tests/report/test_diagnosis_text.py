@@ -8,22 +8,13 @@ from typing import Any
 import pytest
 from conftest import REPOSITORY
 
-from fdbench.diagnosis.answer import (
-    VALUE,
-    Answer,
-    Cause,
-    Course,
-    ForceBalances,
-    NoiseBand,
-    NoiseFloor,
-    ProcessForce,
-    Quantity,
-    Recorded,
-    RivalReduction,
-    Step,
-    Suspect,
-    read_answer,
-)
+from fdbench.diagnosis.answer.answer import Answer, read_answer
+from fdbench.diagnosis.answer.cause import VALUE, Cause, ForceBalances, RivalReduction, Suspect
+from fdbench.diagnosis.answer.gap import NoiseBand, NoiseFloor
+from fdbench.diagnosis.answer.process_force import Course, ProcessForce
+from fdbench.diagnosis.answer.quantity import Quantity
+from fdbench.diagnosis.answer.recorded import Recorded
+from fdbench.diagnosis.answer.shrinkage import Step
 from fdbench.report._sections import cause_tables, sections
 from fdbench.report.diagnosis_text import summary
 from fdbench.report.verdict_text import verdict

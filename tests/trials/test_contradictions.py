@@ -6,7 +6,7 @@ from collections.abc import Callable
 import pytest
 from axis_lab import case
 
-from fdbench.diagnosis.answer import Answer
+from fdbench.diagnosis.answer.answer import Answer
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.effects import effects
 from fdbench.report.diagnosis_text import summary

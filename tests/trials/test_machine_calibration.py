@@ -14,7 +14,8 @@ from axis_lab import case, drive
 from conftest import REPOSITORY, shared_file
 from rotary_servo import SERVO
 
-from fdbench.diagnosis.answer import VALUE, from_json
+from fdbench.diagnosis.answer.answer import from_json
+from fdbench.diagnosis.answer.cause import VALUE
 from fdbench.diagnosis.diagnose import diagnose, judged
 from fdbench.diagnosis.evidence.prepare import aligned
 from fdbench.diagnosis.judge import probability_models as confidence

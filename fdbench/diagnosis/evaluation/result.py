@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fdbench.diagnosis.answer import Pair
+from fdbench.diagnosis.answer.quantity import Pair
 
 ALL_RECORDS = "all records"
 WAYS: Mapping[str, str] = {

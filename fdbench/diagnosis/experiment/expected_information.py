@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.diagnosis.answer import ExpectedProbability, Experiment, Separation
+from fdbench.diagnosis.answer.experiment import ExpectedProbability, Experiment, Separation
 from fdbench.diagnosis.evidence.evidence import Evidence, gather
 from fdbench.diagnosis.evidence.least_squares import solved
 from fdbench.diagnosis.evidence.split import Split

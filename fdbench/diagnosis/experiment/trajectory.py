@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fdbench.diagnosis.answer import Experiment
+from fdbench.diagnosis.answer.experiment import Experiment
 from fdbench.diagnosis.settings import EXPERIMENT
 from fdbench.motions import motions
 from fdbench.record import FloatArray, Record

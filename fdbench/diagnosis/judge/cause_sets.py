@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from fdbench.diagnosis.answer import CauseSet
+from fdbench.diagnosis.answer.cause import CauseSet
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.specification import load_toml, read
 

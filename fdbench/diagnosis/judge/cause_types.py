@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-from fdbench.diagnosis.answer import Cause, CauseType, Dependence, Suspect
+from fdbench.diagnosis.answer.cause import Cause, CauseType, Suspect
+from fdbench.diagnosis.answer.where import Dependence
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Port, effects
 from fdbench.plants.feed_drive import FeedDrive

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fdbench.diagnosis.answer import Cause, Suspect
+from fdbench.diagnosis.answer.cause import Cause, Suspect
 from fdbench.diagnosis.settings import JUDGE
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from fdbench.diagnosis.answer import FalseAlarms
+from fdbench.diagnosis.answer.cause import FalseAlarms
 from fdbench.specification import load_toml, read
 
 FILE = Path(__file__).with_name("axes_without_cause.toml")

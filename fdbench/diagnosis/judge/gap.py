@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fdbench.diagnosis.answer import ChannelGap, Gap, NoiseBand, NoiseFloor
+from fdbench.diagnosis.answer.gap import ChannelGap, Gap, NoiseBand, NoiseFloor
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.judge.localise import bands_up_to
 from fdbench.diagnosis.records.noise_model import NoiseModel

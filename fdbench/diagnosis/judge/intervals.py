@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fdbench.diagnosis.answer import Pair, Quantity
+from fdbench.diagnosis.answer.quantity import Pair, Quantity
 from fdbench.diagnosis.evidence.evidence import summed
 from fdbench.diagnosis.model.candidates import one_of_each
 from fdbench.diagnosis.model.hypothesis import Hypothesis, adjustables

@@ -13,7 +13,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.diagnosis.answer import Cell, FrequencyCell, Pair, PositionCell, TimeCell, VelocityCell, Where
+from fdbench.diagnosis.answer.quantity import Pair
+from fdbench.diagnosis.answer.where import Cell, FrequencyCell, PositionCell, TimeCell, VelocityCell, Where
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import RecordedRun

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping
 
-from fdbench.diagnosis.answer import ForceBalances, RivalReduction
+from fdbench.diagnosis.answer.cause import ForceBalances, RivalReduction
 from fdbench.diagnosis.search.stage import Stage
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import Effect

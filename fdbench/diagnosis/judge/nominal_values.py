@@ -5,7 +5,8 @@ import math
 
 from scipy.special import expit
 
-from fdbench.diagnosis.answer import VALUE, Cause, Quantity
+from fdbench.diagnosis.answer.cause import VALUE, Cause
+from fdbench.diagnosis.answer.quantity import Quantity
 from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.probability_models import Features, ProbabilityModels
 from fdbench.diagnosis.judge.reduction import channel_gaps

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fdbench.diagnosis.answer import Course, ProcessForce
+from fdbench.diagnosis.answer.process_force import Course, ProcessForce
 from fdbench.diagnosis.evidence.inverse_dynamics import inertia_and_drag
 from fdbench.diagnosis.judge.force_balance_check import smoothed
 from fdbench.diagnosis.model.hypothesis import Hypothesis

@@ -9,7 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.diagnosis.answer import Pair, Parametric, Quantity, Shrinkage, Step
+from fdbench.diagnosis.answer.parametric import Parametric
+from fdbench.diagnosis.answer.quantity import Pair, Quantity
+from fdbench.diagnosis.answer.shrinkage import Shrinkage, Step
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, mean_energy
 from fdbench.diagnosis.evidence.split import Split

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdbench.diagnosis.answer import Dependence, Most
+from fdbench.diagnosis.answer.where import Dependence, Most
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import JUDGE

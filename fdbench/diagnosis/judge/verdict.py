@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fdbench.diagnosis.answer import READING, Cause, Pair, Quantity, RivalReduction, Suspect, chances
+from fdbench.diagnosis.answer.cause import READING, Cause, RivalReduction, Suspect, chances
+from fdbench.diagnosis.answer.quantity import Pair, Quantity
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, energies
 from fdbench.diagnosis.judge import probability_models as confidence
 from fdbench.diagnosis.judge.composed import Credit, noise_alone, nothing, plausibility_discount

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from axis_lab import PERIOD_S, as_built, drive, protocol, record
 
-from fdbench.diagnosis.answer import READING, Answer
+from fdbench.diagnosis.answer.answer import Answer
+from fdbench.diagnosis.answer.cause import READING
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.evidence.force_out_of_step import (
     Looked,

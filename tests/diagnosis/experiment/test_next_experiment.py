@@ -13,7 +13,7 @@ from search_lab import refined_rival
 from typer.testing import CliRunner
 
 from fdbench.cli import app
-from fdbench.diagnosis.answer import Experiment
+from fdbench.diagnosis.answer.experiment import Experiment
 from fdbench.diagnosis.diagnose import write_experiment
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.expected_information import (

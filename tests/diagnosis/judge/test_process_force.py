@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from fdbench.diagnosis.answer import ProcessForce
+from fdbench.diagnosis.answer.process_force import ProcessForce
 from fdbench.diagnosis.judge.process_force import described
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import EVIDENCE, JUDGE

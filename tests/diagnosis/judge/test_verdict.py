@@ -11,7 +11,7 @@ from scipy.special import expit
 from search_lab import refined_rival
 
 from fdbench.diagnosis import answer
-from fdbench.diagnosis.answer import VALUE, Cause, ForceBalances
+from fdbench.diagnosis.answer.cause import VALUE, Cause, ForceBalances
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.judge import verdict
 from fdbench.diagnosis.judge.contested import Contested, is_no_cause, size_as_cause

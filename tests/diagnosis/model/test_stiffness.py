@@ -6,7 +6,7 @@ import math
 import axis_lab
 import pytest
 
-from fdbench.diagnosis.answer import Answer
+from fdbench.diagnosis.answer.answer import Answer
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.axis_parameters import Damping, Stiffness
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
