@@ -16,6 +16,9 @@ from fdbench.virtual_axes.foreign.mechanics import N_STATES, TURN, advance, deli
 FloatArray = NDArray[np.float64]
 CASCADE, FILTERED, TACHOMETER, COUNTS, TWO_SENSORS, TORQUE = range(6)
 N_STOPS = 2
+# state of a controller
+INTEGRAL, FILTERED_SPEED, LAST_ERROR, LAST_READING = range(4)
+N_LOOP_STATES = 4
 
 
 class ForeignLoop(NamedTuple):
@@ -48,6 +51,72 @@ def as_used(form: float, reference: FloatArray, period: float) -> FloatArray:
         used[:, 1] = np.diff(reference[:, 0], prepend=reference[0, 0]) / period
         used[:, 2] = np.diff(used[:, 1], prepend=used[0, 1]) / period
     return used
+
+
+@njit(error_model="numpy")
+def as_read(motor, table, noise, loop, wrong):  # type: ignore[no-untyped-def]
+    """Return the positions of motor and table as a controller reads them: errors of the encoders, noise (3,), grids."""
+    if wrong.division_m != 0.0:
+        angle = TURN * motor / wrong.division_period_m + wrong.division_phase_rad
+        motor += wrong.division_m * (np.cos(angle) + 0.25 * np.cos(2.0 * angle))
+    motor += noise[0]
+    table += noise[1]
+    if loop.count_m > 0.0:
+        motor = loop.count_m * np.round(motor / loop.count_m)
+    if wrong.step_m > 0.0:
+        motor = wrong.step_m * np.ceil(motor / wrong.step_m)
+    return motor, table
+
+
+@njit(error_model="numpy")
+def asked_force(motor, table, velocity, reference, state, loop, wrong, period):  # type: ignore[no-untyped-def]
+    """Return the force that a controller asks for in a cycle, within its limit, and bring its state up to date.
+
+    Parameters
+    ----------
+    motor, table : float
+        Positions as read.
+    velocity : float
+        Of the motor, as a tachometer has it.
+    reference : (4,) array
+        See `march`.
+    state : (4,) array
+        See `INTEGRAL` and what follows it.
+    loop, wrong : named tuples
+    period : float
+    """
+    reading = table if loop.reads_table > 0.5 else motor
+    source = motor if loop.form == TWO_SENSORS else reading
+    speed = (source - state[LAST_READING]) / period
+    state[LAST_READING] = source
+    if loop.form == TACHOMETER:
+        speed = velocity
+    filter_s = loop.filter_s + wrong.filter_s
+    if filter_s > 0.0:
+        state[FILTERED_SPEED] += (speed - state[FILTERED_SPEED]) * period / (period + filter_s)
+        speed = state[FILTERED_SPEED]
+    wanted = loop.velocity_feedforward * (1.0 - wrong.feedforward_loss) * reference[1]
+    ahead = loop.acceleration_feedforward_kg * reference[2]
+    integral, limit = state[INTEGRAL], loop.force_limit_N
+    if loop.form == TORQUE:
+        ideal = reference[3]
+    elif loop.form == COUNTS:
+        counts = np.round(reference[0] / loop.count_m) - np.round(reading / loop.count_m)
+        counts = np.sign(counts) * max(abs(counts) - loop.deadband_counts, 0.0)
+        error, rate = counts * loop.count_m, wanted - speed
+        ideal = loop.velocity_gain_N_s_per_m * (loop.position_gain_per_s * error + rate) + ahead
+        ideal += loop.integral_gain_N_per_m * integral
+        state[INTEGRAL] += error * period
+    else:
+        error = wanted + loop.position_gain_per_s * (reference[0] - reading) - speed
+        ideal = loop.velocity_gain_N_s_per_m * error + loop.integral_gain_N_per_m * integral + ahead
+        if loop.form == FILTERED:
+            beyond = min(max(ideal, -limit), limit) - ideal
+            state[INTEGRAL] += period * (0.5 * (error + state[LAST_ERROR]) + beyond / loop.velocity_gain_N_s_per_m)
+            state[LAST_ERROR] = error
+        elif abs(ideal) < limit:
+            state[INTEGRAL] += period * error
+    return min(max(ideal, -limit), limit)
 
 
 @kept
@@ -86,56 +155,14 @@ def march(body, wrong, loop, reference, outer, noise, stops_N, stops_m, scale, p
     asked = np.zeros(whole + 3)
     n_past = int(wrong.scale_late_s / h) + 1
     past = np.full(n_past, y[2])
-    integral = speed_filtered = path = force = last_error = lag_1 = lag_2 = 0.0
-    last_motor = y[0]
-    filter_s = loop.filter_s + wrong.filter_s
+    state = np.zeros(N_LOOP_STATES)
+    path = lag_1 = lag_2 = 0.0
     count = 0
     for k in range(n):
-        motor, table = y[0], past[(count + 1) % n_past]
-        if wrong.division_m != 0.0:
-            angle = TURN * motor / wrong.division_period_m + wrong.division_phase_rad
-            motor += wrong.division_m * (np.cos(angle) + 0.25 * np.cos(2.0 * angle))
-        motor += noise[k, 0]
-        table += noise[k, 1]
-        if loop.count_m > 0.0:
-            motor = loop.count_m * np.round(motor / loop.count_m)
-        if wrong.step_m > 0.0:
-            motor = wrong.step_m * np.ceil(motor / wrong.step_m)
-        reading = table if loop.reads_table > 0.5 else motor
-        source = motor if loop.form == TWO_SENSORS else reading
+        motor, table = as_read(y[0], past[(count + 1) % n_past], noise[k], loop, wrong)
         if k == 0:
-            last_motor = source
-        speed = (source - last_motor) / period
-        last_motor = source
-        if loop.form == TACHOMETER:
-            speed = y[1]
-        if filter_s > 0.0:
-            speed_filtered += (speed - speed_filtered) * period / (period + filter_s)
-            speed = speed_filtered
-        wanted = loop.velocity_feedforward * (1.0 - wrong.feedforward_loss) * reference[k, 1]
-        error = reference[k, 0] - reading
-        ahead = loop.acceleration_feedforward_kg * reference[k, 2]
-        if loop.form == TORQUE:
-            ideal = reference[k, 3]
-        elif loop.form == COUNTS:
-            counts = np.round(reference[k, 0] / loop.count_m) - np.round(reading / loop.count_m)
-            width = loop.deadband_counts
-            counts = np.sign(counts) * max(abs(counts) - width, 0.0)
-            now = counts * loop.count_m
-            rate = wanted - speed
-            ideal = loop.velocity_gain_N_s_per_m * (loop.position_gain_per_s * now + rate) + ahead
-            ideal += loop.integral_gain_N_per_m * integral
-            integral += now * period
-        else:
-            both = wanted + loop.position_gain_per_s * error - speed
-            ideal = loop.velocity_gain_N_s_per_m * both + loop.integral_gain_N_per_m * integral + ahead
-            if loop.form == FILTERED:
-                limited = min(max(ideal, -loop.force_limit_N), loop.force_limit_N)
-                integral += period * (0.5 * (both + last_error) + (limited - ideal) / loop.velocity_gain_N_s_per_m)
-                last_error = both
-            elif abs(ideal) < loop.force_limit_N:
-                integral += period * both
-        force = min(max(ideal, -loop.force_limit_N), loop.force_limit_N)
+            state[LAST_READING] = table if loop.reads_table > 0.5 and loop.form != TWO_SENSORS else motor
+        force = asked_force(motor, table, y[1], reference[k], state, loop, wrong, period)
         out[k, 0], out[k, 1], out[k, 2] = motor, table, force + noise[k, 2]
         for _ in range(steps):
             asked[count % asked.shape[0]] = force
