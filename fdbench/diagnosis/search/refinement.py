@@ -10,7 +10,7 @@ import numpy as np
 from fdbench.diagnosis.evidence.evidence import Evidence, fitted_part, gather
 from fdbench.diagnosis.evidence.least_squares import Fit, Scores
 from fdbench.diagnosis.evidence.split import Split
-from fdbench.diagnosis.model.friction_parameters import FrictionForm
+from fdbench.diagnosis.model.friction_parameters import FrictionForm, KnownAmplitude
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_vector, with_parameters
@@ -113,11 +113,15 @@ class Refinement:
 
         A form that moves from the start can stand in for a friction that is not yet of the right size. What moved far
         on one side of a screw is tried on the other. From a ``narrow`` prior, which has a second valley far off where a
-        value has changed, no step leads there: what records say with hardly any prior is a start, too.
+        value has changed, no step leads there: what records say with hardly any prior is a start, too. So it is of the
+        sizes of known effects that may have grown many times, such as a play, as friction does not.
         """
-        form = [item.name for item in nominal_parameters(given.nominal) if isinstance(item, FrictionForm)]
+        scale = nominal_parameters(given.nominal)
+        form = [item.name for item in scale if isinstance(item, FrictionForm)]
         found = self.refine(self.refine(given, fixed=form)) if form else self.refine(given)
         others = found.on_one_side()
+        if any(isinstance(item, KnownAmplitude) and not item.is_friction for item in scale):
+            others.append(self.refine(found, tempered=False))
         if narrow:
             far = self.refine(given, fixed=form, tempered=False)
             others += [far, *far.on_one_side()]
