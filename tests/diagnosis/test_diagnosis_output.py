@@ -243,7 +243,10 @@ def test_every_honest_answer_has_its_words(found: Diagnosis) -> None:
             {"no_gap_probability": 0.7, **small(found, 1.22, 1.22)},
             "Too small to attribute: the mean squared gap is 1.22",
         ),
-        ({"no_gap_probability": 0.7, **small(found, 9.0, 4.5)}, "4.50 times what repeats differed by, which"),
+        (
+            {"no_gap_probability": 0.7, **small(found, 9.0, 4.5)},
+            "4.50 times the noise of the mean of its repeats, which",
+        ),
         (
             {"no_gap_probability": 0.0, "unknown_probability": 0.97, **small(found, 9.0, 8.0)},
             "None of the known effects",
