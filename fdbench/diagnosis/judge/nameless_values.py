@@ -24,6 +24,7 @@ def nameless_warnings(final: Hypothesis) -> list[str]:
             here, there = (item.text(nominal.drive, own) for own in (shift, 0.0))
             found.append(
                 f"{item.name} seems to be {here}, where the model has {there}: that is fitted, and the rest is "
-                "explained beside it. No effect stands for it, so it is an unknown cause; look at what is set there."
+                "explained beside it. No effect stands for it, so it is an unknown cause; look at what is set there. "
+                "If that is as in the model, friction that bends otherwise at reversals than the model's may be why."
             )
     return found
