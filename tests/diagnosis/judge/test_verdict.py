@@ -10,8 +10,7 @@ from axis_lab import as_built, drive, other_friction, protocol, record
 from scipy.special import expit
 from search_lab import refined_rival
 
-from fdbench.diagnosis import answer
-from fdbench.diagnosis.answer.cause import VALUE, Cause, ForceBalances
+from fdbench.diagnosis.answer.cause import VALUE, Cause, ForceBalances, RivalReduction
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.judge import verdict
 from fdbench.diagnosis.judge.contested import Contested, is_no_cause, size_as_cause
@@ -83,7 +82,7 @@ def test_what_holds_little_of_a_shared_probability_is_told_from_the_rest(
 
 def test_the_force_balance_check_leaves_look_alikes_aside() -> None:
     removed = {DELAY: 0.5, LAG: 0.6, CABLE: 0.2}
-    best_other = answer.RivalReduction(effect="cable_stiffness", reduction=0.2)
+    best_other = RivalReduction(effect="cable_stiffness", reduction=0.2)
     assert force_balances(removed, DELAY, [LAG.name]) == ForceBalances(reduction=0.5, instead=best_other)
     assert force_balances({DELAY: 0.5}, DELAY, []) == ForceBalances(reduction=0.5)
 
