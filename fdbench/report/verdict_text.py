@@ -1,10 +1,11 @@
 """The verdict of a diagnosis: its answer in one to four sentences."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from fdbench.diagnosis.answer.answer import Answer
 from fdbench.diagnosis.answer.cause import Cause
+from fdbench.diagnosis.answer.quantity import Quantity
 from fdbench.diagnosis.answer.recorded import Recorded
 from fdbench.diagnosis.answer.where import Dependence
 from fdbench.diagnosis.model.known_effects import OFFSET
@@ -86,9 +87,8 @@ def _nothing(answer: Answer) -> Iterator[str]:
 
 def _unless(answer: Answer) -> str:
     """Return which values that moved far may stand in for an effect, where none of them is told to be wrong."""
-    if is_since_baseline(answer.recorded) or any(
-        cause.parametric and cause.probability > LIKELY for cause in answer.causes
-    ):
+    is_told = any(cause.parametric and cause.probability > LIKELY for cause in answer.causes)
+    if is_told or is_since_baseline(answer.recorded):
         return ""
     moved = answer.parametric.moved_in_standard_deviations
     far = [f"{name} by {shift:+.1f}" for name, shift in moved.items() if abs(shift) > MOVED]
@@ -98,7 +98,7 @@ def _unless(answer: Answer) -> str:
 def _set_anew(answer: Answer) -> Iterator[str]:
     """Yield which gains of the controller somebody has changed since the baseline."""
     if gains := answer.parametric.set_anew:
-        changes = " and ".join(f"{name} by {signed(change)}" for name, change in gains.items())
+        changes = " and ".join(_by(gains))
         yield f"The controller was set anew since the baseline: {changes}. All that follows is beside the new setting."
 
 
@@ -107,7 +107,7 @@ def _changed_values(answer: Answer) -> Iterator[str]:
     changed, closed = answer.parametric.values, answer.parametric.closed_by_recalibration
     is_named = any(cause.probability > LIKELY for cause in answer.causes)
     if changed and is_since_baseline(answer.recorded) and closed >= MOSTLY and not is_named:
-        sizes = ", ".join(f"{name} by {signed(change)}" for name, change in changed.items())
+        sizes = ", ".join(_by(changed))
         yield f"Most of what has changed is a size: {sizes}. Re-calibration alone closes {percent(closed)} of the gap."
 
 
@@ -129,14 +129,14 @@ def _named(cause: Cause, answer: Answer) -> str:
         chance = f"probability together {probability_text(together)}"
         return f"Cannot be distinguished on these data: {names}, {chance}. Whichever it is explains {share}."
     first = "Cause:" if likely else "Perhaps"
-    taken_for = f"re-calibration alone takes it for {_sizes(answer)}, beyond which " if scales_all(cause.effect) else ""
+    sizes = f"another size of {', '.join(_by(answer.parametric.values))}" if answer.parametric.values else "other sizes"
+    taken_for = f"re-calibration alone takes it for {sizes}, beyond which " if scales_all(cause.effect) else ""
     return f"{first} {cause.effect}, {chance}; {taken_for}it explains {share}.{_small(cause, recorded)}"
 
 
-def _sizes(answer: Answer) -> str:
-    """Return by how much which values seem to have changed."""
-    changes = (f"{name} by {signed(change)}" for name, change in answer.parametric.values.items())
-    return f"another size of {', '.join(changes)}" if answer.parametric.values else "other sizes"
+def _by(changes: Mapping[str, Quantity]) -> list[str]:
+    """Return by how much each value has changed, or seems to have."""
+    return [f"{name} by {signed(change)}" for name, change in changes.items()]
 
 
 def _small(cause: Cause, recorded: Recorded | None) -> str:

@@ -69,6 +69,12 @@ def as_read(motor, table, noise, loop, wrong):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy")
+def differenced(motor, table, loop):  # type: ignore[no-untyped-def]
+    """Return the position whose change in a cycle is the speed."""
+    return table if loop.reads_table > 0.5 and loop.form != TWO_SENSORS else motor
+
+
+@njit(error_model="numpy")
 def asked_force(motor, table, velocity, reference, state, loop, wrong, period):  # type: ignore[no-untyped-def]
     """Return the force that a controller asks for in a cycle, within its limit, and bring its state up to date.
 
@@ -86,7 +92,7 @@ def asked_force(motor, table, velocity, reference, state, loop, wrong, period): 
     period : float
     """
     reading = table if loop.reads_table > 0.5 else motor
-    source = motor if loop.form == TWO_SENSORS else reading
+    source = differenced(motor, table, loop)
     speed = (source - state[LAST_READING]) / period
     state[LAST_READING] = source
     if loop.form == TACHOMETER:
@@ -161,7 +167,7 @@ def march(body, wrong, loop, reference, outer, noise, stops_N, stops_m, scale, p
     for k in range(n):
         motor, table = as_read(y[0], past[(count + 1) % n_past], noise[k], loop, wrong)
         if k == 0:
-            state[LAST_READING] = table if loop.reads_table > 0.5 and loop.form != TWO_SENSORS else motor
+            state[LAST_READING] = differenced(motor, table, loop)
         force = asked_force(motor, table, y[1], reference[k], state, loop, wrong, period)
         out[k, 0], out[k, 1], out[k, 2] = motor, table, force + noise[k, 2]
         for _ in range(steps):
