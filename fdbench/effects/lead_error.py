@@ -41,7 +41,7 @@ class LeadError(Effect):
 
     periodic_error_m: float = parameter("A", low=0.0, high=1e-4, typical=3e-6)
     linear_error: float = parameter("epsilon", low=-1e-3, high=1e-3, typical=2e-5)
-    period_m: float = parameter("p", low=1e-3, high=0.1, typical=0.01, locate="wavelength")
+    period_m: float = parameter("p", low=1e-3, high=1.0, typical=0.01, locate="wavelength")
     phase_rad: float = parameter("phi", low=-TURN, high=TURN, typical=0.0, phase=True)
 
     @kernel

@@ -37,6 +37,8 @@ class Contested:
         That it is it or one of them, as though no cause could be unknown.
     odds : mapping of str to float
         How it is divided among the effect, them, and others that may be there instead.
+    instead_of_a_value : bool
+        Whether it is in place of a value, whose odds these are, and of what that explains.
     in_part : float
         Probability that it is only a part of what it is called, see `is_hollow`, `Remainder`, and
         `Parts.is_worse_in_a_channel`: then an unknown cause is as probable.
@@ -52,6 +54,7 @@ class Contested:
     features: Features
     probability: float
     odds: Mapping[str, float]
+    instead_of_a_value: bool
     in_part: float
     no_cause: bool
 
@@ -81,7 +84,8 @@ def contested(
         features = confidence.effect_features(contest, type(effect), beside, same)
         own = models.effect.probability(features, [effect.name, *same])
         odds = divided(contest, type(effect), same, own)
-        if exchanged.get(effect.name, 0.0) > odds[effect.name]:
+        instead_of_a_value = exchanged.get(effect.name, 0.0) > odds[effect.name]
+        if instead_of_a_value:
             odds, own = dict(exchanged), max(own, exchanged[effect.name])
         every.append(
             Contested(
@@ -92,6 +96,7 @@ def contested(
                 features=features,
                 probability=own,
                 odds=odds,
+                instead_of_a_value=instead_of_a_value,
                 in_part=_in_part(effect, found.remainder, stands_in=parts.is_worse_in_a_channel(index)),
                 no_cause=is_no_cause(effect, found.final),
             )
@@ -110,8 +115,9 @@ def is_no_cause(effect: Effect, final: Hypothesis) -> bool:
     """Return whether an effect says how a known friction turns its sign, or no more than what that is in doubt of.
 
     A friction whose turn is known exactly has no other rounding. Of another law on top of the known one, it is no cause
-    where both together are as large as that may be: within what is no cause of a friction of the same law either. A lag
-    is none where all that is late together is no later than the force of every drive may be.
+    where both together are as large as that may be: within what is no cause of a friction of the same law either. Nor
+    is it where it is less than that may be, and than that is larger by than on paper: then that says it. A lag is none
+    where all that is late together is no later than the force of every drive may be.
     """
     drive, scale = final.nominal.drive, list(zip(nominal_parameters(final.nominal), final.shifts, strict=True))
     if effect.trace_of == LoopLag.kind and (passed_on := effect.linear_part()) is not None:
@@ -124,7 +130,9 @@ def is_no_cause(effect: Effect, final: Hypothesis) -> bool:
     if effect.calibrates != KnownAmplitude.kind:
         turns_anyhow = final.nominal.uncertainty.transition_velocity > 0.0
         return turns_anyhow and is_corner(effect, known_friction(drive) + moved_N)
-    return abs(amplitude_of(effect) + moved_N) <= JUDGE.beyond_doubt * math.hypot(*(size for size, _ in known))
+    own_N, doubt_N = amplitude_of(effect), math.hypot(*(size for size, _ in known))
+    says_little = own_N * moved_N > 0.0 and abs(own_N) <= min(abs(moved_N), doubt_N)
+    return says_little or abs(own_N + moved_N) <= JUDGE.beyond_doubt * doubt_N
 
 
 def size_as_cause(effect: Effect, contest: Stage, final: Hypothesis) -> float:

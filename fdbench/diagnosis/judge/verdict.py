@@ -156,7 +156,9 @@ def _effects(found: Findings, items: Sequence[Contested], credit: Credit, parts:
         most, reductions = item.most(index in shown_by), shown_by.get(index, found.reductions)
         beside_changes = reductions is not found.reductions
         own = _parts_of(reductions, parts.channels) if beside_changes else parts
-        believed = credit.of_share(own.share(index)) * (1.0 - item.in_part)
+        # What a value explains that an effect is in place of is no part of what re-calibration leaves.
+        factor = credit.discount if item.instead_of_a_value else credit.of_share(own.share(index))
+        believed = factor * (1.0 - item.in_part)
         odds = {name: min(believed * p, most) for name, p in item.odds.items()}
         cause = _named(found, item, odds, own, index, bounds[index])
         yield dataclasses.replace(cause, beside_changes=beside_changes)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from scipy.special import expit
@@ -52,8 +53,9 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
 
     one of the N effects of the library being as likely as a value that is wrong. One that scales every value takes the
     place of all at once, as what moves together has one cause, and removes nothing that they do not. It is as likely as
-    any one of them that is a cause by itself, and nothing is taken off. Nor is anything for one that is there already
-    and takes longer than records: what of a friction hardly falls in them is not another size of it besides.
+    any one of them that is a cause by itself, and nothing is taken off. Nor is anything for a delay in place of another
+    one that is known, from which motions hardly tell it, and for one that is there already and takes longer than
+    records: what of a friction hardly falls in them is not another size of it besides.
 
     Parameters
     ----------
@@ -69,14 +71,17 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
     if not wrong:
         return None
     families = {family(effects.get(name)) for name in wrong}
-    tried = [rival for rival in stage.rivals if _is_tried(rival, base) and family(rival.kind) in families]
-    scaling = [rival.kind for rival in stage.rivals if rival.kind.scales_every_value and not base.has(rival.kind)]
+    absent = [rival.kind for rival in stage.rivals if not base.has(rival.kind) and rival.kind.name not in wrong]
+    scaling = [kind for kind in absent if kind.scales_every_value]
+    late = [kind for kind in absent if kind.cause_type == "delay" and family(kind) in families]
+    tried = [rival for rival in stage.rivals if _is_tried(rival, base, families) and rival.kind not in late]
     slower = [item for effect in base.effects if family(type(effect)) in families for item in _slower(base, effect)]
-    if not tried and not scaling and not slower:
+    if not tried and not scaling and not late and not slower:
         return None
     hypotheses = [(rival.kind, search.refinement.refine(rival.added_to(base, stage.base)), True) for rival in tried]
     as_given = base.as_on_paper()
-    hypotheses += [(kind, search.refinement.refine(as_given.with_effect(kind.typical())), True) for kind in scaling]
+    as_likely = [*scaling, *late]
+    hypotheses += [(kind, search.refinement.refine(as_given.with_effect(kind.typical())), True) for kind in as_likely]
     hypotheses += [(kind, search.refinement.refine(begun), True) for kind, begun in slower]
     compared = search.compared(base, hypotheses)
     as_a_cause = compared.log_evidence(compared.misfit, compared.penalty)
@@ -85,7 +90,7 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
     def log_odds(rival: Rival) -> float:
         if base.has(rival.kind):
             return compared.log_evidence(rival.misfit, rival.hypothesis.named_penalty()) - as_a_cause
-        return compared.evidence_of(rival) - (as_a_cause if rival.kind in scaling else as_it_is)
+        return compared.evidence_of(rival) - (as_a_cause if rival.kind in as_likely else as_it_is)
 
     found = [
         Exchange(
@@ -143,5 +148,6 @@ def _named(hypothesis: Hypothesis, name: str) -> bool:
     return any(item.name == name for item in hypothesis.effects)
 
 
-def _is_tried(rival: Rival, base: Hypothesis) -> bool:
-    return rival.refined and not base.has(rival.kind) and rival.hypothesis.has(rival.kind)
+def _is_tried(rival: Rival, base: Hypothesis, families: Collection[str]) -> bool:
+    is_new = not base.has(rival.kind) and rival.hypothesis.has(rival.kind)
+    return rival.refined and is_new and family(rival.kind) in families

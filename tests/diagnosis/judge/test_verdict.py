@@ -74,6 +74,7 @@ def test_what_holds_little_of_a_shared_probability_is_told_from_the_rest(
         features={},
         probability=0.9,
         odds=odds or divided(contest, DELAY, [LAG.name], 0.9),
+        instead_of_a_value=False,
         in_part=0.0,
         no_cause=False,
     )
@@ -103,7 +104,8 @@ def test_the_corner_of_a_known_friction_is_no_cause_that_others_are_small_beside
 
 
 @pytest.mark.parametrize(
-    ("added_N", "known_moved", "no_cause"), [(40.0, 0.0, True), (60.0, -0.6, True), (60.0, 0.0, False)]
+    ("added_N", "known_moved", "no_cause"),
+    [(40.0, 0.0, True), (60.0, -0.6, True), (60.0, 0.0, False), (3.0, 1.6, True), (60.0, 1.0, False)],
 )
 def test_friction_of_another_law_is_no_cause_within_the_doubt_of_the_known_one(
     added_N: float, known_moved: float, no_cause: bool

@@ -75,3 +75,20 @@ def test_what_of_a_slow_drift_hardly_falls_in_a_record_is_not_another_size_of_fr
 @pytest.mark.parametrize("name", ["cogging", "torque_ripple"])
 def test_an_effect_of_another_type_is_not_tried(name: str) -> None:
     assert exchanged(DRAG, effects.get(name).typical()) is None
+
+
+def test_a_dead_time_shares_with_a_known_lag_that_has_grown() -> None:
+    """Motions as slow as these tell a lag and a dead time by little: which of the two it is stays in doubt."""
+    lag, delay = effects.get("current_loop_lag"), effects.get("dead_time")
+    known = lag.typical(time_constant_s=2e-4)
+    nominal = dataclasses.replace(NOMINAL, plant=dataclasses.replace(NOMINAL.drive, effects=(known,)))
+    own = search(delay.typical(dead_time_s=6e-4), nominal=nominal, speeds_m_per_s=(0.1, 0.03))
+    base = own.refinement.calibrate(start(nominal))
+    assert moved(base, "current_loop_lag") > JUDGE.beyond_doubt
+    stage = own.compared(base, [(delay, base.with_effect(delay.typical()), False)])
+    found = in_place_of_a_value(own, base, stage)
+    assert found is not None
+    assert (found.value, found.kind.name) == ("current_loop_lag", "dead_time")
+    assert moved(found.hypothesis, "current_loop_lag") < 1.0
+    assert vars(found.hypothesis.effects[-1])["dead_time_s"] == pytest.approx(6e-4, rel=0.2)
+    assert found.odds > 0.3
