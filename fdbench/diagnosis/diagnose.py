@@ -153,7 +153,7 @@ def _diagnosed(
     models = models or probability_models.models()
     said = verdict(findings, models)
     reader = VerdictReader(models=models, unknown=said.unknown_probability, worst=said.worst, settled=said.settled())
-    forecast = design(readings, split, [*findings.contests, *findings.stages[-1:]], nominal, reader)
+    forecast = design(readings, split, [*_worth_telling(findings, said), *findings.stages[-1:]], nominal, reader)
     rest = dependences(split.plain, simulated[2], drive)
     answer = Answer(
         gap=gap_of(split, simulated),
@@ -204,6 +204,13 @@ def _diagnosed(
         forecast=forecast,
         features=said.features,
     )
+
+
+def _worth_telling(findings: Findings, said: Verdict) -> list[Stage]:
+    """Return the contests of effects that may be a cause, however they turn out."""
+    none = {cause.effect for cause in said.causes if cause.within_known}
+    pairs = zip(findings.final.effects, findings.contests, strict=True)
+    return [contest for effect, contest in pairs if effect.name not in none]
 
 
 def _force_rms_N(split: Split) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fdbench.diagnosis.answer.where import Dependence, Most
 from fdbench.diagnosis.evidence.split import Split
-from fdbench.diagnosis.records.runs import RecordedRun
+from fdbench.diagnosis.records.runs import FORCE, RecordedRun
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
@@ -29,7 +29,7 @@ def dependences(
     The function is a mean in each of 24 cells (48 where it may differ by direction), fitted on the training samples of
     each channel and judged on the held-out ones; shares are of the squared rest beyond the noise, and do not add up.
     ``most`` is where the force differs most, as far as it is half of that or more, and by how much the motor gives more
-    there than the final model, on average.
+    there than the final model, on average; of what shows most in another channel it is not told.
 
     Parameters
     ----------
@@ -49,9 +49,11 @@ def dependences(
         cells = _cells(values, kind.root)
         if kind.by_direction:
             cells = [2 * own + (run.reference[:, 1] < 0.0) for own, run in zip(cells, split.runs, strict=True)]
-        share = _share(split, rest, cells)
+        removed = _removed(split, rest, cells)
+        share = sum(removed.values())
         if share >= JUDGE.rest_smallest:
-            most = None if kind.by_direction else _most(split, rest, values, cells, kind.unit)
+            of_force = not kind.by_direction and removed[FORCE] == max(removed.values())
+            most = _most(split, rest, values, cells, kind.unit) if of_force else None
             found.append(Dependence(function_of=words, share=share, most=most))
     return tuple(sorted(found, key=lambda item: -item.share))
 
@@ -65,9 +67,7 @@ def _most(
 ) -> Most:
     """Return from where to where the force differs most, and its mean there; speeds are as they are commanded."""
     value, cell = np.concatenate(values), np.concatenate(cells)
-    force = np.concatenate(
-        [own["motor_force_N"] / np.sqrt(run.repeats) for own, run in zip(rest, split.runs, strict=True)]
-    )
+    force = np.concatenate([own[FORCE] / np.sqrt(run.repeats) for own, run in zip(rest, split.runs, strict=True)])
     n_cells = JUDGE.rest_cells
     counts = np.bincount(cell, minlength=n_cells)
     mean = np.bincount(cell, weights=force, minlength=n_cells) / np.maximum(counts, 1)
@@ -78,7 +78,7 @@ def _most(
     while last < n_cells - 1 and enough[last + 1]:
         last += 1
     there = (cell >= first) & (cell <= last)
-    mean_N = split.noise_models["motor_force_N"].rms * float(force[there].mean())
+    mean_N = split.noise_models[FORCE].rms * float(force[there].mean())
     return Most(low=float(value[there].min()), high=float(value[there].max()), unit=spoken_unit(unit), force_N=mean_N)
 
 
@@ -99,7 +99,7 @@ def _kinds(drive: FeedDrive) -> dict[str, TriedFunction]:
         "position": TriedFunction(lambda run: run.channels["position_m"], "m"),
         "position_by_direction": TriedFunction(lambda run: run.channels["position_m"], "m", by_direction=True),
         "acceleration": TriedFunction(lambda run: run.reference[:, 2], "m/s^2"),
-        "motor_force": TriedFunction(lambda run: run.channels["motor_force_N"], "N"),
+        "motor_force": TriedFunction(lambda run: run.channels[FORCE], "N"),
         "time": TriedFunction(lambda run: run.time_s, "s"),
     }
     lead = getattr(drive.motor, "lead_m", None)
@@ -118,18 +118,22 @@ def _cells(values: Sequence[FloatArray], root: bool) -> list[Cells]:
     return [np.minimum(((item - low) / width).astype(np.intp), JUDGE.rest_cells - 1) for item in scaled]
 
 
-def _share(split: Split, rest: Sequence[Mapping[str, FloatArray]], cells: Sequence[Cells]) -> float:
-    before = after = 0.0
-    n_judged, n_cells = 0, 2 * JUDGE.rest_cells
+def _removed(split: Split, rest: Sequence[Mapping[str, FloatArray]], cells: Sequence[Cells]) -> dict[str, float]:
+    """Return which share of the squared rest beyond the noise, over all channels, a function removes in each."""
+    removed: dict[str, float] = {}
+    beyond, n_judged, n_cells = 0.0, 0, 2 * JUDGE.rest_cells
     for name in split.noise_models:
         sums, counts = np.zeros(n_cells), np.zeros(n_cells)
         for own, place, out in zip(rest, cells, split.held_out, strict=True):
             sums += np.bincount(place[~out], weights=own[name][~out], minlength=n_cells)
             counts += np.bincount(place[~out], minlength=n_cells)
         mean = sums / (counts + JUDGE.rest_shrinkage)
+        removed[name] = 0.0
         for own, place, out in zip(rest, cells, split.held_out, strict=True):
             judged = own[name][out]
             n_judged += len(judged)
-            before += float(np.sum(judged**2) - len(judged))
-            after += float(np.sum((judged - mean[place[out]]) ** 2) - len(judged))
-    return 1.0 - after / before if before > JUDGE.rest_noise * n_judged else 0.0
+            before = float(np.sum(judged**2))
+            beyond += before - len(judged)
+            removed[name] += before - float(np.sum((judged - mean[place[out]]) ** 2))
+    is_noise = beyond <= JUDGE.rest_noise * n_judged
+    return {name: 0.0 if is_noise else value / beyond for name, value in removed.items()}
