@@ -9,6 +9,7 @@ from scipy.special import expit
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis, adjustables
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
+from fdbench.diagnosis.search.refinement import Refinement
 from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Rival, Stage
 from fdbench.diagnosis.settings import JUDGE, MODEL, SEARCH
@@ -79,9 +80,8 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
     if not tried and not scaling and not late and not slower:
         return None
     hypotheses = [(rival.kind, search.refinement.refine(rival.added_to(base, stage.base)), True) for rival in tried]
-    as_given = base.as_on_paper()
     as_likely = [*scaling, *late]
-    hypotheses += [(kind, search.refinement.refine(as_given.with_effect(kind.typical())), True) for kind in as_likely]
+    hypotheses += [(kind, _as_given_beside(search.refinement, base, stage.of(kind)), True) for kind in as_likely]
     hypotheses += [(kind, search.refinement.refine(begun), True) for kind, begun in slower]
     compared = search.compared(base, hypotheses)
     as_a_cause = compared.log_evidence(compared.misfit, compared.penalty)
@@ -106,6 +106,13 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
         and _distances(rival.hypothesis)[name] < SEARCH.back * size
     ]
     return max(found, key=lambda item: item.log_odds, default=None)
+
+
+def _as_given_beside(refinement: Refinement, base: Hypothesis, rival: Rival) -> Hypothesis:
+    """Return the best fit of an effect from values as they are given, and from where it was fitted before."""
+    first = refinement.refine(base.as_on_paper().with_effect(rival.kind.typical()))
+    before = [rival.hypothesis] if rival.refined and rival.hypothesis.has(rival.kind) else []
+    return refinement.best_from(base, before, first)
 
 
 def _slower(base: Hypothesis, effect: Effect) -> list[tuple[type[Effect], Hypothesis]]:
