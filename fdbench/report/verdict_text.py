@@ -173,7 +173,11 @@ def _unknown(answer: Answer) -> Iterator[str]:
             yield "Else the machine changes from one motion to another by more than its repeats differ by."
         return
     text = f"None of the known effects explains the gap (probability {probability_text(answer.unknown_probability)})."
-    if answer.causes:
+    values, closed = answer.parametric.nameless, answer.parametric.closed_by_recalibration
+    if values and closed >= MOSTLY and not is_since_baseline(answer.recorded):
+        sizes = " and ".join(_by(values))
+        yield f"{text} Values that none stands for seem to differ: {sizes}; with them {percent(closed)} is closed."
+    elif answer.causes:
         yield f"{text} Fitted, but improbable: {_names(answer.causes)}."
     else:
         yield f"{text}{_nearest(answer)}"

@@ -20,6 +20,8 @@ class Parametric:
     values : mapping of str to Quantity
         The same of those that a cause changes, by its name, on both sides of a screw together, where that is further
         than any doubt.
+    nameless : mapping of str to Quantity
+        By how much those differ beside the effects that moved far and that no effect stands for, such as gains.
     set_anew : mapping of str to Quantity
         By what share gains of the controller differ from those of the baseline; the nominal model has the new ones.
     """
@@ -29,4 +31,5 @@ class Parametric:
     moved_beside_effects: Shares = field(default_factory=dict)
     changes: Mapping[str, Quantity] = field(default_factory=dict)
     values: Mapping[str, Quantity] = field(default_factory=dict)
+    nameless: Mapping[str, Quantity] = field(default_factory=dict)
     set_anew: Mapping[str, Quantity] = field(default_factory=dict)

@@ -2,29 +2,49 @@
 
 from fdbench.diagnosis.model.axis_parameters import EncoderDelay
 from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.nominal import Nominal
+from fdbench.diagnosis.model.nominal_parameter import NominalParameter
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.records.encoder_clocks import late_encoder_text
 from fdbench.diagnosis.settings import MODEL, PLAUSIBLE
 
+BESIDE = "that is fitted, and the rest is explained beside it"
+
 
 def nameless_warnings(final: Hypothesis) -> list[str]:
-    """Return what to say of values of a final model that are far-fetched and have no name, each for itself.
+    """Return what to say of values of a final model that are far-fetched and have no name.
 
     Where the machine was well before, every value that has changed is told.
     """
     nominal, found = final.nominal, list[str]()
     if nominal.covered.before:
         return found
-    for item, shift in zip(nominal_parameters(nominal), final.shifts, strict=True):
-        if isinstance(item, EncoderDelay):
-            if abs(shift) * item.deviation >= PLAUSIBLE.encoders_apart * nominal.covered.period_s:
-                late_s = final.variant.plant.table_read_late_s
-                found.append(late_encoder_text(late_s, "that is fitted, and the rest is explained beside it"))
-        elif abs(shift) > MODEL.far_fetched and not item.nuisance and not item.cause(nominal):
-            here, there = (item.text(nominal.drive, own) for own in (shift, 0.0))
-            found.append(
-                f"{item.name} seems to be {here}, where the model has {there}: that is fitted, and the rest is "
-                "explained beside it. No effect stands for it, so it is an unknown cause; look at what is set there. "
-                "If that is as in the model, friction that bends otherwise at reversals than the model's may be why."
-            )
+    scale = list(zip(nominal_parameters(nominal), final.shifts, strict=True))
+    delays = [item for item, shift in scale if isinstance(item, EncoderDelay) and _is_apart(item, shift, nominal)]
+    found += [late_encoder_text(final.variant.plant.table_read_late_s, BESIDE) for _ in delays]
+    values = [
+        f"{item.name} seems to be {here}, where the model has {there}"
+        for item, shift in nameless(final)
+        for here, there in [(item.text(nominal.drive, shift), item.text(nominal.drive, 0.0))]
+    ]
+    if values:
+        found.append(
+            f"{', and '.join(values)}: {BESIDE}. No effect stands for it, so it is an unknown cause; look at what "
+            "is set there. If that is as in the model, friction that bends otherwise at reversals than the model's may "
+            "be why."
+        )
     return found
+
+
+def nameless(final: Hypothesis) -> list[tuple[NominalParameter, float]]:
+    """Return the values that are far-fetched and that no effect stands for, such as a gain, and their shifts."""
+    return [
+        (item, shift)
+        for item, shift in zip(nominal_parameters(final.nominal), final.shifts, strict=True)
+        if abs(shift) > MODEL.far_fetched and not item.nuisance and not item.cause(final.nominal)
+        if not isinstance(item, EncoderDelay)
+    ]
+
+
+def _is_apart(item: EncoderDelay, shift: float, nominal: Nominal) -> bool:
+    return abs(shift) * item.deviation >= PLAUSIBLE.encoders_apart * nominal.covered.period_s

@@ -15,6 +15,7 @@ from fdbench.diagnosis.answer.shrinkage import Shrinkage, Step
 from fdbench.diagnosis.evidence.evidence import gather
 from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, mean_energy
 from fdbench.diagnosis.evidence.split import Split
+from fdbench.diagnosis.judge.nameless_values import nameless
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.readings import Readings
@@ -288,6 +289,10 @@ def parametric(
             for item, shift in zip(items, calibrated.shifts, strict=True)
         },
         values=dict(_far_values(calibrated)),
+        nameless={
+            item.name: Quantity(value=shift * item.size(drive), ci95=None, unit=spoken_unit(item.unit_on(drive)))
+            for item, shift in nameless(final)
+        },
         set_anew={name: Quantity(value=share, ci95=None, unit="") for name, share in set_anew.items()},
     )
 

@@ -29,7 +29,7 @@ def dependences(
     The function is a mean in each of 24 cells (48 where it may differ by direction), fitted on the training samples of
     each channel and judged on the held-out ones; shares are of the squared rest beyond the noise, and do not add up.
     ``most`` is where the force differs most, as far as it is half of that or more, and by how much the motor gives more
-    there than the final model, on average; of what shows most in another channel it is not told.
+    there than the final model, on average; of what shows in other channels alone it is not told.
 
     Parameters
     ----------
@@ -52,10 +52,14 @@ def dependences(
         removed = _removed(split, rest, cells)
         share = sum(removed.values())
         if share >= JUDGE.rest_smallest:
-            of_force = not kind.by_direction and removed[FORCE] == max(removed.values())
+            of_force = not kind.by_direction and removed[FORCE] >= JUDGE.rest_smallest
             most = _most(split, rest, values, cells, kind.unit) if of_force else None
             found.append(Dependence(function_of=words, share=share, most=most))
-    return tuple(sorted(found, key=lambda item: -item.share))
+    # One of its own for each direction takes a little more of everything.
+    kinds = _kinds(drive)
+    return tuple(
+        sorted(found, key=lambda item: -item.share * (JUDGE.alike if kinds[item.function_of].by_direction else 1.0))
+    )
 
 
 def _most(
