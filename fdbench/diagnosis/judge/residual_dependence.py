@@ -55,11 +55,14 @@ def dependences(
             of_force = not kind.by_direction and removed[FORCE] >= JUDGE.rest_smallest
             most = _most(split, rest, values, cells, kind.unit) if of_force else None
             found.append(Dependence(function_of=words, share=share, most=most))
-    # One of its own for each direction takes a little more of everything.
-    kinds = _kinds(drive)
-    return tuple(
-        sorted(found, key=lambda item: -item.share * (JUDGE.alike if kinds[item.function_of].by_direction else 1.0))
-    )
+    found.sort(key=lambda item: -item.share)
+    of = {item.function_of: item for item in found}
+    plain, either = of.get("position"), of.get("position_by_direction")
+    if plain and either and either.share > plain.share >= JUDGE.alike * either.share:
+        # One of its own for each direction takes a little more of everything.
+        found.remove(plain)
+        found.insert(found.index(either), plain)
+    return tuple(found)
 
 
 def _most(

@@ -46,7 +46,27 @@ def test_the_rest_is_a_function_of_what_made_it(kind: str) -> None:
     best, *others = dependences(split, simulated, drive)
     assert best.function_of == kind
     assert float(best.share) > 0.7
-    assert [item.share for item in others] == sorted((item.share for item in others), reverse=True)
+    shares = [item.share for item in others if item.function_of != "position_by_direction"]
+    assert shares == sorted(shares, reverse=True)
+
+
+def test_what_each_direction_takes_a_little_more_of_is_a_function_of_position() -> None:
+    drive = read(Nominal, load_toml(tiers.AXIS), "axis.toml").drive
+    x, v = STROKES.T[:2]
+    rest = np.sin(x / 0.03) * (8.0 + 1.5 * np.sign(v))
+    found = [item.function_of for item in dependences(*split_of(rest, np.random.default_rng(0)), drive)]
+    assert found.index("position") < found.index("position_by_direction")
+
+
+def test_of_what_the_force_does_not_show_it_says_nothing() -> None:
+    """The motor reads 3 um more in the middle of the way, without any force."""
+    drive = read(Nominal, load_toml(tiers.AXIS), "axis.toml").drive
+    split, simulated = split_of(np.zeros(len(STROKES)), np.random.default_rng(0))
+    bump = np.where((STROKES[:, 0] > 0.06) & (STROKES[:, 0] < 0.08), 3e-6, 0.0)
+    moved = [{**own, "position_m": own["position_m"] + bump} for own in simulated]
+    (best, *_) = dependences(split, moved, drive)
+    assert best.function_of.startswith("position")
+    assert best.most is None
 
 
 def test_where_the_rest_is_largest_is_said_in_the_units_of_the_motion() -> None:
