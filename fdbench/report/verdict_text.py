@@ -8,6 +8,7 @@ from fdbench.diagnosis.answer.cause import Cause
 from fdbench.diagnosis.answer.quantity import Quantity
 from fdbench.diagnosis.answer.recorded import Recorded
 from fdbench.diagnosis.answer.where import Dependence
+from fdbench.diagnosis.model.axis_parameters import Mass
 from fdbench.diagnosis.model.known_effects import OFFSET
 from fdbench.diagnosis.settings import JUDGE
 from fdbench.effects import effects
@@ -157,11 +158,16 @@ def _wrong(cause: Cause, likely: bool, recorded: Recorded | None) -> str:
     if change and cause.effect in effects.names() and effects.get(cause.effect).calibrates == OFFSET:
         words = f"{cause.effect.replace('_', ' ')} of {si_text(change.value, change.unit)}"
         return f"{'A' if likely else 'Perhaps a'} {words} acts beyond what the model has"
+    what = f"mass ({cause.effect})" if _is_a_mass(cause) else f"size of {cause.effect}"
     if is_since_baseline(recorded):
         by = f", by {signed(change)}" if change else ""
-        return f"{'Changed' if likely else 'Perhaps changed'} since the baseline: size of {cause.effect}{by}"
+        return f"{'Changed' if likely else 'Perhaps changed'} since the baseline: {what}{by}"
     size = f", off by {signed(change)}" if change else ""
-    return f"Nominal parameter {'' if likely else 'perhaps '}wrong: size of {cause.effect}{size}"
+    return f"Nominal parameter {'' if likely else 'perhaps '}wrong: {what}{size}"
+
+
+def _is_a_mass(cause: Cause) -> bool:
+    return cause.effect in effects.names() and effects.get(cause.effect).calibrates == Mass.kind
 
 
 def _unknown(answer: Answer) -> Iterator[str]:

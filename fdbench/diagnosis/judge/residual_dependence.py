@@ -60,8 +60,8 @@ def dependences(
     plain, either = of.get("position"), of.get("position_by_direction")
     if plain and either and either.share > plain.share >= JUDGE.alike * either.share:
         # One of its own for each direction takes a little more of everything.
-        found.remove(plain)
-        found.insert(found.index(either), plain)
+        found.remove(either)
+        found.insert(found.index(plain) + 1, either)
     return tuple(found)
 
 
