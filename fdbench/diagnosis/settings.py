@@ -195,6 +195,7 @@ class EvidenceSettings:
         "share of the time at its limit from which a controller is left out of the model",
         "25 axes of tiers F and G with 0.15 or more: 24 are told rightly without it, 16 with it; six with less, alike",
     )
+    swinging: float = number(0.5, "share of the time in which a force reaches both its limits, of a loop not stable")
     held_out: float = number(1.0 / 3.0, "share of a record that is judged on, without repeats, laps or other records")
     smallest_artefact: float = number(0.04, "mean square of a sensor artefact, in units of the noise, that is a cause")
     telling_grid: float = number(

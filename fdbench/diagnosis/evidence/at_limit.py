@@ -43,7 +43,14 @@ def without_limited_controller(nominal: Nominal, records: Sequence[Record]) -> t
     if part <= EVIDENCE.limited or greatest_N > PLAUSIBLE.wrong_gain * controller.force_limit_N:
         return nominal, []
     left_out = dataclasses.replace(drive, controller=Following(feedback=controller.feedback))
-    return dataclasses.replace(nominal, plant=left_out), [_said(part) + "the controller was left out of the model."]
+    said = _said(part) + "the controller was left out of the model."
+    swinging = np.concatenate([_swings(own, controller, n) for own, n in zip(forces, lengths, strict=True)])
+    if swinging.mean() > EVIDENCE.swinging:
+        said += (
+            " It swings from one limit to the other: a loop that is not stable, of which a force of one frequency is "
+            "its own. Log it stable."
+        )
+    return dataclasses.replace(nominal, plant=left_out), [said]
 
 
 def _limited(force_N: FloatArray, controller: Cascade, length: int) -> NDArray[np.bool_]:
@@ -52,6 +59,13 @@ def _limited(force_N: FloatArray, controller: Cascade, length: int) -> NDArray[n
     limited[np.flatnonzero(beyond) // length] = True
     limited[1:] |= limited[:-1].copy()
     return limited
+
+
+def _swings(force_N: FloatArray, controller: Cascade, length: int) -> NDArray[np.bool_]:
+    """Return in which segments a force reaches both limits."""
+    limit_N, starts = PLAUSIBLE.greatest_force * controller.force_limit_N, np.arange(0, len(force_N), length)
+    highest, lowest = np.maximum.reduceat(force_N, starts), np.minimum.reduceat(force_N, starts)
+    return np.asarray((highest > limit_N) & (lowest < -limit_N))
 
 
 def told_at_limits(runs: Sequence[RecordedRun], drive: FeedDrive) -> list[str]:

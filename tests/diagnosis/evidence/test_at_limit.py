@@ -139,3 +139,14 @@ def test_its_side_of_the_screw_stays_known() -> None:
     followed, _, _ = prepared(left_out, unsaid)
     assert isinstance(followed.drive.controller, Following)
     assert followed.drive.controller.uses_table == controller.uses_table
+
+
+def test_a_loop_that_swings_between_its_limits_is_told_to_be_unstable() -> None:
+    """At 25 Hz, for all of the time; a force that is at one limit for long, as in a stroke, does not swing."""
+    t = np.arange(2000) * 1e-3
+    told = []
+    for force in (np.clip(900.0 * np.sin(50.0 * np.pi * t), -500.0, 500.0), np.where(t < 1.0, 500.0, -500.0)):
+        record = Record({"time_s": t, "motor_position_m": 0.1 * t, "table_position_m": 0.1 * t, "motor_force_N": force})
+        model = Nominal(plant=limited(500.0), simulation=NOMINAL.simulation)
+        told.append(without_limited_controller(model, [record])[1])
+    assert ["swings" in text for (text,) in told] == [True, False]
