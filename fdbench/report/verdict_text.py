@@ -3,6 +3,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+from scipy.constants import g
+
 from fdbench.diagnosis.answer.answer import Answer
 from fdbench.diagnosis.answer.cause import Cause
 from fdbench.diagnosis.answer.quantity import Quantity
@@ -31,6 +33,7 @@ from fdbench.report.process_forces_text import forces
 from fdbench.wording import percent, probability_text, si_text, unit_text
 
 UNSEEN = 0.005  # share of the gap that rounds to none
+AS_HEAVY = 0.1  # relative difference of a force and the weight of a mass that may be one payload
 SMALL = 0.02  # of the motor's force, below which a machine that is well may have as much
 
 
@@ -49,6 +52,7 @@ def verdict(answer: Answer) -> Iterator[str]:
         return
     said = [cause for cause in answer.causes if cause.probability >= WORTH_SAYING and not _is_nothing(cause)]
     yield from (_named(cause, answer) for cause in said)
+    yield from _payload(said)
     for suspect in answer.suspects:
         if suspect.probability >= WORTH_SAYING:
             words = (
@@ -138,6 +142,18 @@ def _named(cause: Cause, answer: Answer) -> str:
 def _by(changes: Mapping[str, Quantity]) -> list[str]:
     """Return by how much each value has changed, or seems to have."""
     return [f"{name} by {signed(change)}" for name, change in changes.items()]
+
+
+def _payload(said: Sequence[Cause]) -> Iterator[str]:
+    """Yield that a mass and a force are one cause, where the force is the weight of the mass."""
+    likely = [cause for cause in said if cause.probability > LIKELY and cause.effect in effects.names()]
+    changed = {effects.get(cause.effect).calibrates: next(iter(cause.parameters.values()), None) for cause in likely}
+    mass, force = changed.get(Mass.kind), changed.get(OFFSET)
+    if mass is None or force is None or (mass.unit, force.unit) != ("kg", "N"):
+        return
+    weight_N = abs(mass.value) * g
+    if abs(abs(force.value) - weight_N) < AS_HEAVY * weight_N:
+        yield f"A mass of {signed(mass)} weighs {si_text(weight_N, 'N')}: on a vertical axis both are one payload."
 
 
 def _small(cause: Cause, recorded: Recorded | None) -> str:

@@ -134,6 +134,16 @@ def test_what_scales_every_value_is_told_beside_the_values_that_it_is_taken_for(
     assert "re-calibration alone takes it for another size of inertia_mismatch by +3.6 kg, beyond which it" in text
 
 
+@pytest.mark.parametrize(("force_N", "is_one"), [(426.0, True), (-426.0, True), (300.0, False)])
+def test_a_mass_and_its_weight_are_one_payload(force_N: float, is_one: bool) -> None:
+    changes = {"inertia_mismatch": (44.0, "kg"), "constant_force": (force_N, "N")}
+    causes = [
+        replace(FRICTION, effect=name, parameters={"change": Quantity(value=value, ci95=None, unit=unit)})
+        for name, (value, unit) in changes.items()
+    ]
+    assert ("A mass of +44 kg weighs 431 N: on a vertical axis both are one payload." in told(answer(causes))) is is_one
+
+
 def test_nominal_parameters_stand_apart_with_what_their_share_is_of() -> None:
     found = answer([FRICTION, CAUSE])
     lines = summary(found).splitlines()
