@@ -56,7 +56,10 @@ from fdbench.rotary import LINEAR, spoken_of, spoken_unit, spoken_words
 from fdbench.units import unit_of
 
 # What no calibration on other motions tells: the form of friction, and how late a loop is.
-OF_FORM = ("transition_velocity", "friction_side", "friction_form", "velocity_filter", "reference_delay", "loop_lag")
+OF_FORM = (
+    *("transition_velocity", "bristle_form", "friction_side", "friction_form"),
+    *("velocity_filter", "reference_delay", "loop_lag"),
+)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -384,7 +387,7 @@ def calibrated_on(
     # Another day changes no screw, whatever the model had on paper.
     of_a_day = dataclasses.asdict(BASELINE)
     offset_N = of_a_day.pop("force_offset") * ready.nominal.force_offset_N
-    fixed = dict.fromkeys(("known_phase", "stiffness", "damping", "loop_lag", "encoder_delay"), 0.0)
+    fixed = dict.fromkeys(("known_phase", "bristle_form", "stiffness", "damping", "loop_lag", "encoder_delay"), 0.0)
     doubt = Uncertainty(**of_a_day | fixed, force_offset_N=offset_N)
     known = dataclasses.replace(as_nominal(model), uncertainty=doubt)
     said = [text for text in found.ready.assumptions if text not in ready.assumptions]

@@ -121,6 +121,9 @@ class ModelSettings:
         "deviations by which friction may exceed its nominal form at 0.1, 0.03, 0.01, 0.003 of the fastest speed",
         "between axes without a cause and with Stribeck friction, of 195 opened ones of tier G",
     )
+    most_bristles: float = number(
+        0.7, "of a known friction, that slips in place of its bristles may carry, and no more"
+    )
     most_stiffness: float = number(1.5, "deviations by which the stiffness of a screw may be off, and no more")
     most_damping: float = number(4.0, "deviations by which its damping may be off, and no more")
     most_early: float = number(

@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from fdbench.diagnosis.model.friction_parameters import BristleForm
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.records.spectral_lines import highest_Hz
@@ -148,7 +149,7 @@ def candidates(
         unseen = drive.screw is None and (kind.port is Port.TABLE_SCALE or kind.needs_screw)
         known = [effect for effect in drive.effects if effect.declared is kind.declared]
         is_value = kind.name in covered and not known
-        if kind.declared in present or is_value or unseen:
+        if kind.declared in present or is_value or unseen or BristleForm.is_carried_by(kind):
             continue
         found += [
             item

@@ -258,7 +258,8 @@ class FrictionForm(NominalParameter):
 
     @classmethod
     def of(cls, nominal: Nominal) -> list[Self]:
-        kinds = [kind for kind in nominal.library if kind.calibrates == cls.kind]
+        every = [kind for kind in nominal.library if kind.calibrates == cls.kind]
+        kinds = [kind for kind in every if not BristleForm.is_carried_by(kind)]
         deviation, fastest = nominal.uncertainty.friction_form, nominal.covered.fastest_m_per_s
         if not kinds or deviation == 0.0 or fastest == 0.0 or known_friction(nominal.drive) == 0.0:
             return []
@@ -281,6 +282,55 @@ class FrictionForm(NominalParameter):
 
     def size(self, drive: FeedDrive) -> float:
         return known_friction(drive) * self.deviation
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class BristleForm(NominalParameter):
+    """Force of slips in place of bristles of a known friction, carried by ``effect``; relative to it.
+
+    No law by which a friction bends is that of a real contact; in steady sliding nothing is left of it.
+    """
+
+    kind = "bristle_form"
+    stated = False
+    nuisance = True
+    changes_from_run_to_run = False
+    effect: Effect
+    amplitude: str
+    friction_N: float
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> list[Self]:
+        kinds, deviation = [*filter(cls.is_carried_by, nominal.library)], nominal.uncertainty.bristle_form
+        bristles = [item for item in nominal.drive.effects if item.bend_m > 0.0]
+        if not kinds or deviation == 0.0 or not bristles:
+            return []
+        effect = silent(kinds[0]).changed(way_m=bristles[0].bend_m)
+        force_N = amplitude_of(bristles[0])
+        names = (kinds[0].amplitude, *kinds[0].further_amplitudes)
+        return [
+            cls(name=f"bristle_{name}", deviation=deviation, effect=effect, amplitude=name, friction_N=force_N)
+            for name in names
+        ]
+
+    @staticmethod
+    def is_carried_by(kind: type[Effect]) -> bool:
+        """Whether an effect is the form of a friction over the way, which has internal states, and not over speed."""
+        return kind.calibrates == FrictionForm.kind and bool(kind.states)
+
+    @property
+    def room(self) -> tuple[float, float]:
+        return -MODEL.most_bristles / self.deviation, MODEL.most_bristles / self.deviation
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        return drive, (self.effect.changed(**{self.amplitude: shift * self.size(drive)}),)
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        return si_text(shift * self.size(drive), unit_of(self.amplitude))
+
+    def size(self, drive: FeedDrive) -> float:
+        return self.friction_N * self.deviation
 
 
 @final

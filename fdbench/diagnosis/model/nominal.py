@@ -82,6 +82,8 @@ class Uncertainty:
         Of the natural logarithm of the speed over which friction turns its sign, which no data sheet says.
     bristle_stiffness : float
         Of the natural logarithm of the stiffness with which a known LuGre friction bends before it slides.
+    bristle_form : float
+        Of forces of springs that slip in place of bristles of a known LuGre friction, relative to it.
     friction_side : float
         Of the part of the known friction that acts on the motor instead of the table.
     friction_form : float
@@ -112,6 +114,7 @@ class Uncertainty:
     known_phase: float = nonnegative(default=0.05)
     transition_velocity: float = nonnegative(default=1.0)
     bristle_stiffness: float = nonnegative(default=1.0)
+    bristle_form: float = nonnegative(default=0.2)
     friction_side: float = nonnegative(default=0.3)
     friction_form: float = nonnegative(default=0.05)
     controller_gains: float = nonnegative(default=0.02)

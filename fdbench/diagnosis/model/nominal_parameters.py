@@ -13,6 +13,7 @@ from fdbench.diagnosis.model.axis_parameters import (
     Viscous,
 )
 from fdbench.diagnosis.model.friction_parameters import (
+    BristleForm,
     BristleStiffness,
     FrictionForm,
     FrictionSide,
@@ -39,6 +40,7 @@ KINDS: Sequence[type[NominalParameter]] = (
     EncoderZeros,
     EncoderDelay,
     FrictionForm,
+    BristleForm,
     FrictionSide,
     ReferenceDelay,
     VelocityFilter,

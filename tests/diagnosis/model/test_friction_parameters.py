@@ -12,7 +12,13 @@ from scipy.optimize import least_squares
 
 from fdbench.diagnosis.diagnose import diagnose
 from fdbench.diagnosis.model.axis_parameters import Viscous
-from fdbench.diagnosis.model.friction_parameters import BristleStiffness, KnownAmplitude, KnownFurtherAmplitude
+from fdbench.diagnosis.model.candidates import candidates
+from fdbench.diagnosis.model.friction_parameters import (
+    BristleForm,
+    BristleStiffness,
+    KnownAmplitude,
+    KnownFurtherAmplitude,
+)
 from fdbench.diagnosis.model.hypothesis import Hypothesis, is_corner, is_hollow, penalty, start
 from fdbench.diagnosis.model.known_effects import WIDTH, resized
 from fdbench.diagnosis.model.nominal import Covered, Nominal, Simulation, Uncertainty
@@ -268,3 +274,27 @@ def test_a_measured_speed_of_turning_is_as_known_to_be_lower_as_to_be_higher() -
     paper: Any = model.drive.effects[0]
     low, high = (own.apply(model.drive, shift)[0].effects[0] for shift in (-4.0, 4.0))
     assert getattr(low, WIDTH) * getattr(high, WIDTH) == pytest.approx(getattr(paper, WIDTH) ** 2, rel=0.03)
+
+
+def test_friction_that_bends_by_slips_is_no_cause() -> None:
+    """60 % of it slips, as Maxwell's springs do, in place of bending as LuGre's bristles."""
+    model = nominal()
+    known: Any = model.drive.effects[0]
+    slips = effects.get("presliding_curve").typical(
+        soft_force_N=20.0, middle_force_N=25.0, stiff_force_N=15.0, way_m=known.bend_m
+    )
+    recorded = axis_lab.repeated(dataclasses.replace(model.drive, effects=(known, slips)))
+    found = diagnose(model, *recorded).answer
+    assert not [cause for cause in found.causes if cause.probability > 0.5]
+    assert found.unknown_probability < 0.3
+    rigid = dataclasses.replace(model, uncertainty=Uncertainty(bristle_form=0.0))
+    assert diagnose(rigid, *recorded).answer.unknown_probability > found.unknown_probability
+
+
+def test_only_a_friction_that_bends_has_another_form_of_bending() -> None:
+    forms = [item for item in nominal_parameters(nominal()) if isinstance(item, BristleForm)]
+    assert [item.name for item in forms] == ["bristle_soft_force_N", "bristle_middle_force_N", "bristle_stiff_force_N"]
+    assert [item.size(nominal().drive) for item in forms] == [20.0, 20.0, 20.0]
+    sliding = Nominal(plant=axis_lab.drive(), simulation=Simulation(substeps=10))
+    assert not [item for item in nominal_parameters(sliding) if isinstance(item, BristleForm)]
+    assert not [item for item in candidates(start(sliding)) if item.name == "presliding_curve"]
