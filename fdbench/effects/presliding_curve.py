@@ -18,11 +18,11 @@ class PreslidingCurve(Effect):
         \dot p_k = \frac{v}{b_k} \text{ within } |p_k| \le 1, \quad b_k = 3^{1 - k} b, \qquad
         \dot y = \frac{v - |v| y}{b}
 
-    p_k: bend of a spring that slips (Maxwell's slip, or Jenkin's element); y: that of the nominal bristles (Dahl's);
-    b: way over which these bend, their Coulomb force over their stiffness. Both are 1 where they slide, so that nothing
-    is left of it in steady sliding. No law of presliding is that of a real contact, so the diagnosis lets every
-    hypothesis whose friction bends have such a deviation, within limits. At constant velocity over a substep bends are
-    exact; the force is their mean.
+    p_k: bend of a spring that slips, as in Maxwell's slip model; y: that of the nominal bristles (Dahl's); b: way over
+    which these bend, their Coulomb force over their stiffness. Both are 1 where they slide, so that nothing is left of
+    it in steady sliding. No law of presliding is that of a real contact, so the diagnosis lets every hypothesis whose
+    friction bends have such a deviation, within limits. At constant velocity over a substep bends are exact; the force
+    is that of their mean, of slips between both ends.
 
     Source: Al-Bender, Lampaert, Swevers (2005), IEEE Trans. Automatic Control 50(11), 1883-1887, for hysteresis as a
     sum of slips; the basis is ours.
