@@ -146,8 +146,8 @@ def _by(changes: Mapping[str, Quantity]) -> list[str]:
 
 def _payload(said: Sequence[Cause]) -> Iterator[str]:
     """Yield that a mass and a force are one cause, where the force is the weight of the mass."""
-    likely = [cause for cause in said if cause.probability > LIKELY and cause.effect in effects.names()]
-    changed = {effects.get(cause.effect).calibrates: next(iter(cause.parameters.values()), None) for cause in likely}
+    likely = (cause for cause in said if cause.probability > LIKELY)
+    changed = {_corrected(cause): next(iter(cause.parameters.values()), None) for cause in likely}
     mass, force = changed.get(Mass.kind), changed.get(OFFSET)
     if mass is None or force is None or (mass.unit, force.unit) != ("kg", "N"):
         return
@@ -171,10 +171,10 @@ def _small(cause: Cause, recorded: Recorded | None) -> str:
 def _wrong(cause: Cause, likely: bool, recorded: Recorded | None) -> str:
     """Return which nominal parameter is wrong or has changed; a constant force is none that a model must have."""
     change = cause.parameters.get("change")
-    if change and cause.effect in effects.names() and effects.get(cause.effect).calibrates == OFFSET:
+    if change and _corrected(cause) == OFFSET:
         words = f"{cause.effect.replace('_', ' ')} of {si_text(change.value, change.unit)}"
         return f"{'A' if likely else 'Perhaps a'} {words} acts beyond what the model has"
-    what = f"mass ({cause.effect})" if _is_a_mass(cause) else f"size of {cause.effect}"
+    what = f"mass ({cause.effect})" if _corrected(cause) == Mass.kind else f"size of {cause.effect}"
     if is_since_baseline(recorded):
         by = f", by {signed(change)}" if change else ""
         return f"{'Changed' if likely else 'Perhaps changed'} since the baseline: {what}{by}"
@@ -182,8 +182,9 @@ def _wrong(cause: Cause, likely: bool, recorded: Recorded | None) -> str:
     return f"Nominal parameter {'' if likely else 'perhaps '}wrong: {what}{size}"
 
 
-def _is_a_mass(cause: Cause) -> bool:
-    return cause.effect in effects.names() and effects.get(cause.effect).calibrates == Mass.kind
+def _corrected(cause: Cause) -> str:
+    """Return the kind of nominal parameter that a cause corrects, or an empty text."""
+    return effects.get(cause.effect).calibrates if cause.effect in effects.names() else ""
 
 
 def _unknown(answer: Answer) -> Iterator[str]:

@@ -19,13 +19,12 @@ def nameless_warnings(final: Hypothesis) -> list[str]:
     nominal, found = final.nominal, list[str]()
     if nominal.covered.before:
         return found
-    scale = list(zip(nominal_parameters(nominal), final.shifts, strict=True))
-    delays = [item for item, shift in scale if isinstance(item, EncoderDelay) and _is_apart(item, shift, nominal)]
-    found += [late_encoder_text(final.variant.plant.table_read_late_s, BESIDE) for _ in delays]
+    drive, scale = nominal.drive, zip(nominal_parameters(nominal), final.shifts, strict=True)
+    if any(isinstance(item, EncoderDelay) and _is_apart(item, shift, nominal) for item, shift in scale):
+        found.append(late_encoder_text(final.variant.plant.table_read_late_s, BESIDE))
     values = [
-        f"{item.name} seems to be {here}, where the model has {there}"
+        f"{item.name} seems to be {item.text(drive, shift)}, where the model has {item.text(drive, 0.0)}"
         for item, shift in nameless(final)
-        for here, there in [(item.text(nominal.drive, shift), item.text(nominal.drive, 0.0))]
     ]
     if values:
         found.append(

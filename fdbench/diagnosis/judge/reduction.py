@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,11 +17,13 @@ from fdbench.diagnosis.evidence.sensor_artefacts import Artefact, mean_energy
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.judge.nameless_values import nameless
 from fdbench.diagnosis.model.hypothesis import Hypothesis
+from fdbench.diagnosis.model.nominal_parameter import NominalParameter
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.settings import JUDGE, MODEL, SEARCH
 from fdbench.effects import Effect
+from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
 from fdbench.rotary import spoken_unit
 from fdbench.statistics import drawn_counts, percentile_interval
@@ -284,17 +286,18 @@ def parametric(
         closed_by_recalibration=max(0.0, 1.0 - structural / raw),
         moved_in_standard_deviations=dict(zip(names, calibrated.shifts, strict=True)),
         moved_beside_effects=dict(zip(names, final.shifts, strict=True)),
-        changes={
-            item.name: Quantity(value=shift * item.size(drive), ci95=None, unit=spoken_unit(item.unit_on(drive)))
-            for item, shift in zip(items, calibrated.shifts, strict=True)
-        },
+        changes=_changes(zip(items, calibrated.shifts, strict=True), drive),
         values=dict(_far_values(calibrated)),
-        nameless={
-            item.name: Quantity(value=shift * item.size(drive), ci95=None, unit=spoken_unit(item.unit_on(drive)))
-            for item, shift in nameless(final)
-        },
+        nameless=_changes(nameless(final), drive),
         set_anew={name: Quantity(value=share, ci95=None, unit="") for name, share in set_anew.items()},
     )
+
+
+def _changes(moved: Iterable[tuple[NominalParameter, float]], drive: FeedDrive) -> dict[str, Quantity]:
+    return {
+        item.name: Quantity(value=shift * item.size(drive), ci95=None, unit=spoken_unit(item.unit_on(drive)))
+        for item, shift in moved
+    }
 
 
 def _far_values(calibrated: Hypothesis) -> Iterator[tuple[str, Quantity]]:

@@ -238,9 +238,26 @@ class BristleStiffness(_InNoDataSheet):
     in_doubt = "bristle_stiffness"
 
 
+@dataclass(frozen=True, kw_only=True)
+class _FormOfFriction(NominalParameter):
+    """Force of one ``amplitude`` of an ``effect`` that carries another form of a known friction; relative to that."""
+
+    stated = False
+    nuisance = True
+    changes_from_run_to_run = False
+    effect: Effect
+    amplitude: str
+
+    def apply(self, drive: FeedDrive, shift: float) -> Changed:
+        return drive, (self.effect.changed(**{self.amplitude: shift * self.size(drive)}),)
+
+    def text(self, drive: FeedDrive, shift: float) -> str:
+        return si_text(shift * self.size(drive), unit_of(self.amplitude))
+
+
 @final
 @dataclass(frozen=True, kw_only=True)
-class FrictionForm(NominalParameter):
+class FrictionForm(_FormOfFriction):
     """Height of a bump of a free friction curve, carried by ``effect``; its deviation is relative to the friction.
 
     It has a limit upwards: what resists at low speed beyond it is an effect, such as Stribeck's; the tighter, the
@@ -249,11 +266,6 @@ class FrictionForm(NominalParameter):
     """
 
     kind = "friction_form"
-    stated = False
-    nuisance = True
-    changes_from_run_to_run = False
-    effect: Effect
-    amplitude: str
     most: float
 
     @classmethod
@@ -274,30 +286,19 @@ class FrictionForm(NominalParameter):
     def room(self) -> tuple[float, float]:
         return -math.inf, self.most
 
-    def apply(self, drive: FeedDrive, shift: float) -> Changed:
-        return drive, (self.effect.changed(**{self.amplitude: shift * self.size(drive)}),)
-
-    def text(self, drive: FeedDrive, shift: float) -> str:
-        return si_text(shift * self.size(drive), unit_of(self.amplitude))
-
     def size(self, drive: FeedDrive) -> float:
         return known_friction(drive) * self.deviation
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class BristleForm(NominalParameter):
+class BristleForm(_FormOfFriction):
     """Force of slips in place of bristles of a known friction, carried by ``effect``; relative to it.
 
     No law by which a friction bends is that of a real contact; in steady sliding nothing is left of it.
     """
 
     kind = "bristle_form"
-    stated = False
-    nuisance = True
-    changes_from_run_to_run = False
-    effect: Effect
-    amplitude: str
     friction_N: float
 
     @classmethod
@@ -322,12 +323,6 @@ class BristleForm(NominalParameter):
     @property
     def room(self) -> tuple[float, float]:
         return -MODEL.most_bristles / self.deviation, MODEL.most_bristles / self.deviation
-
-    def apply(self, drive: FeedDrive, shift: float) -> Changed:
-        return drive, (self.effect.changed(**{self.amplitude: shift * self.size(drive)}),)
-
-    def text(self, drive: FeedDrive, shift: float) -> str:
-        return si_text(shift * self.size(drive), unit_of(self.amplitude))
 
     def size(self, drive: FeedDrive) -> float:
         return self.friction_N * self.deviation
