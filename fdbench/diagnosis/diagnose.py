@@ -309,14 +309,15 @@ def _searched(
     readings, plain = search.readings, search.split.plain
     last = Refinement(readings, plain, refinement.nominal)
     weighed = last.refine(sought) if sought.effects else calibrated
-    exchange = in_place_of_a_value(Search(last), weighed, stages[-1]) if stages else None
+    calibrated = last.refine(calibrated, tempered=False)
+    exchange = in_place_of_a_value(Search(last), weighed, stages[-1], calibrated) if stages else None
     if exchange is not None and exchange.log_odds > 0.0:
         contests = contests if weighed.has(exchange.kind) else [*contests, stages[-1]]
         weighed = exchange.hypothesis
-    calibrated = last.refine(calibrated, tempered=False)
     simulated = readings.replay.on_each(ready.runs, calibrated.variant)
     clocks = [text for run, own in zip(ready.runs, simulated, strict=True) for text in clock_warnings(run, own)]
-    final = last.predicting_best(weighed, calibrated).as_it_acts() if weighed.effects else calibrated
+    held = () if exchange is None or exchange.hypothesis is not weighed else exchange.held
+    final = last.predicting_best(weighed, calibrated, held).as_it_acts() if weighed.effects else calibrated
     ready = dataclasses.replace(ready, warnings=[*ready.warnings, *clocks, *nameless_warnings(final)])
     reductions = reductions_of(readings, plain, calibrated, final)
     findings = Findings(

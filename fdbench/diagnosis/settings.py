@@ -39,6 +39,12 @@ class RecordsSettings:
     piece_samples: int = number(256, "length of the pieces of a record that spectra of noise are means over")
     long_piece_samples: int = number(1024, "the same where repeats differ, if records are as long")
     beyond: float = number(5.0, "times the noise within a condition by which the force of another one differs")
+    in_one: float = number(
+        2.0,
+        "times what the model leaves of one of two repeats is left of the other, where another force acts",
+        "between 4.2 and 10 in three pairs of another's simulators with such a force, and 1.1 in one without",
+        zero=1.0,
+    )
     restless: float = number(0.1, "of its force, root mean square, by which laps differ that are no repeats")
     resting: float = number(1e-3, "share of the greatest speed below which friction has no sign")
     profile_bin_m: float = number(2e-4, "of the way, over which what repeats with the position is alike")

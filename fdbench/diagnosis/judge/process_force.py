@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -54,18 +55,24 @@ def unsteady_forces(runs: Sequence[RecordedRun], replay: Replay, nominal: Hypoth
 
 def _process_force(item: Apart, readings: Readings, final: Hypothesis, drive: FeedDrive) -> ProcessForce:
     run, repeats = item.run, item.repeats
-    if repeats:
-        usual: Channels = {name: np.mean([own.channels[name] for own in repeats], axis=0) for name in run.channels}
-        error = _error_of_repeats(repeats, drive)
-    else:
-        usual = readings.replay.alone(run, final.variant)
-        lefts = [
-            force_on_axis(own, own.channels, readings.alone(place, final), drive)
-            for place, own in enumerate(readings.runs)
-        ]
-        error = rms(np.concatenate(lefts))
-    force = force_on_axis(run, run.channels, usual, drive)
-    return described(run, force, _quiet(run, force) if error is None else error, "repeats" if repeats else "model")
+    by_model = partial(_error_of_model, readings, final, drive)
+    if not repeats:
+        usual: Channels = readings.replay.alone(run, final.variant)
+        return described(run, force_on_axis(run, run.channels, usual, drive), by_model(), "model")
+    usual = {name: np.mean([own.channels[name] for own in repeats], axis=0) for name in run.channels}
+    force, error = force_on_axis(run, run.channels, usual, drive), _error_of_repeats(repeats, drive)
+    if error is None:
+        # Two records differ by no more noise than twice what the model leaves of one.
+        error = min(_quiet(run, force), math.sqrt(2.0) * by_model())
+    return described(run, force, error, "repeats")
+
+
+def _error_of_model(readings: Readings, final: Hypothesis, drive: FeedDrive) -> float:
+    """Return the root mean square of the force that the final model leaves of the runs of the usual condition."""
+    lefts = [
+        force_on_axis(own, own.channels, readings.alone(place, final), drive) for place, own in enumerate(readings.runs)
+    ]
+    return rms(np.concatenate(lefts))
 
 
 def described(run: RecordedRun, force: FloatArray, error: float, beside: str) -> ProcessForce:

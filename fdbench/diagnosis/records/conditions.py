@@ -1,5 +1,6 @@
 """Conditions: records of one command that differ by more than repeats do were taken under another force."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,12 +26,20 @@ def apart(runs: Sequence[RecordedRun]) -> list[Apart]:
 
     A record may name its condition. Of records that do not, repeats of one command are of one condition unless their
     forces differ by more than five times what laps within them, or other repeats, do; a change of friction, mass or
-    offset alone is no other condition, since these change from day to day.
+    offset alone is no other condition, since these change from day to day. Of two that differ by as much more than the
+    repeats of every other command do, the one is of another condition that a model leaves twice as much of.
     """
     named = [run.condition or "" for run in runs]
     usual = max(dict.fromkeys(named), key=named.count)
     inside = [run for run, name in zip(runs, named, strict=True) if name == usual]
-    kept = [run for group in by_command(inside) for run in _largest_of_one_condition(group)]
+    groups = by_command(inside)
+    kept = [
+        run
+        for group in groups
+        for run in _of_the_usual_condition(
+            _largest_of_one_condition(group), [own for own in groups if own is not group]
+        )
+    ]
     return [
         Apart(run=run, repeats=tuple(other for other in kept if same_command(other, run)))
         for run in runs
@@ -55,6 +64,31 @@ def _largest_of_one_condition(group: Sequence[RecordedRun]) -> list[RecordedRun]
         else:
             part.append(index)
     return [group[index] for index in max(parts, key=len)]
+
+
+def _of_the_usual_condition(
+    group: Sequence[RecordedRun], others: Sequence[Sequence[RecordedRun]]
+) -> Sequence[RecordedRun]:
+    """Return the one of two repeats that is nearer to the model, where the other tells of another force, else both."""
+    elsewhere = [_least_difference(own) for own in others if len(own) > 1]
+    if len(group) != 2 or not elsewhere or any(run.left is None for run in group):
+        return group
+    if _least_difference(group) <= RECORDS.beyond * max(elsewhere):
+        return group
+    near, far = sorted(group, key=_left_by_model)
+    # What is out of step acts in both, at another time.
+    return [near] if _left_by_model(far) > RECORDS.in_one * _left_by_model(near) else group
+
+
+def _least_difference(group: Sequence[RecordedRun]) -> float:
+    """Return what the two repeats of one command differ by that are most alike."""
+    pairs = itertools.combinations(group, 2)
+    return min(rms(_unlike(_force(a) - _force(b), a.reference)) for a, b in pairs)
+
+
+def _left_by_model(run: RecordedRun) -> float:
+    """Return what the nominal model leaves of the force, but for other friction, mass and offset."""
+    return rms(_unlike((run.left or run.channels)[FORCE], run.reference))
 
 
 def restless(run: RecordedRun) -> bool:

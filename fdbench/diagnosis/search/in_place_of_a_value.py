@@ -38,12 +38,20 @@ class Exchange:
     log_odds: float
 
     @property
+    def held(self) -> list[str]:
+        """Names of the nominal parameters that a delay is in place of: beside each other nothing holds both."""
+        if self.kind.cause_type != "delay":
+            return []
+        nominal = self.hypothesis.nominal
+        return [item.name for item in nominal_parameters(nominal) if item.cause(nominal) == self.value]
+
+    @property
     def odds(self) -> float:
         """Probability that it is the effect, if it is one of the two."""
         return float(expit(self.log_odds))
 
 
-def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Exchange | None:
+def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage, calibrated: Hypothesis) -> Exchange | None:
     r"""Return the most probable exchange of a value for an effect of its family, such as friction, if there is one.
 
     The search weighs what friction may do in each run, so that a value moves there for nothing, and an effect that
@@ -66,9 +74,45 @@ def in_place_of_a_value(search: Search, base: Hypothesis, stage: Stage) -> Excha
         Fitted to these.
     stage : Stage
         The last one, with the rivals that are tried.
+    calibrated : Hypothesis
+        What predicts best without any effect: no tempered step leads as far as it may be.
     """
-    moved = _distances(base)
-    wrong = {name: size for name, size in moved.items() if size > JUDGE.beyond_doubt and not _named(base, name)}
+    return _exchanged(search, base, stage) or _already_exchanged(search, base, calibrated)
+
+
+def _already_exchanged(search: Search, base: Hypothesis, calibrated: Hypothesis) -> Exchange | None:
+    """Return the most probable exchange of a known delay that is longer for another one that a hypothesis has already.
+
+    Without it the known one would be far longer, so that both say the same.
+    """
+    found = []
+    for effect in base.effects:
+        kind = type(effect)
+        known = [name for name in _distances(base) if family(effects.get(name)) == family(kind)]
+        if kind.cause_type != "delay" or not known:
+            continue
+        bare = base.without_effect(kind)
+        moved = dataclasses.replace(bare, shifts=calibrated.shifts)
+        without = search.refinement.best_from(base, [moved], search.refinement.refine(bare))
+        compared = search.compared(without, [(kind, base, True)])
+        log_odds = compared.evidence_of(compared.of(kind)) - compared.log_evidence(compared.misfit, compared.penalty)
+        found += [
+            Exchange(value=name, kind=kind, without=without, hypothesis=base, log_odds=log_odds)
+            for name in known
+            if _wrong(without).get(name, 0.0) * SEARCH.back > _distances(base)[name]
+        ]
+    return max(found, key=lambda item: item.log_odds, default=None)
+
+
+def _wrong(hypothesis: Hypothesis) -> dict[str, float]:
+    """Return the values that are moved beyond doubt, and how far."""
+    moved = _distances(hypothesis)
+    return {name: size for name, size in moved.items() if size > JUDGE.beyond_doubt and not _named(hypothesis, name)}
+
+
+def _exchanged(search: Search, base: Hypothesis, stage: Stage) -> Exchange | None:
+    """Return the most probable exchange of a value that a hypothesis has moved for an effect that it has not."""
+    wrong = _wrong(base)
     if not wrong:
         return None
     families = {family(effects.get(name)) for name in wrong}

@@ -309,16 +309,16 @@ class Refinement:
         alone, *squares = self._squares(base, rivals)
         return rivals[int(np.argmin(_objectives(squares, rivals, prior_weight(alone))))]
 
-    def predicting_best(self, weighed: Hypothesis, calibrated: Hypothesis) -> Hypothesis:
+    def predicting_best(self, weighed: Hypothesis, calibrated: Hypothesis, held: Collection[str] = ()) -> Hypothesis:
         """Return the best fit that is not tempered: from a hypothesis, and from where its base came to by such a fit.
 
         That may be another valley, and a deeper one; from near it no other fit is made. Nor beside an effect that
         scales every value, for from all of these moved to none there is one valley, and what differs from run to run
-        would decide where in it.
+        would decide where in it. Values that are ``held`` stay.
         """
-        found = self.refine(weighed, tempered=False)
+        found = self.refine(weighed, held, tempered=False)
         scaling = any(effect.scales_every_value for effect in weighed.effects)
-        if scaling or weighed.apart_from(calibrated) <= SEARCH.near:
+        if held or scaling or weighed.apart_from(calibrated) <= SEARCH.near:
             return found
         other = dataclasses.replace(weighed, shifts=calibrated.shifts)
         fits = [found, self.refine(other, tempered=False, ahead=found)]

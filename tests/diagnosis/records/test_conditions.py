@@ -8,6 +8,8 @@ from axis_lab import as_built, drive, protocol, record
 
 from fdbench.diagnosis.diagnose import Diagnosis, diagnose
 from fdbench.diagnosis.evidence.prepare import aligned
+from fdbench.diagnosis.judge.process_force import process_forces
+from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.effects import Effect, effects
 from fdbench.errors import SpecError
@@ -49,6 +51,27 @@ def test_friction_and_offset_of_a_day_are_no_condition() -> None:
 
 def test_two_records_that_differ_do_not_tell_which_is_noise() -> None:
     assert not aligned(nominal(), repeats((), (force(),)), []).others
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_of_two_records_that_differ_as_those_of_no_other_command_do_the_model_tells_which(place: int) -> None:
+    fast, duration_s = protocol(1.0)["fast"]
+    others = [record(as_built(1), (), fast, duration_s, 7 + seed) for seed in range(2)]
+    disturbed = [(), ()]
+    disturbed[place] = (force(),)
+    ready = aligned(nominal(), [*repeats(*disturbed), *others], [])
+    assert [item.run.name for item in ready.others] == [f"record {place}"]
+    (own,) = process_forces(ready.others, ready.readings, start(ready.nominal))
+    assert own.beside == "repeats"
+    assert own.amplitude_N == pytest.approx(AMPLITUDE_N, rel=0.05)
+    assert own.standard_deviation_N < 0.2 * AMPLITUDE_N
+
+
+def test_a_force_out_of_step_in_both_of_two_records_is_of_no_other_condition() -> None:
+    fast, duration_s = protocol(1.0)["fast"]
+    others = [record(as_built(1), (), fast, duration_s, 7 + seed) for seed in range(2)]
+    later = force().within(phase_rad=2.0)
+    assert not aligned(nominal(), [*repeats((force(),), (later,)), *others], []).others
 
 
 @pytest.fixture(scope="module")

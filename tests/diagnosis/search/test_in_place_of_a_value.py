@@ -27,7 +27,7 @@ def exchanged(planted: Effect, rival: Effect, value: str = "viscous_friction") -
     base = own.refinement.calibrate(start(NOMINAL))
     assert moved(base, value) > JUDGE.beyond_doubt
     stage = own.compared(base, [(type(rival), base.with_effect(rival), True)])
-    return in_place_of_a_value(own, base, stage)
+    return in_place_of_a_value(own, base, stage, base)
 
 
 def test_a_drag_takes_the_place_of_a_viscous_friction_that_is_as_known() -> None:
@@ -64,7 +64,7 @@ def test_what_of_a_slow_drift_hardly_falls_in_a_record_is_not_another_size_of_fr
     stage = own.compared(base, [(type(true), base, True)])
     assert vars(base.effects[0])["warm_up_time_s"] == pytest.approx(seconds, rel=0.02)
     assert moved(base, "coulomb_friction") > JUDGE.beyond_doubt
-    found = in_place_of_a_value(own, base, stage)
+    found = in_place_of_a_value(own, base, stage, base)
     assert found is not None
     assert (found.value, found.kind.name) == ("coulomb_friction", "friction_drift")
     assert found.odds > 0.9
@@ -86,9 +86,35 @@ def test_a_dead_time_shares_with_a_known_lag_that_has_grown() -> None:
     base = own.refinement.calibrate(start(nominal))
     assert moved(base, "current_loop_lag") > JUDGE.beyond_doubt
     stage = own.compared(base, [(delay, base.with_effect(delay.typical()), False)])
-    found = in_place_of_a_value(own, base, stage)
+    found = in_place_of_a_value(own, base, stage, base)
     assert found is not None
     assert (found.value, found.kind.name) == ("current_loop_lag", "dead_time")
     assert moved(found.hypothesis, "current_loop_lag") < 1.0
     assert vars(found.hypothesis.effects[-1])["dead_time_s"] == pytest.approx(6e-4, rel=0.2)
     assert found.odds > 0.3
+
+
+@pytest.mark.parametrize(("planted", "is_likelier"), [("dead_time", True), ("current_loop_lag", False)])
+def test_a_dead_time_that_was_added_shares_with_a_known_lag_that_would_have_grown(
+    planted: str, is_likelier: bool
+) -> None:
+    """A lag that is known well stays in its valley; without the dead time it is another one that fits."""
+    lag, delay = effects.get("current_loop_lag"), effects.get("dead_time")
+    known = lag.typical(time_constant_s=2e-4)
+    nominal = dataclasses.replace(
+        NOMINAL,
+        plant=dataclasses.replace(NOMINAL.drive, effects=(known,)),
+        uncertainty=Uncertainty(effects={"current_loop_lag": 0.1}),
+    )
+    later = {"dead_time": delay.typical(dead_time_s=1e-3), "current_loop_lag": lag.typical(time_constant_s=1e-3)}
+    own = search(later[planted], nominal=nominal, speeds_m_per_s=(0.1, 0.03))
+    base = own.refinement.refine(start(nominal).with_effect(delay.typical()))
+    assert moved(base, "current_loop_lag") < JUDGE.beyond_doubt
+    without = own.refinement.refine(own.refinement.calibrate(start(nominal)), tempered=False)
+    found = in_place_of_a_value(own, base, own.compared(base, [(delay, base, True)]), without)
+    assert found is not None
+    assert (found.value, found.kind.name) == ("current_loop_lag", "dead_time")
+    assert found.hypothesis is base
+    assert found.held == ["known_current_loop_lag"]
+    assert moved(found.without, "current_loop_lag") > 2.0 * JUDGE.beyond_doubt
+    assert (found.odds > 0.5) is is_likelier
