@@ -214,9 +214,10 @@ def _left(answer: Answer) -> Iterator[str]:
         more = percent(answer.left() / size - 1.0)
         rest = f"the effects make the {AFTER} {more} larger in all on {answer.shrinkage.judged_on_words}"
     if unknown >= LIKELY and answer.left() <= size and left < UNSEEN:
+        little = "no more than noise" if answer.shrinkage.reducible_left < LIKELY else f"{percent(left)} of that gap"
         yield (
-            f"Something else may be missing, too (probability {probability_text(unknown)}), though no more than noise "
-            f"is left on {answer.shrinkage.judged_on_words}."
+            f"Something else may be missing, too (probability {probability_text(unknown)}), though {little} is left on "
+            f"{answer.shrinkage.judged_on_words}."
         )
     elif unknown >= LIKELY:
         yield (
