@@ -629,6 +629,9 @@ def flawed(record: Record) -> Iterator[tuple[Record, str]]:
     yield changed(record, time_s=1e3 * time), "time_s is in seconds"
     yield changed(record, time_s=1e-3 * time), "is time_s in another unit"
     yield changed(record, reference_velocity_m_per_s=60.0 * np.gradient(command, PERIOD_S)), "reference_velocity"
+    acceleration = np.gradient(np.gradient(command, PERIOD_S), PERIOD_S)
+    for factor, words in ((1e3, "is 1000 times.*a thousand: milli"), (-1.0, "is -1 times.*sign")):
+        yield changed(record, reference_acceleration_m_per_s2=factor * acceleration), words
     yield Record({name: column[:200] for name, column in record.items()}), "200 samples"
     yield Record({name: column[::10] for name, column in record.items()}), "every cycle of the controller"
 

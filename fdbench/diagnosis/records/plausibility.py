@@ -92,6 +92,7 @@ def check_record(run: RecordedRun, drive: FeedDrive) -> None:
             f"{run.name}: reference_velocity_m_per_s is {slope:.4g} times the change of {COMMAND} in a "
             f"second.{_factor_words(slope)} Mend its unit or sign in the mapping, or leave it out."
         )
+    _check_acceleration(run)
     steps = np.abs(np.diff(position))
     place, longest = int(np.argmax(steps)), drive.velocity_limit_m_per_s * run.period_s
     if steps[place] > PLAUSIBLE.position_step * max(longest, float(np.quantile(steps, 0.99))):
@@ -117,6 +118,19 @@ def check_record(run: RecordedRun, drive: FeedDrive) -> None:
         )
     if drive.controller.action_name == POSITION and span > 0.0 and not followed:
         _check_position(run, command, span)
+
+
+def _check_acceleration(run: RecordedRun) -> None:
+    """Refuse an acceleration of the command that gains another speed; a noisy rate of the speed would not tell."""
+    speed, gained = run.reference[:, 1], np.cumsum(run.reference[:, 2]) * run.period_s
+    if abs(_correlation(speed, gained)) < PLAUSIBLE.same_shape:
+        return
+    slope = _slope(speed, gained)
+    if not 1.0 / PLAUSIBLE.other_unit < slope < PLAUSIBLE.other_unit:
+        raise RecordError(
+            f"{run.name}: reference_acceleration_m_per_s2 is {slope:.4g} times the change of the commanded velocity in "
+            f"a second.{_factor_words(slope)} Mend its unit or sign in the mapping, or leave it out."
+        )
 
 
 def _check_position(run: RecordedRun, command: FloatArray, span: float) -> None:
