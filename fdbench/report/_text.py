@@ -6,6 +6,7 @@ import textwrap
 from fdbench.diagnosis.answer.quantity import Quantity
 from fdbench.diagnosis.answer.recorded import Recorded
 from fdbench.effects import effects
+from fdbench.units import split_unit
 from fdbench.wording import percent, si_text
 
 WIDTH = 100
@@ -26,6 +27,15 @@ def wrapped(text: str) -> list[str]:
     first, later = " " * (2 + depth), " " * (4 + depth)
     lines = textwrap.wrap(joined, WIDTH, initial_indent=first, subsequent_indent=later, break_on_hyphens=False)
     return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
+
+
+def plain(name: str) -> str:
+    """Return the words of a name without its unit.
+
+    >>> plain("motor_force_N")
+    'motor force'
+    """
+    return split_unit(name)[0].replace("_", " ")
 
 
 def is_since_baseline(recorded: Recorded | None) -> bool:

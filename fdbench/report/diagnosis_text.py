@@ -6,13 +6,12 @@ from fdbench.diagnosis.answer.answer import Answer
 from fdbench.diagnosis.answer.cause import Cause
 from fdbench.diagnosis.answer.quantity import Quantity
 from fdbench.diagnosis.answer.where import Cell
-from fdbench.report._text import AFTER, BESIDE_CHANGES, LIKELY, NOISE_ALONE, NOMINAL, part_text, wrapped
+from fdbench.report._text import AFTER, BESIDE_CHANGES, LIKELY, NOISE_ALONE, NOMINAL, part_text, plain, wrapped
 from fdbench.report._virtual_machines import virtual_machines
 from fdbench.report.doubts_text import doubts
 from fdbench.report.process_forces_text import process_forces
 from fdbench.report.verdict_text import verdict
 from fdbench.rotary import spoken_name, spoken_of
-from fdbench.units import split_unit
 from fdbench.wording import less, number, percent, probability_text, quantity, scaled, share_interval_text, si_text
 
 ROUNDING = 1e-9  # of a cell, within which an edge is at zero
@@ -119,7 +118,7 @@ def _gap(answer: Answer) -> Iterator[str]:
         before, recalibrated, repaired, floor = (f"{factor * size:.3g} {unit}" for size in sizes)
         kind = "measured" if answer.noise_floor[name].measured_from_repeats else "assumed"
         yield (
-            f"{split_unit(name)[0].replace('_', ' ')}: {before} nominal, {recalibrated} re-calibrated, {repaired} "
+            f"{plain(name)}: {before} nominal, {recalibrated} re-calibrated, {repaired} "
             f"repaired; noise {floor} ({kind})"
         )
 
@@ -177,7 +176,7 @@ def _values(cause: Cause) -> str:
 
 def parameter_text(name: str, entry: Quantity) -> str:
     """Return a parameter of a cause with its unit and, where there is one, its interval."""
-    words = split_unit(spoken_name(name))[0].replace("_", " ")
+    words = plain(spoken_name(name))
     if entry.ci95 is None:
         return f"{words} {si_text(entry.value, entry.unit)}"
     low, high = entry.ci95

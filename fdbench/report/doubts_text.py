@@ -15,12 +15,12 @@ from fdbench.report._text import (
     WORTH_SAYING,
     is_since_baseline,
     part_text,
+    plain,
     scales_all,
     signed,
 )
 from fdbench.report._virtual_machines import unlike
 from fdbench.rotary import spoken_words
-from fdbench.units import split_unit
 from fdbench.wording import less, percent
 
 SURE = 0.9
@@ -88,9 +88,9 @@ def _doubts(answer: Answer) -> Iterator[str]:
             yield f"What {step.added} adds may be chance: the interval of its reduction includes none."
     for name, channel in answer.gap.channels.items():
         if channel.repaired > 1.02 * channel.recalibrated:
-            yield f"The gap of {name} grows with the effects; they fit the other channels."
+            yield f"The gap of {plain(name)} grows with the effects; they fit the other channels."
     for cause in named:
-        if typical := [split_unit(name)[0].replace("_", " ") for name in cause.typical]:
+        if typical := [plain(name) for name in cause.typical]:
             yield f"{cause.effect}: not found from the data but taken as typical: {', '.join(typical)}."
         for name in cause.at_bound:
             yield f"{cause.effect}: {name} lies on the bound of what the library allows."

@@ -26,6 +26,7 @@ from fdbench.report._text import (
     WORTH_SAYING,
     is_since_baseline,
     part_text,
+    plain,
     scales_all,
     signed,
 )
@@ -213,6 +214,10 @@ def _left(answer: Answer) -> Iterator[str]:
     if answer.left() > size:
         more = percent(answer.left() / size - 1.0)
         rest = f"the effects make the {AFTER} {more} larger in all on {answer.shrinkage.judged_on_words}"
+        channels = answer.gap.channels
+        grown = [name for name, channel in channels.items() if channel.repaired > channel.recalibrated]
+        if 0 < len(grown) < len(channels):
+            rest += f", as they do not fit {' and '.join(map(plain, grown))}"
     if unknown >= LIKELY and answer.left() <= size and left < UNSEEN:
         little = "no more than noise" if answer.shrinkage.reducible_left < LIKELY else f"{percent(left)} of that gap"
         yield (

@@ -57,6 +57,10 @@ def test_effects_that_make_the_gap_larger_explain_none_of_it(unknown: float) -> 
         worse
     )
     assert "neither explained nor noise" not in said(worse)
+    name, channel = next(iter(worse.gap.channels.items()))
+    fits, not_that = (replace(channel, recalibrated=2.0, repaired=size) for size in (1.0, 3.0))
+    in_part = replace(worse, gap=replace(worse.gap, channels={name: fits, "motor_minus_table_position_m": not_that}))
+    assert "records held out, as they do not fit motor minus table position" in told(in_part)
     assert answer(after=40.0).unexplained() == pytest.approx(0.39)
     assert "39 % of the mean squared gap after re-calibration is neither explained nor noise" in told(answer())
 
