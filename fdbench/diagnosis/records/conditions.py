@@ -49,7 +49,7 @@ def apart(runs: Sequence[RecordedRun]) -> list[Apart]:
 
 def _largest_of_one_condition(group: Sequence[RecordedRun]) -> list[RecordedRun]:
     """Return the largest part of repeats of one command that differ by no more than noise, the first of equal ones."""
-    differences = np.array([[rms(_unlike(_force(a) - _force(b), a.reference)) for b in group] for a in group])
+    differences = np.array([[_difference(a, b) for b in group] for a in group])
     floors = [rms(between_laps(_force(run), run.lap)) for run in group if run.lap]
     if len(group) > 2:
         floors.append(float(differences[np.triu_indices(len(group), 1)].min()))
@@ -70,25 +70,21 @@ def _of_the_usual_condition(
     group: Sequence[RecordedRun], others: Sequence[Sequence[RecordedRun]]
 ) -> Sequence[RecordedRun]:
     """Return the one of two repeats that is nearer to the model, where the other tells of another force, else both."""
-    elsewhere = [_least_difference(own) for own in others if len(own) > 1]
-    if len(group) != 2 or not elsewhere or any(run.left is None for run in group):
+    left = [rms(_unlike(run.left[FORCE], run.reference)) for run in group if run.left is not None]
+    if len(group) != 2 or len(left) != 2:
         return group
-    if _least_difference(group) <= RECORDS.beyond * max(elsewhere):
-        return group
-    near, far = sorted(group, key=_left_by_model)
     # What is out of step acts in both, at another time.
-    return [near] if _left_by_model(far) > RECORDS.in_one * _left_by_model(near) else group
+    if max(left) <= RECORDS.in_one * min(left):
+        return group
+    elsewhere = [min(itertools.starmap(_difference, itertools.combinations(own, 2))) for own in others if len(own) > 1]
+    if not elsewhere or _difference(*group) <= RECORDS.beyond * max(elsewhere):
+        return group
+    return [group[left.index(min(left))]]
 
 
-def _least_difference(group: Sequence[RecordedRun]) -> float:
-    """Return what the two repeats of one command differ by that are most alike."""
-    pairs = itertools.combinations(group, 2)
-    return min(rms(_unlike(_force(a) - _force(b), a.reference)) for a, b in pairs)
-
-
-def _left_by_model(run: RecordedRun) -> float:
-    """Return what the nominal model leaves of the force, but for other friction, mass and offset."""
-    return rms(_unlike((run.left or run.channels)[FORCE], run.reference))
+def _difference(a: RecordedRun, b: RecordedRun) -> float:
+    """Return what the forces of two repeats differ by, but for other friction, mass and offset."""
+    return rms(_unlike(_force(a) - _force(b), a.reference))
 
 
 def restless(run: RecordedRun) -> bool:

@@ -87,11 +87,7 @@ def check_record(run: RecordedRun, drive: FeedDrive) -> None:
     name, command = (POSITION, position) if followed else (COMMAND, run.reference[:, 0])
     span, fastest = float(np.ptp(command)), float(np.abs(velocity).max())
     slope = _rate_ratio(command, velocity, run.period_s) if span > 0.0 and not followed else 1.0
-    if not 1.0 / PLAUSIBLE.other_unit < slope < PLAUSIBLE.other_unit:
-        raise RecordError(
-            f"{run.name}: reference_velocity_m_per_s is {slope:.4g} times the change of {COMMAND} in a "
-            f"second.{_factor_words(slope)} Mend its unit or sign in the mapping, or leave it out."
-        )
+    _check_rate(run, "reference_velocity_m_per_s", COMMAND, slope)
     _check_acceleration(run)
     steps = np.abs(np.diff(position))
     place, longest = int(np.argmax(steps)), drive.velocity_limit_m_per_s * run.period_s
@@ -123,13 +119,16 @@ def check_record(run: RecordedRun, drive: FeedDrive) -> None:
 def _check_acceleration(run: RecordedRun) -> None:
     """Refuse an acceleration of the command that gains another speed; a noisy rate of the speed would not tell."""
     speed, gained = run.reference[:, 1], np.cumsum(run.reference[:, 2]) * run.period_s
-    if abs(_correlation(speed, gained)) < PLAUSIBLE.same_shape:
-        return
-    slope = _slope(speed, gained)
-    if not 1.0 / PLAUSIBLE.other_unit < slope < PLAUSIBLE.other_unit:
+    if abs(_correlation(speed, gained)) >= PLAUSIBLE.same_shape:
+        _check_rate(run, "reference_acceleration_m_per_s2", "the commanded velocity", _slope(speed, gained))
+
+
+def _check_rate(run: RecordedRun, name: str, of: str, ratio: float) -> None:
+    """Refuse a rate of the command that is many times what the command changes by, or turned."""
+    if not 1.0 / PLAUSIBLE.other_unit < ratio < PLAUSIBLE.other_unit:
         raise RecordError(
-            f"{run.name}: reference_acceleration_m_per_s2 is {slope:.4g} times the change of the commanded velocity in "
-            f"a second.{_factor_words(slope)} Mend its unit or sign in the mapping, or leave it out."
+            f"{run.name}: {name} is {ratio:.4g} times the change of {of} in a second.{_factor_words(ratio)} Mend its "
+            "unit or sign in the mapping, or leave it out."
         )
 
 
