@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdbench.diagnosis.evidence.at_limit import at_limit
+from fdbench.diagnosis.evidence.response_columns import ResponseColumns
 from fdbench.diagnosis.evidence.segment_products import (
     DIVERGED,
     diagonal,
@@ -19,6 +20,7 @@ from fdbench.diagnosis.evidence.segment_products import (
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
+from fdbench.diagnosis.model.replay import rooms
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.record import FloatArray
 
@@ -157,6 +159,7 @@ def gather(
     about: Sequence[Hypothesis] = (),
     common: int | None = None,
     neighbours: int = 1,
+    kept: int = 0,
 ) -> Evidence:
     """Sum the products of the gap of a base and of the responses of its variants over the segments of runs.
 
@@ -179,12 +182,12 @@ def gather(
         Of the columns, the gap first, those that are fitted together with any other; without, all.
     neighbours : int
         Of the others, how many in a row are fitted together.
+    kept : int
+        Of the variants, how many first ones have responses that are kept, and not simulated again.
     """
-    origins = list({id(item): item for item in about if item is not base}.values())
-    place_of = {id(base): 0} | {id(item): place for place, item in enumerate(origins, 1 + len(variants))}
-    counted_from = [place_of[id(item)] for item in about or [base] * len(variants)]
-    lanes = [base, *variants, *origins]
     numbers = range(len(split.runs)) if places is None else places
+    responses = [*zip(variants, about or [base] * len(variants), strict=True)]
+    columns = {number: ResponseColumns.of(base, responses, readings.responses[number], kept) for number in numbers}
     segments = [segment_counts(split.runs[number]) for number in numbers]
     n_columns, n_channels = 1 + len(variants), len(split.noise_models)
     n_common, n_segments = min(common or n_columns, n_columns), n_channels * sum(map(len, segments))
@@ -193,12 +196,14 @@ def gather(
     counts, outs, groups, owners, channels, known, limited = [], [], [], [], [], [], []
     first = offset = 0
     lost = np.zeros(n_columns, dtype=np.bool_)
-    simulated = readings.each(numbers, lanes, [base, *keep], lent=True)
-    for number, count, own in zip(numbers, segments, simulated, strict=True):
+    asked = {number: own.asked for number, own in columns.items()}
+    simulated = readings.each(asked, [base, *keep], lent=True)
+    blocks = rooms([split.runs[number] for number in numbers], [len(own.to_keep) for own in columns.values()])
+    for number, count, own, new in zip(numbers, segments, simulated, blocks, strict=True):
         run, out, n = split.runs[number], split.held_out[number], len(count)
         last = first + n_channels * n
         written = (part[first:last].reshape(n_channels, n, *part.shape[1:]) for part in (products, band))
-        lost |= segment_products(split, number, own, counted_from, *written)
+        lost |= segment_products(split, number, own, columns[number], new, *written)
         at_its_limit = at_limit(run, base.nominal.drive)
         for place, name in enumerate(run.channels):
             counts.append(count)

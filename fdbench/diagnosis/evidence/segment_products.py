@@ -4,13 +4,16 @@ Readings of many hypotheses are far larger than the processor's cache, and are g
 another reading, scaled and multiplied is a piece that fits. Changes from run to run are whitened in the sums.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fdbench.diagnosis.evidence.response_columns import ResponseColumns
 from fdbench.diagnosis.evidence.run_to_run import Change
 from fdbench.diagnosis.evidence.split import Split
+from fdbench.diagnosis.model.kept_responses import Block
 from fdbench.diagnosis.model.replay import PIECE
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import EVIDENCE
@@ -40,7 +43,8 @@ def segment_products(
     split: Split,
     number: int,
     readings: Mapping[str, FloatArray],
-    counted_from: Sequence[int],
+    columns: ResponseColumns,
+    new: Block,
     products: FloatArray,
     band: FloatArray,
 ) -> NDArray[np.bool_]:
@@ -52,9 +56,11 @@ def segment_products(
     number : int
         Of the run in it.
     readings : mapping of str to array
-        Each channel as the base and variants read it, (at least n_columns, n_samples).
-    counted_from : sequence of int
-        Row of the readings from which the response of each variant is counted; one that diverges has none.
+        Each channel as what is asked for reads it, (n_asked, n_samples).
+    columns : ResponseColumns
+        Of hypotheses; one that diverges has no response.
+    new : mapping of str to (n_to_keep, n_samples) array, written
+        Of each channel, the responses that are to be kept.
     products : (n_channels, n_segments, n_common, n_columns) array, written
         Of the first columns, the gap among them, with all.
     band : (n_channels, n_segments, n_neighbours, n_columns - n_common) array of zeros, written
@@ -72,14 +78,21 @@ def segment_products(
     n_common, n_columns = products.shape[2:]
     n_directions = len(change.directions) if change else 0
     # Directions stand beside the columns until these are whitened by them.
-    rows, columns = n_common + n_directions, n_columns + n_directions
-    found = np.empty((*products.shape[:2], rows, columns)) if change else products
+    found = np.empty((*products.shape[:2], n_common + n_directions, n_columns + n_directions)) if change else products
+    known = columns.kept.products(columns.pairs)
     for place, (name, measured) in enumerate(run.channels.items()):
-        directions = change.directions[:, place] if change else np.empty((0, run.n_samples))
         per_unit = split.per_unit(number, name)
-        _fill(
-            found[place], band[place], readings[name], measured, counted_from, per_unit, directions, segment_length(run)
-        )
+        directions = change.directions[:, place] / per_unit if change else np.empty((0, run.n_samples))
+        signals = _Signals(name, measured, readings[name], columns, directions, new[name])
+        _fill(found[place], band[place], signals, n_common, known.get(name), segment_length(run))
+    columns.kept.keep(columns.to_keep, new)
+    if n_common > len(columns.pairs) > 0:
+        of_pairs = slice(1, 1 + len(columns.pairs))
+        own = {name: found[place][:, of_pairs, of_pairs] for place, name in enumerate(run.channels)}
+        columns.kept.keep_products(columns.pairs, own)
+    for place, name in enumerate(run.channels):
+        found[place] *= split.per_unit(number, name) ** 2
+        band[place] *= split.per_unit(number, name) ** 2
     squares = diagonal(found[:, :, :n_common, :n_columns], band).sum(axis=1)
     lost = ~(squares < HUGE**2).all(axis=0)
     if lost.any():
@@ -101,47 +114,73 @@ def diagonal(products: FloatArray, band: FloatArray) -> FloatArray:
     return np.concatenate((np.diagonal(products, axis1=-2, axis2=-1), band[..., 0, :]), axis=-1)
 
 
+@dataclass(frozen=True, eq=False)
+class _Signals:
+    """The gap of a channel, its responses, and directions of what changes, piece by piece; new ones are kept."""
+
+    name: str
+    measured: FloatArray
+    readings: FloatArray
+    columns: ResponseColumns
+    directions: FloatArray
+    new: FloatArray
+
+    def fill(self, signals: FloatArray, piece: slice) -> None:
+        """Fill in a piece of each signal, (n_columns + n_directions, n)."""
+        read, origins, new = self.readings[:, piece], self.columns.counted_from, self.columns.new
+        np.subtract(self.measured[piece], read[0], out=signals[0])
+        for stretch in self.columns.stretches:
+            rows = slice(1 + stretch.asked.start, 1 + stretch.asked.stop)
+            signals[rows] = stretch.block[self.name][stretch.rows, piece]
+        if len(new):
+            responses = read[1 : 1 + len(new)], read[origins] if origins.any() else read[0]
+            if new[-1] - new[0] + 1 == len(new):
+                np.subtract(*responses, out=signals[new[0] : new[-1] + 1])
+            else:
+                signals[new] = np.subtract(*responses)
+            self.new[:, piece] = signals[new[: len(self.new)]]
+        signals[self.columns.n_columns :] = self.directions[:, piece]
+
+
 def _fill(
-    products: FloatArray,
-    band: FloatArray,
-    readings: FloatArray,
-    measured: FloatArray,
-    counted_from: Sequence[int],
-    per_unit: float,
-    directions: FloatArray,
-    length: int,
+    products: FloatArray, band: FloatArray, signals: _Signals, n_common: int, known: FloatArray | None, length: int
 ) -> None:
-    """Fill in the products of a channel's gap, responses and directions: those of a run, see `segment_products`."""
-    n_columns, n_samples = 1 + len(counted_from), len(measured)
-    n_rows, n_common = n_columns + len(directions), len(products[0]) - len(directions)
-    origins = np.array(counted_from, dtype=np.intp)
-    at_once = length * max(1, PIECE // length)
+    """Fill in the products of a channel's signals: those of a run, see `segment_products`."""
+    n_samples, n_columns = len(signals.measured), signals.columns.n_columns
+    n_rows, at_once = n_columns + len(signals.directions), length * max(1, PIECE // length)
     buffer = np.empty((n_rows, at_once))
     for first in range(0, n_samples, at_once):
         n = min(at_once, n_samples - first)
-        piece, signals = readings[:, first : first + n], buffer[:, :n]
-        np.subtract(measured[first : first + n], piece[0], out=signals[0])
-        np.subtract(piece[1:n_columns], piece[origins] if origins.any() else piece[0], out=signals[1:n_columns])
-        signals[:n_columns] *= per_unit
-        signals[n_columns:] = directions[:, first : first + n]
+        signals.fill(buffer[:, :n], slice(first, first + n))
         whole, segment = n // length, first // length
-        stacked = signals[:, : whole * length].reshape(n_rows, whole, length).transpose(1, 0, 2)
-        _multiply(stacked, n_common, n_columns, products[segment : segment + whole], band[segment : segment + whole])
+        parts = [(slice(segment, segment + whole), buffer[:, : whole * length].reshape(n_rows, whole, length))]
         if n > whole * length:
-            _multiply(signals[None, :, whole * length :], n_common, n_columns, products[-1:], band[-1:])
+            parts.append((slice(segment + whole, segment + whole + 1), buffer[:, None, whole * length : n]))
+        for part, own in parts:
+            of_part = None if known is None else known[part]
+            _multiply(own.transpose(1, 0, 2), n_common, n_columns, of_part, products[part], band[part])
 
 
-def _multiply(signals: FloatArray, n_common: int, n_columns: int, products: FloatArray, band: FloatArray) -> None:
-    """Fill in the products of some segments' signals, (n_segments, n_rows, length)."""
+def _multiply(
+    signals: FloatArray, n_common: int, n_columns: int, known: FloatArray | None, products: FloatArray, band: FloatArray
+) -> None:
+    """Fill in the products of some segments' signals, (n_segments, n_rows, length), that are not ``known``."""
     turned = signals.transpose(0, 2, 1)
-    if n_common == n_columns:
+    if n_common < n_columns:
+        np.matmul(signals[:, :n_common], turned, out=products[:, :n_common])
+        np.matmul(signals[:, n_columns:], turned, out=products[:, n_common:])
+        for after in range(band.shape[1]):
+            one, other = signals[:, n_common : n_columns - after], signals[:, n_common + after : n_columns]
+            band[:, after, : one.shape[1]] = np.einsum("sit,sit->si", one, other)
+    elif known is None:
         np.matmul(signals, turned, out=products)
-        return
-    np.matmul(signals[:, :n_common], turned, out=products[:, :n_common])
-    np.matmul(signals[:, n_columns:], turned, out=products[:, n_common:])
-    for after in range(band.shape[1]):
-        one, other = signals[:, n_common : n_columns - after], signals[:, n_common + after : n_columns]
-        band[:, after, : one.shape[1]] = np.einsum("sit,sit->si", one, other)
+    else:
+        others = known.shape[-1] + 1
+        np.matmul(signals[:, :1], turned, out=products[:, :1])
+        np.matmul(signals[:, others:], turned, out=products[:, others:])
+        products[:, 1:others, 1:others] = known
+        products[:, 1:others, 0] = products[:, 0, 1:others]
+        products[:, 1:others, others:] = products[:, others:, 1:others].transpose(0, 2, 1)
 
 
 def _whiten(found: FloatArray, band: FloatArray, n_common: int, n_columns: int, change: Change) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis, Key
+from fdbench.diagnosis.model.kept_responses import KeptResponses
 from fdbench.diagnosis.model.replay import Replay, Replayed, room
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import RecordedRun
@@ -25,6 +26,11 @@ class Readings:
         Of each run, what is added to each channel as it is simulated: see `coarsened`.
     finer : Readings, optional
         Those of more substeps that these stand for.
+
+    Attributes
+    ----------
+    responses : list of KeptResponses
+        Of each run.
     """
 
     def __init__(
@@ -38,6 +44,7 @@ class Readings:
         self.runs = runs
         self.beyond = beyond
         self.finer = finer
+        self.responses = [KeptResponses() for _ in runs]
         self._kept: dict[Key, dict[int, Channels]] = {}
         self._coarser: dict[tuple[int, Key], Readings] = {}
 
@@ -48,35 +55,30 @@ class Readings:
 
         Those to ``keep`` are not simulated again until they are forgotten.
         """
-        return next(self.each([place], hypotheses, keep))
+        return next(self.each({place: hypotheses}, keep))
 
     def each(
-        self,
-        places: Sequence[int],
-        hypotheses: Sequence[Hypothesis],
-        keep: Sequence[Hypothesis] = (),
-        *,
-        lent: bool = False,
+        self, asked: Mapping[int, Sequence[Hypothesis]], keep: Sequence[Hypothesis] = (), *, lent: bool = False
     ) -> Iterator[dict[str, FloatArray]]:
         """Yield for one run after the other what `of` returns; several are simulated at once where they are small.
 
-        Arrays that are ``lent`` hold readings of a run until the next one is asked for, here or elsewhere.
+        ``asked`` are the hypotheses of each run, by its place. Arrays that are ``lent`` hold readings of a run until
+        the next one is asked for, here or elsewhere.
         """
-        keys = [item.key for item in hypotheses]
-        first = {key: place for place, key in reversed([*enumerate(keys)])}
         kept = {item.key for item in keep}
-        for together in self._together(places, len(keys)):
-            runs = [self.runs[place] for place in together]
-            found = self.replay.memory.rooms(runs, len(keys)) if lent else [room(run, len(keys)) for run in runs]
-            replayed = []
-            for place, run, channels in zip(together, runs, found, strict=True):
+        for together in self._together(asked):
+            runs, numbers = [self.runs[place] for place in together], [len(asked[place]) for place in together]
+            found = self.replay.memory.rooms(runs, numbers) if lent else [*map(room, runs, numbers)]
+            replayed, every = [], [[item.key for item in asked[place]] for place in together]
+            firsts = [{key: own for own, key in reversed([*enumerate(keys)])} for keys in every]
+            for place, run, channels, first in zip(together, runs, found, firsts, strict=True):
                 new = [own for key, own in first.items() if place not in self._kept.get(key, ())]
-                variants = [hypotheses[own].variant for own in new]
+                variants = [asked[place][own].variant for own in new]
                 replayed.append(Replayed(run=run, variants=variants, channels=channels, places=new))
             self.replay.fill(replayed)
             for place, item in zip(together, replayed, strict=True):
                 self._add_what_is_beyond(place, item)
-            for place, channels in zip(together, found, strict=True):
+            for place, channels, keys, first in zip(together, found, every, firsts, strict=True):
                 for own, key in enumerate(keys):
                     known = self._kept.get(key, {})
                     for name, values in channels.items():
@@ -104,12 +106,12 @@ class Readings:
         ]
         return Readings(self.replay, runs, beyond)
 
-    def _together(self, places: Sequence[int], n_lanes: int) -> list[list[int]]:
+    def _together(self, asked: Mapping[int, Sequence[Hypothesis]]) -> list[list[int]]:
         """Return the places in groups whose readings are held at once."""
         groups: list[list[int]] = []
         size = 0
-        for place in places:
-            own = n_lanes * self.runs[place].n_samples
+        for place, hypotheses in asked.items():
+            own = len(hypotheses) * self.runs[place].n_samples
             if not groups or size + own > MODEL.held_at_once:
                 groups.append([])
                 size = 0
@@ -122,14 +124,17 @@ class Readings:
         known = self._kept.get(hypothesis.key, {})
         if place not in known:
             others = [other for other in range(len(self.runs)) if other not in known]
-            for _ in self.each(others, [hypothesis], keep=[hypothesis]):
+            for _ in self.each({other: [hypothesis] for other in others}, keep=[hypothesis]):
                 pass
         return self._kept[hypothesis.key][place]
 
     def forget(self, hypotheses: Sequence[Hypothesis]) -> None:
-        """Keep hypotheses no longer."""
-        for hypothesis in hypotheses:
-            self._kept.pop(hypothesis.key, None)
+        """Keep hypotheses no longer, nor their responses."""
+        keys = {hypothesis.key for hypothesis in hypotheses}
+        for key in keys:
+            self._kept.pop(key, None)
+        for responses in self.responses:
+            responses.forget(keys)
 
     def coarsened(self, nominal: Hypothesis, noise_models: Mapping[str, NoiseModel]) -> "Readings":
         """Return those with the fewest substeps that move no reading by a fifth of the noise within a run.

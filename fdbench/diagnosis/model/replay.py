@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from fdbench.cluster import processors
 from fdbench.diagnosis.model.commands import LoopCommands
 from fdbench.diagnosis.records.runs import DEFLECTION, FORCE, POSITION, RecordedRun
+from fdbench.diagnosis.settings import MODEL
 from fdbench.effects import Effect
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray
@@ -27,7 +28,7 @@ from fdbench.simulate.compose import compose, core_effects, room_ahead
 Lanes = WeakKeyDictionary["Variant", dict[float, tuple[FloatArray, NDArray[np.bool_]]]]
 
 WIDTH = 8  # few effects in a block beat many lanes in it
-PIECE = 1024  # samples worked on at once, which stay in the processor's cache
+PIECE = 2048  # samples worked on at once, which stay in the processor's cache
 APART = PIECE + 8  # from lane to lane: rows a power of two apart would push each other out of the cache
 
 
@@ -74,23 +75,34 @@ def room(run: RecordedRun, n_lanes: int) -> dict[str, FloatArray]:
     return {name: np.empty((n_lanes, run.n_samples)) for name in run.channels}
 
 
+def rooms(
+    runs: Sequence[RecordedRun], numbers: Sequence[int], arrays: Mapping[str, FloatArray] | None = None
+) -> list[dict[str, FloatArray]]:
+    """Return what `room` returns of several runs, in one array for each channel: that which is given, or a new one."""
+    sizes = [n_lanes * run.n_samples for run, n_lanes in zip(runs, numbers, strict=True)]
+    ends = np.cumsum(sizes).tolist()
+    found: list[dict[str, FloatArray]] = [{} for _ in runs]
+    for name in runs[0].channels if runs else ():
+        array = np.empty(ends[-1]) if arrays is None else arrays[name]
+        for own, run, end, size in zip(found, runs, ends, sizes, strict=True):
+            own[name] = array[end - size : end].reshape(-1, run.n_samples)
+    return found
+
+
 class Memory:
     """Room for readings that is used again: pages of new arrays cost as much as what is simulated into them."""
 
     def __init__(self) -> None:
         self._arrays: dict[str, FloatArray] = {}
 
-    def rooms(self, runs: Sequence[RecordedRun], n_lanes: int) -> list[dict[str, FloatArray]]:
-        """Return what `room` returns of several runs, in arrays that are lent until rooms are asked for again."""
-        ends = np.cumsum([n_lanes * run.n_samples for run in runs]).tolist()
-        found: list[dict[str, FloatArray]] = [{} for _ in runs]
+    def rooms(self, runs: Sequence[RecordedRun], numbers: Sequence[int]) -> list[dict[str, FloatArray]]:
+        """Return what `rooms` returns, in arrays that are lent until rooms are asked for again."""
+        size = sum(run.n_samples * n_lanes for run, n_lanes in zip(runs, numbers, strict=True))
         for name in runs[0].channels:
-            if name not in self._arrays or len(self._arrays[name]) < ends[-1]:
-                self._arrays[name] = np.empty(ends[-1])
-            for own, run, end in zip(found, runs, ends, strict=True):
-                part = self._arrays[name][end - n_lanes * run.n_samples : end]
-                own[name] = part.reshape(n_lanes, run.n_samples)
-        return found
+            if name not in self._arrays or len(self._arrays[name]) < size:
+                # As much as is held at most: pages are asked for as they are written to, and but once.
+                self._arrays[name] = np.empty(max(size, MODEL.held_at_once))
+        return rooms(runs, numbers, self._arrays)
 
 
 @lru_cache(maxsize=1)
@@ -234,7 +246,9 @@ class Replay:
         # Samples of a lane lie behind each other: what the stepper scatters is in the cache, what is copied is whole.
         read = np.empty((len(logged), 1, WIDTH, APART))[..., :PIECE]
         out, (force, motor, scale) = read.transpose(3, 0, 1, 2), read[:, 0, :, :: self.loops]
-        read_from = {"motor_force_N": force, "position_m": scale if self.drive.controller.uses_table else motor}
+        deflection, position = np.empty_like(motor), scale if self.drive.controller.uses_table else motor
+        every = {FORCE: force, POSITION: position, DEFLECTION: deflection}
+        read_from = {name: every[name] for name in lanes[0].run.channels}
         waiting, working = deque(lanes), dict[int, _ReplayLane]()
         left, kinds = [0] * WIDTH, np.zeros((WIDTH, len(self.kinds)), dtype=np.bool_)
         while waiting or any(left):
@@ -259,12 +273,13 @@ class Replay:
             for start in range(0, until_next, PIECE // self.loops):
                 n = min(PIECE // self.loops, until_next - start)
                 self._stepper.advance(blocks.flat, 0, n * self.loops, *settings, *self._no_noise, out)
-                for name in lanes[0].run.channels:
-                    found = motor[:, :n] - scale[:, :n] if name == DEFLECTION else read_from[name][:, :n]
-                    for places, begin, rows in together:
-                        first = begin + start
-                        before = min(max(-first, 0), n)
-                        rows[name][:, first + before : first + n] = found[places, before:]
+                if DEFLECTION in read_from:
+                    np.subtract(motor[:, :n], scale[:, :n], out=deflection[:, :n])
+                for places, begin, rows in together:
+                    first = begin + start
+                    before = min(max(-first, 0), n)
+                    for name, values in read_from.items():
+                        rows[name][:, first + before : first + n] = values[places, before:n]
             for place, lane in working.items():
                 left[place] -= until_next
                 if left[place] == 0:

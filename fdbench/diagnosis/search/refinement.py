@@ -179,7 +179,7 @@ class Refinement:
         hypothesis, tangent, kept = given, self.tangent(given), True
         moving = [place for place, item in enumerate(adjustables_of(given)) if item.name not in fixed]
         for place in range(SEARCH.steps):
-            probed = self._gather(hypothesis, tangent.of(moving), [*tangent.about, *tangent.moved], self.split.fitted)
+            probed = self._gather(hypothesis, tangent.of(moving), (), self.split.fitted, kept=len(moving))
             inside = ~probed.held_out
             alone = float(probed.squares(held_out=False)[0])
             weight = prior_weight(alone) if tempered else 1.0
@@ -298,9 +298,8 @@ class Refinement:
         tangent = self.tangent(base)
         known = tangent if effects else tangent.of(range(len(base.shifts)))
         every = known.followed_by(Tangent(about=[base] * len(others), moved=[*others]))
-        keep = [item for part in (tangent.about, tangent.moved) for item in part[: len(base.shifts)]]
         common = None if neighbours is None else 1 + len(known.moved)
-        return self._gather(base, every, keep, places, common, neighbours or 1)
+        return self._gather(base, every, (), places, common, neighbours or 1, kept=len(base.shifts))
 
     def better(self, base: Hypothesis, rivals: Sequence[Hypothesis]) -> Hypothesis:
         """Return which of several has the lowest objective, with the weights of a base; one alone is not simulated."""
@@ -345,11 +344,12 @@ class Refinement:
         places: Sequence[int] | None,
         common: int | None = None,
         neighbours: int = 1,
+        kept: int = 0,
     ) -> Evidence:
         """Gather the responses of what is fitted of some runs; of all runs, whole, where none are given."""
         whole = places is None
         readings, split = (self.readings, self.split) if whole else (self._fitted_readings, self._fitted_split)
-        return gather(readings, split, base, tangent.moved, places, keep, tangent.about, common, neighbours)
+        return gather(readings, split, base, tangent.moved, places, keep, tangent.about, common, neighbours, kept)
 
     def _forget(self, tangent: Tangent, *but: Hypothesis) -> None:
         gone = [item for item in (*tangent.about, *tangent.moved) if all(item is not other for other in but)]

@@ -38,9 +38,9 @@ def test_runs_side_by_side_read_what_they_read_alone() -> None:
     base = start(NOMINAL)
     drifting = base.with_effect(effects.get("friction_drift").typical())
     hypotheses = [base, drifting, base.with_effect(effects.get("periodic_force").typical()), base]
-    together = list(Readings(replay, runs).each(range(3), hypotheses))
+    together = list(Readings(replay, runs).each(dict.fromkeys(range(3), hypotheses)))
     with changed({"model.held_at_once": 1}):
-        one_by_one = list(Readings(replay, runs).each(range(3), hypotheses))
+        one_by_one = list(Readings(replay, runs).each(dict.fromkeys(range(3), hypotheses)))
     for run, found, expected in zip(runs, together, one_by_one, strict=True):
         alone = replay.simulate(run, [drifting.variant])
         for name in CHANNELS:
@@ -64,7 +64,7 @@ def test_what_memory_held_before_is_never_read(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(np, "empty", worst)
     runs = [run_of((0.0, 0.06, 0.01)), run_of((0.02, 0.05))]
     replay = Replay(NOMINAL.drive, NOMINAL.library, 4)
-    for found in Readings(replay, runs).each(range(2), [start(NOMINAL)] * 2):
+    for found in Readings(replay, runs).each(dict.fromkeys(range(2), [start(NOMINAL)] * 2)):
         assert all(np.isfinite(found[name]).all() for name in CHANNELS)
 
 
