@@ -324,6 +324,7 @@ def _searched(
         search=search,
         as_given=channel_gaps(readings, plain, [given])[0],
         where_fitted=channel_gaps(readings, plain, [calibrated], held_out=False)[0],
+        calibrated=calibrated,
         base=base,
         sought=sought,
         final=final,

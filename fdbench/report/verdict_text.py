@@ -76,7 +76,8 @@ def _nothing(answer: Answer) -> Iterator[str]:
     if size > JUDGE.measurable and all(floor.measured_from_repeats for floor in answer.noise_floor.values()):
         yield (
             f"No cause to tell: the mean squared gap is {size:.2f} times the noise of the mean of its repeats, which "
-            "the form of a model may leave of an axis that is well, and no known effect takes enough of it."
+            "friction that differs from run to run and the form of a model may leave of an axis that is well, and no "
+            "known effect takes enough of it."
         )
     elif size > NOISE_ALONE:
         yield f"Too small to attribute: the mean squared gap is {size:.2f} times the noise, no more."

@@ -48,6 +48,10 @@ class Change:
                 piece = slice(first, first + PIECE)
                 own[:, piece] -= along @ directions[:, piece]
 
+    def deviations(self, whitened: Sequence[FloatArray]) -> FloatArray:
+        """Return by how many standard deviations a whitened gap differs along each direction, (n_directions,)."""
+        return np.asarray(np.einsum("dcn,cn->d", self.directions, np.stack(whitened)))
+
 
 def within(floor: NoiseModel, left: Sequence[FloatArray]) -> NoiseModel:
     """Return a floor whose noise within a run is half of what changes from run to run leave of the differences."""

@@ -24,9 +24,10 @@ class Findings:
         Mean squared held-out gap of the model as given, in units of the floor.
     where_fitted : (n_channels,) array
         The same of the re-calibrated model without effects, of what it was fitted to.
-    base, sought, final, weighed : Hypothesis
-        What the search began with, what it ended with, with effects, that as it is judged, drawn and written, and that
-        as hypotheses are compared: nominal parameters that hardly matter are where they were.
+    calibrated, base, sought, final, weighed : Hypothesis
+        The re-calibrated model without effects, what the search began with, what it ended with, with effects, that as
+        it is judged, drawn and written, and that as hypotheses are compared: nominal parameters that hardly matter are
+        where they were.
     stages, contests : sequences of Stage
         Of the search, and for each final effect the model without it beside its rivals.
     exchange : Exchange or None
@@ -44,6 +45,7 @@ class Findings:
     search: Search
     as_given: FloatArray
     where_fitted: FloatArray
+    calibrated: Hypothesis
     base: Hypothesis
     sought: Hypothesis
     final: Hypothesis

@@ -45,7 +45,8 @@ def within_repeats(found: Findings, recalibrated: FloatArray) -> float:
     """Return the probability that the gap is no more than what repeats differ by, however little it looks like noise.
 
     Such a gap lacks no cause, unless values of the loop went to their limits for it. Held-out motions need not come by
-    the place where one is. Where nothing was repeated, nobody knows.
+    the place where one is. They may be of a day on which friction was another one, as it is from repeat to repeat; that
+    of records that were fitted is in the model. Where nothing was repeated, nobody knows.
     """
     plain = found.search.split.plain
     if found.weighed.at_limits > 0 or not plain.is_measured:
@@ -53,9 +54,29 @@ def within_repeats(found: Findings, recalibrated: FloatArray) -> float:
     expected = np.array([floor.expected for floor in plain.noise_models.values()])
     judged, fitted = (
         float((gaps / expected).max()) / float(np.mean([plain.runs[place].repeats for place in places]))
-        for gaps, places in ((recalibrated, plain.judged), (found.where_fitted, plain.fitted))
+        for gaps, places in (
+            (np.minimum(recalibrated, _of_another_day(found)), plain.judged),
+            (found.where_fitted, plain.fitted),
+        )
     )
     return noise_alone(max(judged, fitted), of=JUDGE.measurable)
+
+
+def _of_another_day(found: Findings) -> FloatArray:
+    """Return the mean squared held-out gaps beside what may change from run to run, in units of the floor.
+
+    Of the re-calibrated model without effects, (n_channels,); endless where a run would have changed by more than
+    ``JUDGE.another_day`` deviations.
+    """
+    readings, split = found.search.readings, found.search.split
+    for place in split.judged if split.changes else ():
+        change = split.changes[place]
+        if change is not None:
+            gap = split.gap(place, readings.alone(place, found.calibrated))
+            if float(np.sqrt(np.mean(change.deviations([*gap.values()]) ** 2))) > JUDGE.another_day:
+                return np.full(len(split.noise_models), np.inf)
+    within = [(floor.rms / floor.total) ** 2 for floor in split.noise_models.values()]
+    return np.asarray(channel_gaps(readings, split, [found.calibrated])[0] * within)
 
 
 def _closed(as_given: FloatArray, left: FloatArray) -> float:

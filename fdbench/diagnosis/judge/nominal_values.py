@@ -116,6 +116,16 @@ def deviating_parameters(
     return Deviating(causes=found, features=all_features, nameless=nameless)
 
 
+def with_mass_of(told: Deviating, recalibrated: Deviating, final: Hypothesis) -> Deviating:
+    """Return what is told, and the mass that is off in the re-calibrated model, where an improbable mode carries it."""
+    masses = {item.cause(final.nominal) for item in nominal_parameters(final.nominal) if item.kind == Mass.kind}
+    others = [
+        cause for cause in recalibrated.causes if cause.effect in masses - {cause.effect for cause in told.causes}
+    ]
+    features = {cause.effect: recalibrated.features[cause.effect] for cause in others}
+    return dataclasses.replace(told, causes=[*told.causes, *others], features={**told.features, **features})
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _OnMotor:
     """Friction of the motor: the effect's name, how probable it is as what is off, and its force in N."""

@@ -18,7 +18,7 @@ from fdbench.diagnosis.judge.force_balance_check import force_balances_removed
 from fdbench.diagnosis.judge.intervals import intervals, not_fitted, parameters
 from fdbench.diagnosis.judge.left import left_of, within_repeats
 from fdbench.diagnosis.judge.look_alikes import force_balances, instead, one_of
-from fdbench.diagnosis.judge.nominal_values import Deviating, deviating_parameters
+from fdbench.diagnosis.judge.nominal_values import Deviating, deviating_parameters, with_mass_of
 from fdbench.diagnosis.judge.probability_models import Beside, Features, ProbabilityModels
 from fdbench.diagnosis.judge.reduction import Reductions
 from fdbench.diagnosis.judge.shares import Parts, Shares
@@ -93,6 +93,9 @@ def verdict(found: Findings, models: ProbabilityModels) -> Verdict:
     left = left_of(found, repaired)
     parts = Parts(reductions, shares, list(noise_models))
     effects = contested(found, left.worst, exchanged, parts, models)
+    if any(item.effect.carried_mass_kg > 0.0 and item.probability <= JUDGE.named for item in effects):
+        recalibrated_values = deviating_parameters(search, found.calibrated, corrected, models)
+        deviating = with_mass_of(deviating, recalibrated_values, found.final)
     sound = [item for item in effects if item.in_part <= JUDGE.named and not item.no_cause]
     readings = [
         artefact_cause(artefact, shares.of(energies(artefact, noise_models)))

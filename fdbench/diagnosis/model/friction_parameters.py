@@ -343,7 +343,7 @@ class FrictionSide(_OfAKnownEffect):
         drive, deviation = nominal.drive, nominal.uncertainty.friction_side
         kinds = [kind for kind in nominal.library if kind.calibrates == cls.kind]
         on_table = [index for index, item in enumerate(drive.effects) if type(item).port is Port.TABLE_FORCE]
-        known = [index for index in on_table if turns_sign(drive.effects[index])]
+        known = [index for index in on_table if turns_sign(drive.effects[index]) or drive.effects[index].bend_m > 0.0]
         if not kinds or not known or drive.screw is None or deviation == 0.0:
             return []
         if any(item.declared is kinds[0].declared for item in drive.effects):

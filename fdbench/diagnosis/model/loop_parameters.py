@@ -15,12 +15,13 @@ from fdbench.specification import declared_bounds
 from fdbench.units import unit_of
 from fdbench.wording import si_text
 
+MASS_FED_FORWARD = "acceleration_feedforward_kg"
 GAINS = (
     "position_gain_per_s",
     "velocity_gain_N_s_per_m",
     "integral_gain_N_per_m",
     "velocity_feedforward",
-    "acceleration_feedforward_kg",
+    MASS_FED_FORWARD,
 )
 
 
@@ -168,7 +169,11 @@ class LoopLag(NominalParameter):
 @final
 @dataclass(frozen=True, kw_only=True)
 class ControllerGain(_OfACascade):
-    """A gain of the controller, in its own unit; its deviation is relative."""
+    """A gain of the controller, in its own unit; its deviation is relative.
+
+    That of a mass that is fed forward is relative to all that is moved where it is less: of a controller that feeds
+    hardly any forward it is the part of the force that is in doubt.
+    """
 
     kind = "controller_gain"
     unit = ""
@@ -178,7 +183,12 @@ class ControllerGain(_OfACascade):
         controller, deviation = nominal.drive.controller, nominal.uncertainty.controller_gains
         if not isinstance(controller, Cascade) or deviation == 0.0:
             return []
-        return [cls(name=name, deviation=deviation) for name in GAINS if getattr(controller, name) != 0.0]
+        given = {name: getattr(controller, name) for name in GAINS if getattr(controller, name) != 0.0}
+        least = {MASS_FED_FORWARD: nominal.drive.mass_kg}
+        return [
+            cls(name=name, deviation=deviation * max(1.0, least.get(name, 0.0) / abs(value)))
+            for name, value in given.items()
+        ]
 
     def moved(self, drive: FeedDrive, shift: float) -> float:
         """Return the gain."""
