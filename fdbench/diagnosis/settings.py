@@ -394,7 +394,7 @@ class JudgeSettings:
     reversal_s: float = number(0.05, "time before and after a change of direction that belongs to it")
     steady: float = number(0.02, "of the largest commanded acceleration, below which a speed is steady")
     another_day: float = number(
-        3.0, "deviations of what changes from run to run that a record of another day is off by"
+        4.0, "deviations of what changes from run to run that a record of another day is off by"
     )
     beyond_doubt: float = number(1.5, "standard deviations of a nominal parameter below which it is no cause")
     small_share: float = number(0.1, "of what is left: an effect that explains no more may be a part of another cause")

@@ -48,9 +48,17 @@ class Change:
                 piece = slice(first, first + PIECE)
                 own[:, piece] -= along @ directions[:, piece]
 
-    def deviations(self, whitened: Sequence[FloatArray]) -> FloatArray:
-        """Return by how many standard deviations a whitened gap differs along each direction, (n_directions,)."""
-        return np.asarray(np.einsum("dcn,cn->d", self.directions, np.stack(whitened)))
+    def deviation(self, whitened: Sequence[FloatArray]) -> float:
+        r"""Return by how many standard deviations a run is another one, of a gap that is whitened.
+
+        .. math:: \sqrt{\sum_d z_d^2 a_d^2 / \sum_d a_d^2}, \qquad a_d = z_d / (1 - b_d)
+
+        with z, the whitened gap along each direction, weighted by what is whitened away there: along directions of
+        small changes there is as much of what a model lacks.
+        """
+        along = np.einsum("dcn,cn->d", self.directions, np.stack(whitened))
+        squares = (along / (1.0 - self.shrinkage)) ** 2
+        return float(np.sqrt(squares @ along**2 / max(float(squares.sum()), 1e-300)))
 
 
 def within(floor: NoiseModel, left: Sequence[FloatArray]) -> NoiseModel:

@@ -73,7 +73,7 @@ def _of_another_day(found: Findings) -> FloatArray:
         change = split.changes[place]
         if change is not None:
             gap = split.gap(place, readings.alone(place, found.calibrated))
-            if float(np.sqrt(np.mean(change.deviations([*gap.values()]) ** 2))) > JUDGE.another_day:
+            if change.deviation([*gap.values()]) > JUDGE.another_day:
                 return np.full(len(split.noise_models), np.inf)
     within = [(floor.rms / floor.total) ** 2 for floor in split.noise_models.values()]
     return np.asarray(channel_gaps(readings, split, [found.calibrated])[0] * within)

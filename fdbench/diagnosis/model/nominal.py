@@ -89,7 +89,8 @@ class Uncertainty:
     friction_form : float
         Of friction at low speeds, relative to the known friction.
     controller_gains : float
-        Of each gain and feedforward of a cascade, relative; 0 where they are known exactly.
+        Of each gain and feedforward of a cascade, relative; of a mass that is fed forward, relative to all that is
+        moved where it is less. 0 where they are known exactly.
     reference_delay : float or None
         Of the delay of the velocity's reference in a cascade, in sampling times. Without it 0 where that reference was
         logged, as a filter of the velocity acts alike, and else a quarter: a controller may difference its command

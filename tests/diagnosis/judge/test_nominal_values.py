@@ -10,7 +10,7 @@ from axis_lab import drive
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.experiment.trajectory import moves
 from fdbench.diagnosis.judge import probability_models
-from fdbench.diagnosis.judge.nominal_values import Deviating, deviating_parameters
+from fdbench.diagnosis.judge.nominal_values import Deviating, deviating_parameters, with_mass_of
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.nominal import Nominal, Simulation
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
@@ -73,6 +73,16 @@ def test_what_a_mode_carries_was_in_the_mass_that_is_known() -> None:
         (cause,) = deviating(*extra, table_mass=shift).causes
         assert cause.effect == "inertia_mismatch"
         assert cause.parameters["change"].value == pytest.approx(shift * size)
+
+
+def test_what_an_improbable_mode_carries_is_a_mass_that_is_off() -> None:
+    """As it is without the mode; what else is off there may be a stand-in."""
+    told, recalibrated = deviating(known_coulomb_friction=6.0), deviating(table_mass=7.0, table_viscous=9.0)
+    assert {cause.effect for cause in recalibrated.causes} == {"inertia_mismatch", "viscous_friction"}
+    found = with_mass_of(told, recalibrated, start(NOMINAL))
+    assert [cause.effect for cause in found.causes] == [*(cause.effect for cause in told.causes), "inertia_mismatch"]
+    assert found.features.keys() == {cause.effect for cause in found.causes}
+    assert with_mass_of(found, recalibrated, start(NOMINAL)) == found
 
 
 def test_friction_that_came_on_top_is_told_by_its_side() -> None:

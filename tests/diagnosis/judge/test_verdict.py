@@ -5,6 +5,7 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from axis_lab import as_built, drive, other_friction, protocol, record
 from scipy.special import expit
@@ -140,6 +141,27 @@ def test_another_friction_in_what_is_judged_on_is_no_unknown_cause() -> None:
     assert gap.repaired > 0.7 * gap.recalibrated > 1.4 * gap.noise_floor
     assert [cause.effect for cause in found.causes if cause.probability > 0.5] == ["cogging"]
     assert found.unknown_probability < 0.05
+
+
+def test_another_friction_in_what_is_judged_on_is_no_gap(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside a cogging that is less than what friction differs by from run to run, and more than noise."""
+    cogging = effects.get("cogging").typical().scaled(0.25)
+
+    def rubbing(motion: object, duration_s: float, friction: float, seed: int) -> Record:
+        return record(other_friction(as_built(2), friction), (cogging,), motion, duration_s, seed)
+
+    fitted = [
+        rubbing(*motion, friction, seed)
+        for motion in protocol(1.0).values()
+        for seed, friction in enumerate((0.96, 1.04))
+    ]
+    judged = [rubbing(*motion, 1.16, 10 + seed) for seed, motion in enumerate(protocol(1.3).values())]
+    model = Nominal(plant=drive(), simulation=Simulation(substeps=10), exclude=("cogging",))
+    found = diagnose(model, fitted, judged).answer
+    monkeypatch.setattr("fdbench.diagnosis.judge.left._of_another_day", lambda found: np.inf)
+    before = diagnose(model, fitted, judged).answer
+    assert found.no_gap_probability > 0.9 > 0.1 > before.no_gap_probability
+    assert before.unknown_probability > 0.9 > 0.1 > found.unknown_probability
 
 
 @pytest.mark.parametrize("is_a_cause", [False, True])

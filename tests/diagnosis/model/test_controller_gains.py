@@ -79,3 +79,14 @@ def test_no_gain_turns_its_sign_and_none_is_higher_than_a_model_may_have() -> No
         smallest = MODEL.smallest_ratio * getattr(axis_lab.drive().controller, name)
         assert getattr(low, name) == pytest.approx(smallest, rel=1e-12)
     assert high.rows()["VELOCITY_FEEDFORWARD"] == 2.0
+
+
+@pytest.mark.parametrize("share", [0.02, 2.0])
+def test_a_mass_fed_forward_is_in_doubt_by_a_part_of_what_is_moved(share: float) -> None:
+    """Of one that is 2 % of the moved mass, another 2 % of that mass is no more than one deviation."""
+    mass_kg = axis_lab.drive().mass_kg
+    fed = dataclasses.replace(axis_lab.drive().controller, acceleration_feedforward_kg=share * mass_kg)  # type: ignore[type-var]
+    model = dataclasses.replace(nominal(), plant=dataclasses.replace(axis_lab.drive(), controller=fed))
+    (gain,) = (item for item in nominal_parameters(model) if item.name == "acceleration_feedforward_kg")
+    doubt_kg = model.uncertainty.controller_gains * max(share, 1.0) * mass_kg
+    assert gain.deviation * share * mass_kg == pytest.approx(doubt_kg, rel=1e-12)

@@ -298,3 +298,16 @@ def test_only_a_friction_that_bends_has_another_form_of_bending() -> None:
     sliding = Nominal(plant=axis_lab.drive(), simulation=Simulation(substeps=10))
     assert not [item for item in nominal_parameters(sliding) if isinstance(item, BristleForm)]
     assert not [item for item in candidates(start(sliding)) if item.name == "presliding_curve"]
+
+
+@pytest.mark.parametrize("bends", [False, True])
+def test_a_known_friction_may_act_on_the_motor_whether_it_bends_or_not(bends: bool) -> None:
+    """Whoever writes one friction of the axis does not say on which side of the screw it is."""
+    model = nominal() if bends else Nominal(plant=axis_lab.drive(), simulation=Simulation(substeps=10))
+    (side,) = (item for item in nominal_parameters(model) if item.name == "friction_side")
+    drive, (on_motor,) = side.apply(model.drive, 0.25 / side.deviation)
+    friction = model.drive.effects[0]
+    amplitude = getattr(friction, friction.amplitude)
+    assert getattr(drive.effects[0], friction.amplitude) == pytest.approx(0.75 * amplitude)
+    assert on_motor.name == "motor_coulomb_friction"
+    assert getattr(on_motor, on_motor.amplitude) == pytest.approx(0.25 * amplitude)
