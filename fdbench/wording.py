@@ -44,13 +44,18 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.1g} %" if 5e-6 <= abs(share) < 0.01 else f"{round(100.0 * share)} %"
 
 
-def less(reduction: float) -> str:
-    """Return a reduction in words.
+def less(reduction: float, ci95: Sequence[float] | None = None) -> str:
+    """Return a reduction in words, with its interval where there is one.
 
     >>> less(0.25), less(-0.25)
     ('25 % less', '25 % more')
+    >>> less(0.25, (0.2, 0.3)), less(-1.25, (-1.5, 0.1))
+    ('25 % less (95 %: 20 to 30 %)', '125 % more (95 %: -10 to 150 %)')
     """
-    return f"{percent(reduction)} less" if reduction >= 0.0 else f"{percent(-reduction)} more"
+    if reduction >= 0.0:
+        return f"{percent(reduction)} less{'' if ci95 is None else f' ({share_interval_text(ci95)})'}"
+    interval = "" if ci95 is None else f" (95 %: {round(-100.0 * ci95[1])} to {round(-100.0 * ci95[0])} %)"
+    return f"{percent(-reduction)} more{interval}"
 
 
 def share_interval_text(bounds: Sequence[float]) -> str:

@@ -19,7 +19,7 @@ from fdbench.files import write_text
 from fdbench.plants.feed_drive import Following
 from fdbench.rotary import ROTARY, rotary_name, spoken_of
 from fdbench.specification import snake_case
-from fdbench.wording import less, probability_text, share_interval_text, si_text
+from fdbench.wording import less, probability_text, si_text
 
 SMALLEST = 1e-12  # noise floor that is divided by
 
@@ -103,7 +103,7 @@ def _history(found: Diagnosis) -> Iterator[str]:
     if found.final.effects:
         yield (
             f"Judged on {shrinkage.judged_on_words}: after re-calibration the effects make the mean squared gap "
-            f"{less(shrinkage.total)} ({share_interval_text(shrinkage.ci95)})."
+            f"{less(shrinkage.total, shrinkage.ci95)}."
         )
     for effect in found.final.effects:
         yield f"Added: {effect.name}, probability {probability_text(causes[effect.name].probability)}."

@@ -12,7 +12,7 @@ from fdbench.report.doubts_text import doubts
 from fdbench.report.process_forces_text import process_forces
 from fdbench.report.verdict_text import verdict
 from fdbench.rotary import spoken_name, spoken_of
-from fdbench.wording import less, number, percent, probability_text, quantity, scaled, share_interval_text, si_text
+from fdbench.wording import less, number, percent, probability_text, quantity, scaled, si_text
 
 ROUNDING = 1e-9  # of a cell, within which an edge is at zero
 MOST_CELLS, SMALLEST_SHARE, EVEN = 4, 0.05, 1.5
@@ -74,12 +74,12 @@ def shrinkage(answer: Answer) -> Iterator[str]:
     closed = 1.0 - size / nominal if nominal > 0.0 else 0.0
     yield f"re-calibration alone: {number(nominal)} to {number(size)}, {less(closed)}"
     for step in shrunk.steps:
-        change = f"{less(step.reduction)} ({share_interval_text(step.ci95)})"
+        change = less(step.reduction, step.ci95)
         beside = f", {BESIDE_CHANGES}" if step.beside_changes else ""
         yield f"+ {step.added}: {number(step.before)} to {number(step.after)}, {change}{beside}"
     if shrunk.steps:
         yield (
-            f"all effects: {less(shrunk.total)} ({share_interval_text(shrunk.ci95)}); "
+            f"all effects: {less(shrunk.total, shrunk.ci95)}; "
             f"{percent(shrunk.reducible_left)} of what is left is not noise"
         )
 
