@@ -6,7 +6,7 @@ import numpy as np
 
 from fdbench.diagnosis.model.hypothesis import Hypothesis, Key
 from fdbench.diagnosis.model.kept_responses import KeptResponses
-from fdbench.diagnosis.model.replay import Replay, Replayed, room
+from fdbench.diagnosis.model.replay import Replay, Replayed, rooms
 from fdbench.diagnosis.records.noise_model import NoiseModel
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import MODEL
@@ -68,7 +68,7 @@ class Readings:
         kept = {item.key for item in keep}
         for together in self._together(asked):
             runs, numbers = [self.runs[place] for place in together], [len(asked[place]) for place in together]
-            found = self.replay.memory.rooms(runs, numbers) if lent else [*map(room, runs, numbers)]
+            found = self.replay.memory.rooms(runs, numbers) if lent else rooms(runs, numbers)
             replayed, every = [], [[item.key for item in asked[place]] for place in together]
             firsts = [{key: own for own, key in reversed([*enumerate(keys)])} for keys in every]
             for place, run, channels, first in zip(together, runs, found, firsts, strict=True):

@@ -72,7 +72,7 @@ class Replayed:
 
 def room(run: RecordedRun, n_lanes: int) -> dict[str, FloatArray]:
     """Return an array (n_lanes, n_samples) for each channel of a run, to be filled."""
-    return {name: np.empty((n_lanes, run.n_samples)) for name in run.channels}
+    return rooms([run], [n_lanes])[0]
 
 
 def rooms(
@@ -184,7 +184,7 @@ class Replay:
 
     def on_each(self, runs: Sequence[RecordedRun], variant: Variant) -> list[dict[str, FloatArray]]:
         """Return for each of several runs what `alone` returns."""
-        found = [room(run, 1) for run in runs]
+        found = rooms(runs, [1] * len(runs))
         self.fill(
             [
                 Replayed(run=run, variants=[variant], channels=own, places=[0])

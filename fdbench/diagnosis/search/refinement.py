@@ -179,7 +179,7 @@ class Refinement:
         hypothesis, tangent, kept = given, self.tangent(given), True
         moving = [place for place, item in enumerate(adjustables_of(given)) if item.name not in fixed]
         for place in range(SEARCH.steps):
-            probed = self._gather(hypothesis, tangent.of(moving), (), self.split.fitted, kept=len(moving))
+            probed = self._gather(hypothesis, tangent.of(moving), self.split.fitted, kept=len(moving))
             inside = ~probed.held_out
             alone = float(probed.squares(held_out=False)[0])
             weight = prior_weight(alone) if tempered else 1.0
@@ -251,7 +251,7 @@ class Refinement:
     def promise(self, hypothesis: Hypothesis) -> tuple[Evidence, float, Hypothesis]:
         """Return the evidence about a hypothesis, the weighted squares that one step promises, and where that ends."""
         tangent = Tangent.at(hypothesis)
-        probed = self._gather(hypothesis, tangent, (), self.split.fitted)
+        probed = self._gather(hypothesis, tangent, self.split.fitted)
         weight = prior_weight(float(probed.squares(held_out=False)[0]))
         steps = _Steps(hypothesis, probed, range(len(tangent.moved)), weight)
         return probed, steps.squares, steps.undamped
@@ -299,7 +299,7 @@ class Refinement:
         known = tangent if effects else tangent.of(range(len(base.shifts)))
         every = known.followed_by(Tangent(about=[base] * len(others), moved=[*others]))
         common = None if neighbours is None else 1 + len(known.moved)
-        return self._gather(base, every, (), places, common, neighbours or 1, kept=len(base.shifts))
+        return self._gather(base, every, places, common, neighbours or 1, kept=len(base.shifts))
 
     def better(self, base: Hypothesis, rivals: Sequence[Hypothesis]) -> Hypothesis:
         """Return which of several has the lowest objective, with the weights of a base; one alone is not simulated."""
@@ -332,7 +332,7 @@ class Refinement:
     def _squares(self, base: Hypothesis, trials: Sequence[Hypothesis]) -> list[float]:
         """Return the weighted squares of a base and of trials, with the weights of the base."""
         about = Tangent(about=[base] * len(trials), moved=[*trials])
-        evidence = self._gather(base, about, trials, self.split.fitted, common=1)
+        evidence = self._gather(base, about, self.split.fitted, common=1, keep=trials)
         squares: list[float] = evidence.squares(held_out=False).tolist()
         return squares
 
@@ -340,10 +340,11 @@ class Refinement:
         self,
         base: Hypothesis,
         tangent: Tangent,
-        keep: Sequence[Hypothesis],
         places: Sequence[int] | None,
         common: int | None = None,
         neighbours: int = 1,
+        *,
+        keep: Sequence[Hypothesis] = (),
         kept: int = 0,
     ) -> Evidence:
         """Gather the responses of what is fitted of some runs; of all runs, whole, where none are given."""

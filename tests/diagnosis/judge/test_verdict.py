@@ -24,7 +24,7 @@ from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.search.in_place_of_a_value import Exchange
 from fdbench.diagnosis.search.stage import Stage
-from fdbench.effects import effects
+from fdbench.effects import Effect, effects
 from fdbench.record import Record
 
 LAG, DELAY, CABLE = (type(effects.get(name).typical()) for name in ("current_loop_lag", "dead_time", "cable_stiffness"))
@@ -123,20 +123,25 @@ def test_friction_of_another_law_is_no_cause_within_the_doubt_of_the_known_one(
     assert is_no_cause(added, start(model).moved(moved).with_effect(added)) is no_cause
 
 
+def rubbing(extra: Effect, by: float, judged: float) -> tuple[list[Record], list[Record]]:
+    """Return pairs of repeats whose friction is less and more by a share, and records of other motions and friction."""
+
+    def recorded(motion: object, duration_s: float, friction: float, seed: int) -> Record:
+        return record(other_friction(as_built(2), friction), (extra,), motion, duration_s, seed)
+
+    pairs = [
+        recorded(*motion, friction, seed)
+        for motion in protocol(1.0).values()
+        for seed, friction in enumerate((1.0 - by, 1.0 + by))
+    ]
+    return pairs, [recorded(*motion, judged, 10 + seed) for seed, motion in enumerate(protocol(1.3).values())]
+
+
 def test_another_friction_in_what_is_judged_on_is_no_unknown_cause() -> None:
     """Half of the gap stays on held-out motions whose friction is 8 % more, beside a cogging that closes the rest."""
     cogging = effects.get("cogging").typical()
-
-    def rubbing(motion: object, duration_s: float, friction: float, seed: int) -> Record:
-        return record(other_friction(as_built(2), friction), (cogging,), motion, duration_s, seed)
-
-    fitted = [
-        rubbing(*motion, friction, seed)
-        for motion in protocol(1.0).values()
-        for seed, friction in enumerate((0.97, 1.03))
-    ]
-    judged = [rubbing(*motion, 1.08, 10 + seed) for seed, motion in enumerate(protocol(1.3).values())]
-    found = diagnose(Nominal(plant=drive(), simulation=Simulation(substeps=10)), fitted, judged).answer
+    recorded = rubbing(cogging, 0.03, 1.08)
+    found = diagnose(Nominal(plant=drive(), simulation=Simulation(substeps=10)), *recorded).answer
     gap = found.gap.channels["position_m"]
     assert gap.repaired > 0.7 * gap.recalibrated > 1.4 * gap.noise_floor
     assert [cause.effect for cause in found.causes if cause.probability > 0.5] == ["cogging"]
@@ -146,20 +151,11 @@ def test_another_friction_in_what_is_judged_on_is_no_unknown_cause() -> None:
 def test_another_friction_in_what_is_judged_on_is_no_gap(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beside a cogging that is less than what friction differs by from run to run, and more than noise."""
     cogging = effects.get("cogging").typical().scaled(0.25)
-
-    def rubbing(motion: object, duration_s: float, friction: float, seed: int) -> Record:
-        return record(other_friction(as_built(2), friction), (cogging,), motion, duration_s, seed)
-
-    fitted = [
-        rubbing(*motion, friction, seed)
-        for motion in protocol(1.0).values()
-        for seed, friction in enumerate((0.96, 1.04))
-    ]
-    judged = [rubbing(*motion, 1.16, 10 + seed) for seed, motion in enumerate(protocol(1.3).values())]
+    recorded = rubbing(cogging, 0.04, 1.16)
     model = Nominal(plant=drive(), simulation=Simulation(substeps=10), exclude=("cogging",))
-    found = diagnose(model, fitted, judged).answer
+    found = diagnose(model, *recorded).answer
     monkeypatch.setattr("fdbench.diagnosis.judge.left._of_another_day", lambda found: np.inf)
-    before = diagnose(model, fitted, judged).answer
+    before = diagnose(model, *recorded).answer
     assert found.no_gap_probability > 0.9 > 0.1 > before.no_gap_probability
     assert before.unknown_probability > 0.9 > 0.1 > found.unknown_probability
 
