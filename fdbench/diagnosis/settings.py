@@ -278,6 +278,8 @@ class SearchSettings:
         "of five axes of another's simulator that stick, bristles bent over 0.7 to 1.8 times that noise",
     )
     oversized: float = number(5.0, "times the gap that the response to a tried effect may be before it is made smaller")
+    located_kept: int = number(2, "located shapes of a class tried on all records, of those tried on the shortest")
+    by_chance: float = number(4.0, "weighted squares by which further ones may be behind", "two standard deviations")
     rescaled: int = number(10, "classes that are simulated again at their fitted size")
     sizes: tuple[float, ...] = number((1.0, 0.5), "of that size: large effects are not proportional to it")
     starts: tuple[float, ...] = number((0.5, 0.25), "of that size: further starts, where it is worse than no effect")
@@ -285,6 +287,7 @@ class SearchSettings:
     serious: float = number(0.2, "share of the best gain that makes a class worth refining")
     promising: float = number(0.25, "of ``smallest_gain``, that a linear fit of a class must show where it is held out")
     strained: float = number(2.0, "deviations of a nominal parameter that may hide an effect from a linear fit")
+    tried_unhidden: int = number(6, "classes that are tried for it on all records, of those tried on the shortest")
     unhidden: int = number(2, "classes refined beside nominal parameters as given, where the base has strained ones")
     smallest_gain: float = number(0.04, "share of the excess misfit that an effect must remove")
     worth_adding: float = number(
@@ -339,6 +342,7 @@ class SearchSettings:
         1.0, "standard deviations of a nominal parameter, over which its response is taken for constant"
     )
     tangents: int = number(8, "points about which responses to nominal parameters are kept, if there is room for them")
+    tangents_held: int = number(16_000_000, "responses to them in a channel, beyond which fewer points are kept")
     converged: float = number(1e-3, "fall of the objective, relative to its excess over noise, that ends a refinement")
     unnoticed: float = number(1e-3, "the same, relative to all that is left, noise too: 0.03 of a log evidence")
     smallest_fall: float = number(2.0, "fall of the objective that is no evidence of anything")

@@ -20,7 +20,6 @@ from fdbench.diagnosis.evidence.segment_products import (
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
-from fdbench.diagnosis.model.replay import rooms
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.record import FloatArray
 
@@ -198,9 +197,9 @@ def gather(
     lost = np.zeros(n_columns, dtype=np.bool_)
     asked = {number: own.asked for number, own in columns.items()}
     simulated = readings.each(asked, [base, *keep], lent=True)
-    blocks = rooms([split.runs[number] for number in numbers], [len(own.to_keep) for own in columns.values()])
-    for number, count, own, new in zip(numbers, segments, simulated, blocks, strict=True):
+    for number, count, own in zip(numbers, segments, simulated, strict=True):
         run, out, n = split.runs[number], split.held_out[number], len(count)
+        new = readings.responses[number].room(run, len(columns[number].to_keep))
         last = first + n_channels * n
         written = (part[first:last].reshape(n_channels, n, *part.shape[1:]) for part in (products, band))
         lost |= segment_products(split, number, own, columns[number], new, *written)

@@ -12,6 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft, rfft, rfftfreq
 
 from fdbench.diagnosis.answer.quantity import Pair
 from fdbench.diagnosis.answer.where import Cell, FrequencyCell, PositionCell, TimeCell, VelocityCell, Where
@@ -71,15 +72,14 @@ class Gaps:
         n_bands = len(edges_Hz) - 1
         found = []
         for run, item in zip(self.runs, self.scaled, strict=True):
-            frequency = np.fft.rfftfreq(run.n_samples, run.period_s)
+            frequency = rfftfreq(run.n_samples, run.period_s)
             place = np.clip(np.searchsorted(edges_Hz, frequency, side="right") - 1, 0, n_bands - 1)
             relative = [2.0 * run.period_s * edge for edge in edges_Hz]
             noise = np.sum([floor.shares(relative) for floor in self.noise_models.values()], axis=0)
             squares = np.zeros((n_bands, run.n_samples))
+            inside = place == np.arange(n_bands)[:, None]
             for values in item.values():
-                spectrum = np.fft.rfft(values)
-                for band in range(n_bands):
-                    squares[band] += np.fft.irfft(np.where(place == band, spectrum, 0.0), run.n_samples) ** 2
+                squares += irfft(np.where(inside, rfft(values), 0.0), run.n_samples) ** 2
             found.append(squares - noise[:, None])
         return np.concatenate(found, axis=1)
 

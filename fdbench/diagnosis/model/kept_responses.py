@@ -4,7 +4,10 @@ import itertools
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from fdbench.diagnosis.model.hypothesis import Key
+from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.record import FloatArray
 
 Pair = tuple[Key, Key]  # a hypothesis, and what its response is counted from
@@ -27,6 +30,20 @@ class KeptResponses:
         self._at: dict[Pair, tuple[Block, int]] = {}
         self._of_products: dict[Pair, int] = {}
         self._products: Mapping[str, FloatArray] = {}
+        self._forgotten: list[dict[str, FloatArray]] = []
+
+    def room(self, run: RecordedRun, n_responses: int) -> dict[str, FloatArray]:
+        """Return room for responses, (n_responses, n_samples) of each channel: where forgotten ones were, if it is.
+
+        Pages of new arrays cost as much as what is simulated into them.
+        """
+        rows = [len(next(iter(own.values()))) for own in self._forgotten]
+        fits = [place for place, n in enumerate(rows) if n_responses <= n <= 2 * n_responses]
+        if fits:
+            whole = self._forgotten.pop(min(fits, key=rows.__getitem__))
+        else:
+            whole = {name: np.empty((n_responses, run.n_samples)) for name in run.channels}
+        return {name: own[:n_responses] for name, own in whole.items()}
 
     def __contains__(self, pair: Pair) -> bool:
         return pair in self._at
@@ -64,5 +81,8 @@ class KeptResponses:
 
     def forget(self, keys: Collection[Key]) -> None:
         """Keep responses of hypotheses no longer."""
+        before = {id(block): block for block, _ in self._at.values()}
         self._at = {pair: at for pair, at in self._at.items() if pair[0] not in keys}
+        for place in before.keys() - {id(block) for block, _ in self._at.values()}:
+            self._forgotten.append({name: own if own.base is None else own.base for name, own in before[place].items()})
         self._of_products = {pair: place for pair, place in self._of_products.items() if pair[0] not in keys}

@@ -1,6 +1,7 @@
 """Readings: what hypotheses read along runs, each simulated once; what is asked for again is kept and handed on."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -46,7 +47,10 @@ class Readings:
         self.finer = finer
         self.responses = [KeptResponses() for _ in runs]
         self._kept: dict[Key, dict[int, Channels]] = {}
-        self._coarser: dict[tuple[int, Key], Readings] = {}
+        # What is coarser holds what is finer, which holds it no longer than others do.
+        self._coarser: WeakValueDictionary[tuple[int, Key], Readings] = WeakValueDictionary()
+        self._moved: dict[tuple[int, Key], list[dict[str, FloatArray]]] = {}
+        self._rough: tuple[Key, Readings] | None = None
 
     def of(
         self, place: int, hypotheses: Sequence[Hypothesis], keep: Sequence[Hypothesis] = ()
@@ -142,7 +146,7 @@ class Readings:
         What they move the nominal model's readings by is taken from those of all hypotheses: of one that is near, it is
         nearly the same.
         """
-        return self._fewest(nominal, noise_models, self._coarser)
+        return self._fewest(nominal, noise_models)
 
     def about(self, hypothesis: Hypothesis, noise_models: Mapping[str, NoiseModel]) -> "Readings":
         """Return those that are right for a hypothesis, too, where these are off by a fifth of the noise.
@@ -152,23 +156,39 @@ class Readings:
         if self.finer is None:
             return self
         is_right = self._are_small(self.finer._less(self, hypothesis), noise_models)
-        found = self if is_right else self.finer._fewest(hypothesis, noise_models, {})
+        found = self if is_right else self.finer._fewest(hypothesis, noise_models)
         self.finer.forget([hypothesis])
         return found
 
-    def _fewest(
-        self, hypothesis: Hypothesis, noise_models: Mapping[str, NoiseModel], known: dict[tuple[int, Key], "Readings"]
-    ) -> "Readings":
-        """Return those with the fewest substeps that move no reading by much, and keep what was tried."""
+    def roughly(self, hypothesis: Hypothesis) -> "Readings":
+        """Return those with one substep, moved by what that moves the readings of a hypothesis by; kept are the last.
+
+        Of what is near the hypothesis they tell the response, whatever the substeps; they share kept responses.
+        """
+        if self.replay.substeps == 1:
+            return self
+        if self._rough is None or self._rough[0] != hypothesis.key:
+            replay = self.replay.with_substeps(1)
+            rough = Readings(replay, self.runs, self._less(Readings(replay, self.runs), hypothesis))
+            rough.responses = self.responses
+            rough._kept[hypothesis.key] = self._kept[hypothesis.key]
+            self._rough = hypothesis.key, rough
+        return self._rough[1]
+
+    def _fewest(self, hypothesis: Hypothesis, noise_models: Mapping[str, NoiseModel]) -> "Readings":
+        """Return those with the fewest substeps that move no reading by much, and keep by how much what is tried."""
         for substeps in MODEL.coarser_substeps:
             if substeps >= self.replay.substeps:
                 break
             place = substeps, hypothesis.key
-            if place not in known:
+            found = self._coarser.get(place)
+            if found is None:
                 replay = self.replay.with_substeps(substeps)
-                known[place] = Readings(replay, self.runs, self._less(Readings(replay, self.runs), hypothesis), self)
-            if self._are_small(known[place].beyond, noise_models):
-                return known[place]
+                if place not in self._moved:
+                    self._moved[place] = self._less(Readings(replay, self.runs), hypothesis)
+                found = self._coarser[place] = Readings(replay, self.runs, self._moved[place], self)
+            if self._are_small(found.beyond, noise_models):
+                return found
         return self
 
     def _less(self, other: "Readings", hypothesis: Hypothesis) -> list[dict[str, FloatArray]]:

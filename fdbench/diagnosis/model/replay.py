@@ -30,6 +30,7 @@ Lanes = WeakKeyDictionary["Variant", dict[float, tuple[FloatArray, NDArray[np.bo
 WIDTH = 8  # few effects in a block beat many lanes in it
 PIECE = 2048  # samples worked on at once, which stay in the processor's cache
 APART = PIECE + 8  # from lane to lane: rows a power of two apart would push each other out of the cache
+SETS_OF_RUNS = 4  # whose commands are at hand: what is fitted, all, and the shortest of either
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -152,7 +153,7 @@ class Replay:
         self._stepper = compose(self.kinds, WIDTH)
         self._lanes: Lanes = WeakKeyDictionary()
         self._mechanics: dict[Any, Mechanics] = {}
-        self._last_commands: LoopCommands | None = None
+        self._known_commands: list[LoopCommands] = []
         self.memory = Memory()
 
     def simulate(self, run: RecordedRun, variants: Sequence[Variant]) -> dict[str, FloatArray]:
@@ -206,7 +207,7 @@ class Replay:
     def with_loops(self, loops: int) -> "Replay":
         """Return the simulator with another number of cycles of the controller in a sampling time."""
         found = copy.copy(self)
-        found.loops, found._lanes, found._last_commands = loops, WeakKeyDictionary(), None
+        found.loops, found._lanes, found._known_commands = loops, WeakKeyDictionary(), []
         return found
 
     def _lane(self, variant: Variant, period_s: float) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -233,10 +234,12 @@ class Replay:
         return self._mechanics[parts]
 
     def _commands(self, runs: Sequence[RecordedRun]) -> LoopCommands:
-        """Return the commands of runs; those of the last runs are at hand."""
-        if self._last_commands is None or not self._last_commands.are_of(runs):
-            self._last_commands = LoopCommands(runs, self.loops)
-        return self._last_commands
+        """Return the commands of runs; those of a few sets of runs are at hand."""
+        known = next((own for own in self._known_commands if own.are_of(runs)), None)
+        if known is None:
+            known = LoopCommands(runs, self.loops)
+            self._known_commands = [*self._known_commands, known][-SETS_OF_RUNS:]
+        return known
 
     def _advance(self, commands: LoopCommands, lanes: Sequence["_ReplayLane"]) -> None:
         """Simulate lanes in one block, piece by piece; where a run ends, the next lane takes its place."""

@@ -15,7 +15,7 @@ from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.parameter_vector import adjustables_of, parameter_vector, with_parameters
 from fdbench.diagnosis.model.readings import Readings
-from fdbench.diagnosis.settings import MODEL, SEARCH
+from fdbench.diagnosis.settings import SEARCH
 from fdbench.record import FloatArray
 
 
@@ -270,7 +270,7 @@ class Refinement:
     def _most_tangents(self, n_numbers: int) -> int:
         """Return how many tangents of the nominal parameters there is room for."""
         n_samples = sum(self._fitted_readings.runs[place].n_samples for place in self.split.fitted)
-        return min(SEARCH.tangents, MODEL.held_at_once // max(n_numbers * n_samples, 1))
+        return min(SEARCH.tangents, SEARCH.tangents_held // max(n_numbers * n_samples, 1))
 
     def responses(
         self,
@@ -280,6 +280,7 @@ class Refinement:
         *,
         effects: bool = False,
         neighbours: int | None = None,
+        roughly: bool = False,
     ) -> Evidence:
         """Return the responses to a step of each nominal parameter, perhaps of each number of effects, and to others.
 
@@ -294,12 +295,18 @@ class Refinement:
             Whether numbers of effects are moved, too.
         neighbours : int, optional
             How many of the others in a row are fitted together; without, all.
+        roughly : bool
+            Whether one substep is enough for those to the others.
         """
         tangent = self.tangent(base)
         known = tangent if effects else tangent.of(range(len(base.shifts)))
         every = known.followed_by(Tangent(about=[base] * len(others), moved=[*others]))
         common = None if neighbours is None else 1 + len(known.moved)
-        return self._gather(base, every, places, common, neighbours or 1, kept=len(base.shifts))
+        kept = len(base.shifts)
+        if roughly and others:
+            # Responses to nominal parameters serve on, and are simulated by all substeps first.
+            self._gather(base, known, places, kept=kept)
+        return self._gather(base, every, places, common, neighbours or 1, kept=kept, roughly=roughly and bool(others))
 
     def better(self, base: Hypothesis, rivals: Sequence[Hypothesis]) -> Hypothesis:
         """Return which of several has the lowest objective, with the weights of a base; one alone is not simulated."""
@@ -346,10 +353,12 @@ class Refinement:
         *,
         keep: Sequence[Hypothesis] = (),
         kept: int = 0,
+        roughly: bool = False,
     ) -> Evidence:
         """Gather the responses of what is fitted of some runs; of all runs, whole, where none are given."""
         whole = places is None
         readings, split = (self.readings, self.split) if whole else (self._fitted_readings, self._fitted_split)
+        readings = readings.roughly(base) if roughly else readings
         return gather(readings, split, base, tangent.moved, places, keep, tangent.about, common, neighbours, kept)
 
     def _forget(self, tangent: Tangent, *but: Hypothesis) -> None:

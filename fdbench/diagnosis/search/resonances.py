@@ -1,5 +1,7 @@
 """Locate resonances: frequencies of a mass on a spring that the measured motion would move as the forces left ask."""
 
+import itertools
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,7 +17,7 @@ from fdbench.record import FloatArray
 
 DAMPING = 0.03  # of a structural mode of typical size
 SPACING = 1.0 + DAMPING  # from frequency to frequency: no resonance lies between two that are tried
-BIN_HZ = 0.1  # over which products of spectra are summed: less than the width of the slowest resonance
+BIN_HZ = 0.1  # over which products of spectra are summed, of all runs: less than the width of the slowest resonance
 
 
 def resonances(lacking: Sequence[FloatArray], split: Split, drive: FeedDrive) -> list[float]:
@@ -43,7 +45,8 @@ def resonances(lacking: Sequence[FloatArray], split: Split, drive: FeedDrive) ->
         return []
     n_tried = int(np.log(fastest_Hz / SEARCH.lowest_line_Hz) / np.log(SPACING))
     tried_Hz: FloatArray = SEARCH.lowest_line_Hz * SPACING ** np.arange(n_tried, dtype=np.float64)
-    normal, right = np.zeros((n_tried, 3, 3)), np.zeros((n_tried, 3))
+    n_bins = math.ceil(fastest_Hz / BIN_HZ)
+    products = np.zeros((3, 3, n_bins), dtype=np.complex128)
     noise_N, noise_m = (split.noise_models[name].rms for name in ("motor_force_N", "position_m"))
     for run, force in zip(split.runs, lacking, strict=True):
         x, h = table_position(run.channels, drive), run.period_s
@@ -53,17 +56,19 @@ def resonances(lacking: Sequence[FloatArray], split: Split, drive: FeedDrive) ->
         inside = (at_Hz > 0.5 * SEARCH.lowest_line_Hz) & (at_Hz < fastest_Hz)
         at_Hz, spectra = at_Hz[inside], np.fft.rfft(signals, n_padded)[:, inside]
         spectra /= np.hypot(noise_N, drive.mass_kg * (2.0 * np.pi * at_Hz) ** 2 * noise_m)
-        firsts = np.arange(0, len(at_Hz), max(1, round(BIN_HZ * n_padded * h)))
-        products = np.add.reduceat(spectra[:, None].conj() * spectra[None], firsts, axis=-1)
-        centres_Hz: FloatArray = np.add.reduceat(at_Hz, firsts) / np.diff(firsts, append=len(at_Hz))
-        follows = transmissibility(tried_Hz[:, None], centres_Hz)
-        across = (follows.conj() @ products[0].T).real  # of the mode with acceleration, speed and force
-        plain = products[:2].real.sum(axis=-1)
-        normal[:, :2, :2] += plain[:, :2]
-        normal[:, 2, :2] += across[:, :2]
-        normal[:, 2, 2] += np.abs(follows) ** 2 @ products[0, 0].real
-        right[:, :2] += plain[:, 2]
-        right[:, 2] += across[:, 2]
+        place = (at_Hz / BIN_HZ).astype(np.intp)
+        for row, column in itertools.product(range(3), range(3)):
+            product = spectra[row].conj() * spectra[column]
+            products[row, column] += np.bincount(place, product.real, n_bins)
+            products[row, column] += 1j * np.bincount(place, product.imag, n_bins)
+    centres_Hz: FloatArray = BIN_HZ * (np.arange(n_bins, dtype=np.float64) + 0.5)
+    follows = transmissibility(tried_Hz[:, None], centres_Hz)
+    normal, right = np.zeros((n_tried, 3, 3)), np.zeros((n_tried, 3))
+    across = (follows.conj() @ products[0].T).real  # of the mode with acceleration, speed and force
+    plain = products[:2].real.sum(axis=-1)
+    normal[:, :2, :2], right[:, :2] = plain[:, :2], plain[:, 2]
+    normal[:, 2, :2], right[:, 2] = across[:, :2], across[:, 2]
+    normal[:, 2, 2] = np.abs(follows) ** 2 @ products[0, 0].real
     if not (np.isfinite(normal).all() and np.isfinite(right).all()):
         return []
     around = np.pad(_removed_beside_the_others(normal, right), 1)

@@ -1,26 +1,22 @@
 """Search: add the effect that explains most, refine it in closed-loop simulation, look again at what is left."""
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from fdbench.diagnosis.evidence.evidence import gather
-from fdbench.diagnosis.evidence.least_squares import Fit, Scores
+from fdbench.diagnosis.evidence.least_squares import Fit
 from fdbench.diagnosis.evidence.split import Split
-from fdbench.diagnosis.model.candidates import Candidate, candidates, with_other_numbers
+from fdbench.diagnosis.model.candidates import Candidate, with_other_numbers
 from fdbench.diagnosis.model.hypothesis import Hypothesis
 from fdbench.diagnosis.model.readings import Readings
 from fdbench.diagnosis.search.beside_traces import beside_traces
-from fdbench.diagnosis.search.periods import located
-from fdbench.diagnosis.search.refinement import Refinement, prior_weight
+from fdbench.diagnosis.search.refinement import Refinement
+from fdbench.diagnosis.search.screen import Screen
 from fdbench.diagnosis.search.stage import (
     Rival,
     Stage,
-    equivalent_misfit,
-    excess_of,
     in_order,
     log_odds_of_pairs,
     look_alikes,
@@ -97,17 +93,19 @@ class Search:
         So it is where the base does not strain and leaves noise alone, or where no value of it may be a cause and no
         class takes anything of what it leaves, if that is not much.
         """
-        before = self._screen(base, (), self.split.fitted)
+        screen = Screen(self.refinement, base)
+        before = screen.fits((), self.split.fitted)
         # Values that strain may hide an effect where noise alone is left, too.
         strains = base.named_penalty() > base.cost_of_a_cause
         if before.alone.train < SEARCH.noise_alone and not strains:
             return None
-        every, fits = self._fitted_linearly(base, before.gap)
+        every = screen.candidates()
+        fitted = screen.fitted(every, before.gap)
         is_near = base.apart_from(base.as_on_paper()) <= JUDGE.beyond_doubt
-        if is_near and not _takes_any(base, fits, before.alone) and self._most_left(base) < SEARCH.unexplained:
+        if is_near and not screen.takes_any(fitted) and self._most_left(base) < SEARCH.unexplained:
             return None
-        sized, alone = self._sized(base, every, fits)
-        worthwhile, unhidden = _worthwhile(base, sized, alone), self._unhidden(base, every)
+        sized, alone = screen.sized(fitted)
+        worthwhile, unhidden = screen.worthwhile(sized, alone), self._unhidden(base, every, before.gap)
         hypotheses, ahead = [], self.refinement.better(base, [base, *unhidden.values()])
         for kind in dict.fromkeys((*sized, *unhidden)):
             found = None
@@ -129,38 +127,6 @@ class Search:
         """Return the misfit of a base where it is fitted or where it is judged, whichever is more."""
         evidence = gather(self.readings, self.split, base, ())
         return max(float(evidence.misfits(held_out=part)[0]) for part in (True, False))
-
-    def _fitted_linearly(self, base: Hypothesis, gap: float) -> tuple[list[Candidate], list[Fit]]:
-        """Return all candidates, none by far larger than the gap, and the linear fits of what is fitted with them."""
-        fitted = self.split.fitted
-        every = candidates(base, located(self.readings, self.split, base), self.split.runs[0].period_s)
-        if len(fitted) > 1:  # most that is too large is seen to be so on a part of the records
-            shortest = min(fitted, key=lambda place: self.split.runs[place].n_samples)
-            every = _not_oversized(every, self._screen(base, every, [shortest]).sizes, gap)
-        screened = self._screen(base, every, fitted)
-        fits = screened.fits
-        smaller = _not_oversized(every, screened.sizes, gap)
-        large = [place for place, (item, given) in enumerate(zip(smaller, every, strict=True)) if item is not given]
-        if large:
-            again = self._screen(base, [smaller[place] for place in large], fitted).fits
-            for place, fit in zip(large, again, strict=True):
-                every[place], fits[place] = smaller[place], fit
-        return every, fits
-
-    def _sized(
-        self, base: Hypothesis, every: Sequence[Candidate], fits: Sequence[Fit]
-    ) -> tuple[dict[type[Effect], tuple[Candidate, Fit]], Fit]:
-        """Return the best candidate of the best classes at the best of several sizes, and the fit of the base alone.
-
-        They are fitted linearly and judged on all samples; the best class comes first.
-        """
-        best = self._best_of_class(base, every, fits)
-        order = sorted(best, key=lambda kind: _cost(base, best[kind][1].train, best[kind][1]))[: SEARCH.rescaled]
-        rescaled = [size for kind in order for size in best[kind][0].sizes(SEARCH.sizes)]
-        screened = self._screen(base, rescaled)
-        sized = self._best_of_class(base, rescaled, screened.fits)
-        order = sorted(sized, key=lambda kind: _cost(base, sized[kind][1].misfit, sized[kind][1]))
-        return {kind: sized[kind] for kind in order}, screened.alone
 
     def _refined(self, base: Hypothesis, candidate: Candidate, fit: Fit, ahead: Hypothesis) -> Hypothesis:
         """Return the best refinement of a candidate; one that falls hopelessly behind what is ``ahead`` is given up."""
@@ -204,7 +170,7 @@ class Search:
         starts = [base.with_effect(effect.within(**{amplitude.name: size})) for size in sizes]
         return kind, self.refinement.best_from(base, starts, linear), True
 
-    def _unhidden(self, base: Hypothesis, every: Sequence[Candidate]) -> dict[type[Effect], Hypothesis]:
+    def _unhidden(self, base: Hypothesis, every: Sequence[Candidate], gap: float) -> dict[type[Effect], Hypothesis]:
         """Return the classes that fit best beside nominal parameters as given, refined, where those of the base strain.
 
         An effect that they stand in for has nothing to explain beside them, and their responses are others there. One
@@ -213,10 +179,10 @@ class Search:
         given = base.as_on_paper()
         if base.apart_from(given) <= SEARCH.strained:
             return {}
-        best = self._best_of_class(given, every, self._screen(given, every, self.split.fitted).fits)
-        costs = {kind: _cost(given, fit.train, fit) for kind, (_, fit) in best.items()}
+        screen = Screen(self.refinement, given)
+        best = screen.best_of_class(screen.fitted(every, gap, SEARCH.tried_unhidden))
         found, ahead = {}, base
-        for kind in sorted(costs, key=costs.__getitem__)[: SEARCH.unhidden]:
+        for kind in sorted(best, key=lambda kind: screen.cost(best[kind][1]))[: SEARCH.unhidden]:
             self.progress(f"refining {kind.name}")
             candidate, _ = best[kind]
             begun = given.with_effect(candidate.members[0], candidate.replaces)
@@ -289,15 +255,16 @@ class Search:
     def compared(self, base: Hypothesis, hypotheses: Sequence[tuple[type[Effect], Hypothesis, bool]]) -> Stage:
         """Judge hypotheses beside a base on the held-out segments, with the weights of the base."""
         rivalling = [hypothesis for _, hypothesis, _ in hypotheses]
-        bare = [item.without_effect(kind) if item.has(kind) else item for kind, item, _ in hypotheses]
+        bare = [(item, item.without_effect(kind)) for kind, item, refined in hypotheses if refined and item.has(kind)]
         formed = [(item, origin) for item in rivalling if (origin := base.with_form_of(item)) is not base]
-        variants = [*rivalling, *bare, *(item for item, _ in formed)]
-        n, about = len(rivalling), [*[base] * len(rivalling), *rivalling, *(origin for _, origin in formed)]
+        variants = [*rivalling, *(without for _, without in bare), *(item for item, _ in formed)]
+        n, about = len(rivalling), [*[base] * len(rivalling), *(item for item, _ in bare), *(own for _, own in formed)]
         evidence = gather(self.readings, self.split, base, variants, keep=rivalling, about=about, common=1)
         alone, *misfits = evidence.misfits(held_out=True)[: 1 + n].tolist()
         fitted_alone, *fitted = evidence.misfits(held_out=False)[: 1 + n].tolist()
         outside = evidence.held_out
-        sizes, own_sizes, shown = np.split(evidence.sizes(self.split)[1:], [n, 2 * n])
+        sizes, own, shown = np.split(evidence.sizes(self.split)[1:], [n, n + len(bare)])
+        own_sizes = {id(item): size for (item, _), size in zip(bare, own.tolist(), strict=True)}
         beside_form = {id(item): size for (item, _), size in zip(formed, shown.tolist(), strict=True)}
         stretches = len(np.unique(evidence.group[outside]))
         stage = Stage(
@@ -317,10 +284,10 @@ class Search:
                 fitted=where_fitted,
                 refined=refined,
                 size=beside_form.get(id(item), size),
-                own_size=own_size,
+                own_size=own_sizes.get(id(item), size) if item.has(kind) else 0.0,
             )
-            for (kind, item, refined), misfit, where_fitted, size, own_size in zip(
-                hypotheses, misfits, fitted, sizes.tolist(), own_sizes.tolist(), strict=True
+            for (kind, item, refined), misfit, where_fitted, size in zip(
+                hypotheses, misfits, fitted, sizes.tolist(), strict=True
             )
         )
         stage = dataclasses.replace(stage, rivals=rivals)
@@ -371,40 +338,6 @@ class Search:
                 found.append((rival.kind, self.refinement.refine(tried), True))
         return self.contested(others, found)
 
-    def _screen(self, base: Hypothesis, every: Sequence[Candidate], places: Sequence[int] | None = None) -> "_Screened":
-        """Fit the base and it with each candidate linearly, on some runs or on all."""
-        columns: list[tuple[int, ...]] = []
-        variants: list[Hypothesis] = []
-        for candidate in every:
-            first = 1 + len(base.shifts) + len(variants)
-            variants += candidate.hypotheses(base)
-            columns.append(tuple(range(first, 1 + len(base.shifts) + len(variants))))
-        most = max((len(own) for own in columns), default=1)
-        evidence = self.refinement.responses(base, variants, places, neighbours=most)
-        nuisances = list(range(1, 1 + len(base.shifts)))
-        inside = ~evidence.held_out
-        priors, room = base.priors(prior_weight(float(evidence.squares(held_out=False)[0]))), base.room()
-        scores = Scores(evidence, dict(enumerate(priors, start=1)), dict(enumerate(room, start=1)))
-        deviations = np.sqrt(np.diagonal(scores.train) / float(evidence.counts[inside].sum()))
-        return _Screened(
-            alone=scores.fit(nuisances),
-            fits=[_within_bounds(item, scores, nuisances, own) for item, own in zip(every, columns, strict=True)],
-            gap=max(float(deviations[0]), 1e-150),
-            sizes=[float(deviations[list(own)].max()) for own in columns],
-        )
-
-    def _best_of_class(
-        self, base: Hypothesis, every: Sequence[Candidate], fits: Sequence[Fit]
-    ) -> dict[type[Effect], tuple[Candidate, Fit]]:
-        best: dict[type[Effect], tuple[Candidate, Fit]] = {}
-        costs: dict[type[Effect], float] = {}
-        for candidate, fit in zip(every, fits, strict=True):
-            scaled = candidate.scaled(fit.coefficients[len(base.shifts) :].tolist())
-            cost = _cost(base, fit.train, fit)
-            if scaled is not None and cost < costs.get(candidate.kind, math.inf):
-                best[candidate.kind], costs[candidate.kind] = (scaled, fit), cost
-        return best
-
     def _starts(self, base: Hypothesis, hypothesis: Hypothesis, candidate: Candidate) -> list[Hypothesis]:
         """Return where a refinement begins: also at a smaller size, where the fitted one is worse than no effect.
 
@@ -420,72 +353,6 @@ class Search:
         return [*found, self.refinement.better(base, smaller)]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Screened:
-    """Linear fits of the base alone and with each candidate; rms of the gap and of the responses to candidates."""
-
-    alone: Fit
-    fits: list[Fit]
-    gap: float
-    sizes: list[float]
-
-
 def _linear(base: Hypothesis, candidate: Candidate, fit: Fit) -> Hypothesis:
     """Return a base with a candidate of one member as it is fitted linearly."""
     return base.with_effect(candidate.members[0], candidate.replaces).moved(fit.coefficients)
-
-
-def _takes_any(base: Hypothesis, fits: Sequence[Fit], alone: Fit) -> bool:
-    """Return whether any fit of what is fitted falls below that of the base alone by what may be evidence."""
-    least = min((_cost(base, fit.train, fit) for fit in fits), default=math.inf)
-    return _cost(base, alone.train, alone) - least >= SEARCH.smallest_fall
-
-
-def _worthwhile(base: Hypothesis, sized: Mapping[type[Effect], tuple[Candidate, Fit]], alone: Fit) -> set[type[Effect]]:
-    """Return the classes that gain most beside a fit of the base alone, on what is held out or on what is fitted.
-
-    A shape that is not fitted yet can be right on what is fitted, and wrong on what is held out. What shows nothing in
-    a linear fit may be far from linear, which matters where much is left.
-    """
-    cost, misfit = _cost(base, alone.train, alone), _equivalent(base, alone)
-    falls = {kind: cost - _cost(base, fit.train, fit) for kind, (_, fit) in sized.items()}
-    gains = {kind: misfit - _equivalent(base, fit) for kind, (_, fit) in sized.items()}
-    if alone.misfit >= SEARCH.unexplained:
-        return foremost(gains) | foremost(falls)
-    least = SEARCH.promising * SEARCH.smallest_gain * excess_of(misfit)
-    return foremost(gains, least) | foremost(falls, SEARCH.smallest_fall)
-
-
-def foremost(gains: Mapping[type[Effect], float], least: float = 0.0) -> set[type[Effect]]:
-    """Return the classes that gain most, as far as they gain a share of the most, and no less than the least."""
-    most = max(gains.values(), default=0.0)
-    first = sorted(gains, key=lambda kind: -gains[kind])[: SEARCH.refined]
-    return {kind for kind in first if gains[kind] >= max(SEARCH.serious * most, least)} if most > 0.0 else set()
-
-
-def _not_oversized(every: Sequence[Candidate], sizes: Sequence[float], gap: float) -> list[Candidate]:
-    """Return candidates as they are, or as large as the gap where their response is by far larger."""
-    ratios = [size / gap for size in sizes]
-    return [
-        item if ratio <= SEARCH.oversized or item.replaces is not None else item.sizes([1.0 / ratio])[0]
-        for item, ratio in zip(every, ratios, strict=True)
-    ]
-
-
-def _within_bounds(candidate: Candidate, scores: Scores, nuisances: Sequence[int], own: Sequence[int]) -> Fit:
-    """Return the linear fit of a candidate, or that without its further amplitudes where they break a bound."""
-    fit = scores.fit([*nuisances, *own])
-    further = len(candidate.kind.further_amplitudes)
-    if further == 0 or candidate.scaled(fit.coefficients[len(nuisances) :].tolist()) is not None:
-        return fit
-    alone = scores.fit([*nuisances, *own[:-further]])
-    return dataclasses.replace(alone, coefficients=np.append(alone.coefficients, np.zeros(further)))
-
-
-def _cost(base: Hypothesis, misfit: float, fit: Fit) -> float:
-    """Return minus twice the tempered log evidence of a linear fit: its misfit, and how far nominal parameters move."""
-    return SEARCH.effective_samples * math.log(max(misfit, 1e-9)) + base.moved(fit.coefficients).prior_penalty()
-
-
-def _equivalent(base: Hypothesis, fit: Fit) -> float:
-    return equivalent_misfit(fit.misfit, base.moved(fit.coefficients), SEARCH.effective_samples)

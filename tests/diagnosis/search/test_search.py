@@ -19,7 +19,8 @@ from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
 from fdbench.diagnosis.model.replay import Replay, Replayed
 from fdbench.diagnosis.records.noise_model import white
 from fdbench.diagnosis.search.refinement import Refinement, Tangent, _Steps
-from fdbench.diagnosis.search.search import Search, foremost
+from fdbench.diagnosis.search.screen import Screen, foremost
+from fdbench.diagnosis.search.search import Search
 from fdbench.diagnosis.search.stage import Rival, Stage, ranked
 from fdbench.diagnosis.settings import MODEL, SEARCH, changed
 from fdbench.effects import Effect, effects
@@ -354,8 +355,9 @@ def test_what_strained_values_hide_from_a_linear_fit_is_sought_beside_them_as_gi
     assert stage.rivals[0].kind.declared is type(true)
     assert stage.rivals[0].hypothesis.effects[0].values()[0] == pytest.approx(true.values()[0], rel=0.1)
     every = candidates(strained, period_s=PERIOD_S)
-    assert own._unhidden(start(NOMINAL), every) == {}
-    assert type(true) in {kind.declared for kind in own._unhidden(strained, every)}
+    gap = Screen(own.refinement, strained).fits((), own.split.fitted).gap
+    assert own._unhidden(start(NOMINAL), every, gap) == {}
+    assert type(true) in {kind.declared for kind in own._unhidden(strained, every, gap)}
 
 
 def test_a_fit_beside_values_as_given_ends_where_it_goes_back_to_those_of_the_base() -> None:
@@ -368,7 +370,7 @@ def test_a_fit_beside_values_as_given_ends_where_it_goes_back_to_those_of_the_ba
     assert ended.is_nearer_to(base)
     assert whole.apart_from(base) < 0.5 * ended.apart_from(base)
     every = [item for item in candidates(base, period_s=PERIOD_S) if item.kind.name == "cogging"]
-    assert own._unhidden(base, every) == {}
+    assert own._unhidden(base, every, Screen(own.refinement, base).fits((), own.split.fitted).gap) == {}
 
 
 def test_a_short_lag_is_told_from_a_dead_time_by_all_substeps(monkeypatch: pytest.MonkeyPatch) -> None:
