@@ -96,3 +96,21 @@ def test_a_kept_response_that_diverges_is_none() -> None:
         np.testing.assert_array_equal(found.lost, [False, False, True])
         assert np.isfinite(found.products).all()
         assert not found.products[:, 2].any()
+
+
+def test_responses_are_kept_where_forgotten_ones_were() -> None:
+    own, here = search(), start(NOMINAL)
+    moved, others = here.moved_in_turn(), [here.with_effect(effects.get("cogging").typical())]
+    run, kept, every = own.split.runs[0], own.readings.responses[0], [(item.key, here.key) for item in moved]
+    gather(own.readings, own.split, here, moved, [0], kept=len(moved))
+    gather(own.readings, own.split, here, [*moved[:2], *others], [0], kept=3)
+    (stretch,) = kept.stretches(every)
+    assert not np.shares_memory(kept.room(run, len(moved))["position_m"], stretch.block["position_m"])
+    own.readings.forget(moved[1:])
+    assert not np.shares_memory(kept.room(run, len(moved))["position_m"], stretch.block["position_m"])
+    own.readings.forget(moved[:1])
+    few = kept.room(run, len(moved) // 3)  # there is far too much room for these
+    assert not np.shares_memory(few["position_m"], stretch.block["position_m"])
+    again = kept.room(run, len(moved) - 1)
+    assert again["position_m"].shape == (len(moved) - 1, run.n_samples)
+    assert np.shares_memory(again["position_m"], stretch.block["position_m"])

@@ -1,5 +1,8 @@
 """Readings at few substeps are those at many, but for what hypotheses move the error of the integration by."""
 
+import gc
+import weakref
+
 import numpy as np
 from axis_lab import drive
 
@@ -71,3 +74,37 @@ def test_what_comes_at_once_is_read_with_more_substeps() -> None:
     for name in CHANNELS:
         np.testing.assert_allclose(closer.alone(0, milling)[name], fine.alone(0, milling)[name], rtol=0.0, atol=1e-12)
     assert fine.about(milling, noise) is fine
+
+
+def test_one_substep_tells_the_response_of_what_is_near() -> None:
+    """The hypothesis itself is read to the last digit; of the response to another effect little is lost."""
+    fine = Readings(Replay(NOMINAL.drive, NOMINAL.library, FINE), [run()])
+    given = start(NOMINAL)
+    beside = given.with_effect(effects.get("cogging").typical())
+    rough = fine.roughly(given)
+    assert rough.replay.substeps == 1
+    assert rough.responses is fine.responses
+    assert fine.roughly(given) is rough
+    assert fine.roughly(beside) is not rough
+    one = Readings(fine.replay.with_substeps(1), fine.runs)
+    assert one.roughly(given) is one
+    for name in CHANNELS:
+        given_read, beside_read = (fine.alone(0, item)[name] for item in (given, beside))
+        np.testing.assert_array_equal(rough.alone(0, given)[name], given_read)
+        lost = np.sqrt(np.mean((rough.alone(0, beside)[name] - beside_read) ** 2))
+        assert 0.0 < lost < 0.2 * np.sqrt(np.mean((beside_read - given_read) ** 2))
+
+
+def test_readings_are_gone_with_who_asked_for_them() -> None:
+    """At once, not when garbage is collected: of long records they are hundreds of megabytes."""
+    fine = Readings(Replay(NOMINAL.drive, NOMINAL.library, FINE), [run()])
+    coarse = fine.coarsened(start(NOMINAL), {name: white(1e3, measured=True) for name in CHANNELS})
+    assert coarse.finer is fine
+    assert fine.coarsened(start(NOMINAL), {name: white(1e3, measured=True) for name in CHANNELS}) is coarse
+    held = [weakref.ref(item) for item in (fine, coarse, coarse.roughly(start(NOMINAL)))]
+    gc.disable()
+    try:
+        del fine, coarse
+        assert [item() for item in held] == [None] * len(held)
+    finally:
+        gc.enable()
