@@ -278,8 +278,6 @@ class SearchSettings:
         "of five axes of another's simulator that stick, bristles bent over 0.7 to 1.8 times that noise",
     )
     oversized: float = number(5.0, "times the gap that the response to a tried effect may be before it is made smaller")
-    located_kept: int = number(2, "located shapes of a class tried on all records, of those tried on the shortest")
-    by_chance: float = number(4.0, "weighted squares by which further ones may be behind", "two standard deviations")
     rescaled: int = number(10, "classes that are simulated again at their fitted size")
     sizes: tuple[float, ...] = number((1.0, 0.5), "of that size: large effects are not proportional to it")
     starts: tuple[float, ...] = number((0.5, 0.25), "of that size: further starts, where it is worse than no effect")
@@ -287,7 +285,7 @@ class SearchSettings:
     serious: float = number(0.2, "share of the best gain that makes a class worth refining")
     promising: float = number(0.25, "of ``smallest_gain``, that a linear fit of a class must show where it is held out")
     strained: float = number(2.0, "deviations of a nominal parameter that may hide an effect from a linear fit")
-    tried_unhidden: int = number(6, "classes that are tried for it on all records, of those tried on the shortest")
+    tried_unhidden: int = number(8, "classes that are tried for it on all records, of those tried on the shortest")
     unhidden: int = number(2, "classes refined beside nominal parameters as given, where the base has strained ones")
     smallest_gain: float = number(0.04, "share of the excess misfit that an effect must remove")
     worth_adding: float = number(
@@ -334,7 +332,7 @@ class SearchSettings:
     steps: int = number(12, "Gauss-Newton steps of a refinement at most")
     fine: float = number(0.1, "of the steps of numbers, with which a fit goes on where whole ones tell no slope")
     kept_promise: float = number(
-        0.75, "share of the promised fall that a step must reach for its responses to serve on"
+        0.4, "share of the promised fall that a step must reach for its responses to serve on"
     )
     reweighings: int = number(4, "of the priors, where values may be far from those on paper")
     other_form: float = number(0.5, "deviations by which forms of friction differ, of which one may hide an effect")

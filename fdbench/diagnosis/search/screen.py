@@ -50,14 +50,14 @@ class Screen:
         return candidates(self.base, lines, self.split.runs[0].period_s)
 
     def fitted(self, every: Sequence[Candidate], gap: float, n_classes: int | None = None) -> Screened:
-        """Return the candidates of use on all that is fitted, none by far larger than the gap.
+        """Return candidates on all that is fitted, none by far larger than the gap; of the best classes, or of all.
 
-        Most that is too large, or of no use, is seen to be so on a part: the shortest record.
+        Most that is too large is seen to be so on the shortest record, and which classes have a chance.
         """
         places = self.split.fitted
         if len(places) > 1:
-            shortest = min(places, key=lambda place: self.split.runs[place].n_samples)
-            every = self._hopeful(self._of_right_size(every, gap, [shortest]), n_classes)
+            on_part = self._of_right_size(every, gap, [min(places, key=lambda place: self.split.runs[place].n_samples)])
+            every = on_part.every if n_classes is None else self._of_best_classes(on_part, n_classes)
         return self._of_right_size(every, gap, places)
 
     def _of_right_size(self, every: Sequence[Candidate], gap: float, places: Sequence[int]) -> Screened:
@@ -88,29 +88,11 @@ class Screen:
         order = sorted(sized, key=lambda kind: self.cost(sized[kind][1], sized[kind][1].misfit))
         return {kind: sized[kind] for kind in order}, screened.alone
 
-    def _hopeful(self, found: Screened, n_classes: int | None) -> list[Candidate]:
-        """Return of the best classes, or of all, what a part of the records leaves a chance.
-
-        These are all shapes, but of located ones those that fit best, and that are behind by what may be chance: a wave
-        is there or not, whereas how a friction goes on beyond the speeds of one record is seen in others.
-        """
-        of_class: dict[type[Effect], list[int]] = {}
-        for place, item in enumerate(found.every):
-            of_class.setdefault(item.kind, []).append(place)
-        costs = [self.cost(fit) for fit in found.fits]
-        broken = [self._scaled(item, fit) is None for item, fit in zip(found.every, found.fits, strict=True)]
-        for own in of_class.values():
-            own.sort(key=lambda place: (broken[place], costs[place]))
-        kept: set[int] = set()
-        for kind in sorted(of_class, key=lambda kind: costs[of_class[kind][0]])[:n_classes]:
-            own = of_class[kind]
-            if any(item.locate for item in kind.parameters()):
-                most = found.fits[own[0]].squares + SEARCH.by_chance
-                own = [
-                    place for n, place in enumerate(own) if n < SEARCH.located_kept or found.fits[place].squares < most
-                ]
-            kept |= {*own}
-        return [item for place, item in enumerate(found.every) if place in kept]
+    def _of_best_classes(self, found: Screened, n_classes: int) -> list[Candidate]:
+        """Return the candidates of the classes that fit best."""
+        best = self.best_of_class(found)
+        kinds = sorted(best, key=lambda kind: self.cost(best[kind][1]))[:n_classes]
+        return [item for item in found.every if item.kind in kinds]
 
     def takes_any(self, found: Screened) -> bool:
         """Return whether any fit of what is fitted falls below that of the base alone by what may be evidence."""

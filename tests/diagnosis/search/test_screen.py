@@ -1,4 +1,4 @@
-"""A screen drops on the shortest record what has no chance there, and nothing that only other records tell."""
+"""A screen ranks classes of effects by linear fits, with responses of the size of the gap, read by one substep."""
 
 import dataclasses
 
@@ -10,7 +10,6 @@ from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.candidates import Candidate
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.search.screen import Screen
-from fdbench.diagnosis.settings import SEARCH
 from fdbench.effects import Effect, effects
 
 COGGING, STRIBECK = effects.get("cogging"), effects.get("stribeck_friction")
@@ -45,23 +44,15 @@ def shapes() -> list[Candidate]:
     return [Candidate(members=(STRIBECK.typical(**{name: value}),)) for value in grid]
 
 
-def test_of_waves_the_right_one_goes_on_and_of_other_shapes_all() -> None:
+def test_the_right_wave_fits_best_and_its_class_comes_first() -> None:
     own = screen_of(COGGING.typical(pitch_m=0.005))
-    gap = own.fits((), own.split.fitted).gap
-    found = own.fitted([*waves(), *shapes()], gap)
-    pitches = [item.members[0].pitch_m for item in found.every if item.kind is COGGING]
-    assert 0.005 in pitches
-    assert len(pitches) <= SEARCH.located_kept
-    assert sum(item.kind is STRIBECK for item in found.every) == len(shapes())
+    found = own.fitted([*shapes(), *waves()], own.fits((), own.split.fitted).gap)
+    assert [item.kind for item in found.every] == [STRIBECK] * len(shapes()) + [COGGING] * len(PITCHES_M)
+    assert own.takes_any(found)
     assert own.best_of_class(found)[COGGING][0].members[0].pitch_m == 0.005
-    assert next(iter(own.sized(found)[0])) is COGGING
-
-
-def test_waves_that_differ_by_chance_all_go_on() -> None:
-    """In noise alone no wave has more than chance to do with it."""
-    own = screen_of()
-    found = own.fitted(waves(), own.fits((), own.split.fitted).gap)
-    assert len(found.every) > SEARCH.located_kept
+    sized, alone = own.sized(found)
+    assert next(iter(sized)) is COGGING
+    assert own.worthwhile(sized, alone) == {COGGING}
 
 
 def test_only_the_best_classes_go_on_where_few_are_asked_for() -> None:
