@@ -308,6 +308,7 @@ def _searched(
     # The search weighs what friction may do in each run; what is judged, drawn and written is one model for all.
     readings, plain = search.readings, search.split.plain
     last = Refinement(readings, plain, refinement.nominal)
+    refinement.nominal = last.nominal  # what is simulated about the last model serves its intervals
     weighed = last.refine(sought) if sought.effects else calibrated
     calibrated = last.refine(calibrated, tempered=False)
     exchange = in_place_of_a_value(Search(last), weighed, stages[-1], calibrated) if stages else None

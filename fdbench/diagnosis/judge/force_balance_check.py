@@ -46,7 +46,7 @@ def force_balances_removed(readings: Readings, split: Split, contest: Stage) -> 
     shifted = base.moved_in_turn()
     lanes = [base, *shifted, *others]
     sums = np.zeros((2, len(lanes), len(lanes)))
-    every = readings.each(dict.fromkeys(range(len(split.runs)), lanes), lent=True)
+    every = readings.roughly(base).each(dict.fromkeys(range(len(split.runs)), lanes), lent=True)
     for run, out, simulated in zip(split.runs, split.held_out, every, strict=True):
         changes = {name: values - values[0] for name, values in simulated.items()}
         for name, measured in run.channels.items():

@@ -80,15 +80,7 @@ class Hypothesis:
     @functools.cached_property
     def variant(self) -> Variant:
         """The drive that is simulated."""
-        drive = self.nominal.drive
-        offsets: tuple[Effect, ...] = ()
-        apart_m = late_s = 0.0
-        for calibration, shift in zip(nominal_parameters(self.nominal), self.shifts, strict=True):
-            if shift != 0.0 and not calibration.gone_with(self.replaced):
-                drive, extra = calibration.apply(drive, shift)
-                offsets += extra
-                apart_m += calibration.zeros_apart_m(shift)
-                late_s += calibration.force_read_late_s(shift)
+        drive, offsets, apart_m, late_s = _moved(self.nominal, self.shifts, self.replaced)
         for index in self.replaced:
             drive = without(drive, index)
         drive, apart = joined(drive, merged(offsets, self.effects))
@@ -315,6 +307,26 @@ class Hypothesis:
             if any(item.in_place_of(self.nominal.drive.effects[index]) is not None for item in effects)
         )
         return dataclasses.replace(self, effects=effects, replaced=replaced)
+
+
+@functools.lru_cache(maxsize=16)
+def _moved(
+    nominal: Nominal, shifts: tuple[float, ...], replaced: tuple[int, ...]
+) -> tuple[FeedDrive, tuple[Effect, ...], float, float]:
+    """Return what values make of a drive: it, what has to be added for them, and by how much its readings are off.
+
+    Those are the zeros of the encoders (m) and how late the force is read (s). All candidates beside a base share it.
+    """
+    drive = nominal.drive
+    offsets: tuple[Effect, ...] = ()
+    apart_m = late_s = 0.0
+    for calibration, shift in zip(nominal_parameters(nominal), shifts, strict=True):
+        if shift != 0.0 and not calibration.gone_with(replaced):
+            drive, extra = calibration.apply(drive, shift)
+            offsets += extra
+            apart_m += calibration.zeros_apart_m(shift)
+            late_s += calibration.force_read_late_s(shift)
+    return drive, offsets, apart_m, late_s
 
 
 def merged(offsets: Sequence[Effect], effects: Sequence[Effect]) -> tuple[Effect, ...]:
