@@ -331,9 +331,7 @@ class SearchSettings:
     )
     steps: int = number(12, "Gauss-Newton steps of a refinement at most")
     fine: float = number(0.1, "of the steps of numbers, with which a fit goes on where whole ones tell no slope")
-    kept_promise: float = number(
-        0.4, "share of the promised fall that a step must reach for its responses to serve on"
-    )
+    kept_promise: float = number(0.4, "share of the promised fall that a step must reach for its responses to serve on")
     reweighings: int = number(4, "of the priors, where values may be far from those on paper")
     other_form: float = number(0.5, "deviations by which forms of friction differ, of which one may hide an effect")
     near: float = number(
