@@ -173,7 +173,20 @@ def test_motions_that_were_not_recorded_before_are_said() -> None:
     axis = as_built(3)
     answer = answer_to(records(axis, seed=100), records(axis, seed=200, factor=1.3))
     assert named(answer) == []
-    assert sum("no baseline record has its command" in warning for warning in answer.warnings) == 4
+    new = [warning for warning in answer.warnings if "no baseline record has its command" in warning]
+    assert len(new) == 4
+    assert not set(new) & set(answer.assumptions)
+    assert next(verdict(answer)).startswith("Read the warnings under Doubts first")
+
+
+def test_one_motion_that_is_new_is_no_fault_of_the_records() -> None:
+    """It is said how it is compared, and nobody has to read that before the verdict."""
+    axis = as_built(3)
+    every = records(axis, seed=200)
+    answer = answer_to(records(axis, seed=100), [*every[:-1], *records(axis, seed=300, factor=1.3)[-1:]])
+    (new,) = (warning for warning in answer.warnings if "no baseline record has its command" in warning)
+    assert new in answer.assumptions
+    assert not next(verdict(answer)).startswith("Read the warnings under Doubts first")
 
 
 @pytest.mark.parametrize(("low", "probability"), [(1.9e-8, 0.0), (2.1e-8, 0.8)])

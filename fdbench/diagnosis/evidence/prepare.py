@@ -143,7 +143,8 @@ def aligned(
     beside = zip(runs, simulated, strict=True) if logged else ()
     said = [text for run, own in beside for text in check_alignment(run, own, unit_is_told=scales.tell_the_unit)]
     every = [_beside_model(run, own, baseline) for run, own in zip(runs, simulated, strict=True)]
-    warnings += [*zeros, *said, *(text for item in every for text in item.warnings)]
+    new = _not_before([item.run for item in every], baseline)
+    warnings += [*zeros, *said, *new, *(text for item in every for text in item.warnings)]
     others = apart([item.run for item in every])
     fitted, judged = (
         [item for item in part if all(item.run is not other.run for other in others)]
@@ -181,7 +182,8 @@ def aligned(
         others=others,
         unsteady=[item.run for item in every if item.is_unsteady],
         warnings=warnings,
-        assumptions=[*assumed, *zeros],
+        # Of some motions it is how they are compared; where all are new, a baseline tells little.
+        assumptions=[*assumed, *zeros, *(new if len(new) < len(every) else ())],
     )
 
 
@@ -221,13 +223,7 @@ def _beside_model(read: RecordedRun, as_nominal: Mapping[str, FloatArray], basel
     """Return a run beside what the nominal model has, less what a baseline has of it already."""
     warnings = []
     bridged, n_held = interpolated(read, as_nominal)
-    run = bridged
-    if baseline is not None:
-        run = baseline.corrected(bridged)
-        if baseline.of(run) is None:
-            warnings.append(
-                f"{run.name}: no baseline record has its command, so the error of the model's form does not cancel."
-            )
+    run = bridged if baseline is None else baseline.corrected(bridged)
     is_unsteady = restless(run)
     if is_unsteady:
         run = dataclasses.replace(run, lap=None)
@@ -243,6 +239,14 @@ def _beside_model(read: RecordedRun, as_nominal: Mapping[str, FloatArray], basel
         is_unsteady=is_unsteady,
         warnings=warnings,
     )
+
+
+def _not_before(runs: Sequence[RecordedRun], baseline: Baseline | None) -> list[str]:
+    """Return what is said of runs whose command no record of a baseline has."""
+    new = [run.name for run in runs if baseline is not None and baseline.of(run) is None]
+    return [
+        f"{name}: no baseline record has its command, so the error of the model's form does not cancel." for name in new
+    ]
 
 
 def without_copies(

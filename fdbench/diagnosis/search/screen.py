@@ -1,4 +1,4 @@
-"""Screen: candidates fitted linearly beside a base; all of them on one record first, those of use on all."""
+"""Screen: candidates fitted linearly beside a base, by which classes of effects are ranked before any is refined."""
 
 import dataclasses
 import math
