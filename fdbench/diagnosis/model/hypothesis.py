@@ -9,8 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdbench.diagnosis.model.friction_parameters import FrictionForm
-from fdbench.diagnosis.model.known_effects import WIDTH, first_friction, sliding_alike, with_known, without
+from fdbench.diagnosis.model.friction_parameters import FrictionForm, KnownAmplitude
+from fdbench.diagnosis.model.known_effects import (
+    WIDTH,
+    first_friction,
+    sliding_alike,
+    with_known,
+    without,
+)
 from fdbench.diagnosis.model.nominal import Covered, Nominal
 from fdbench.diagnosis.model.nominal_parameter import NominalParameter
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters
@@ -251,6 +257,19 @@ class Hypothesis:
                     shifts = [0.0 if other in places else shift for other, shift in enumerate(self.shifts)]
                     shifts[place] = change / scale[place].size(drive)
                     found.append(dataclasses.replace(self, shifts=tuple(shifts)))
+        return found
+
+    def with_grown(self) -> "list[Hypothesis]":
+        """Return it with each known effect that a fit from below stops short of as many times as large as it may start.
+
+        Such as a play: from a few micrometres no step leads to tens of them.
+        """
+        found = []
+        for place, item in enumerate(nominal_parameters(self.nominal)):
+            if isinstance(item, KnownAmplitude):
+                for start in item.known(self.nominal.drive).starts:
+                    shifts = (*self.shifts[:place], (start - 1.0) / item.deviation, *self.shifts[place + 1 :])
+                    found.append(dataclasses.replace(self, shifts=shifts))
         return found
 
     def as_on_paper(self) -> "Hypothesis":

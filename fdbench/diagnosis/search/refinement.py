@@ -121,7 +121,7 @@ class Refinement:
         found = self.refine(self.refine(given, fixed=form)) if form else self.refine(given)
         others = found.on_one_side()
         if any(isinstance(item, KnownAmplitude) and not item.is_friction for item in scale):
-            others.append(self.refine(found, tempered=False))
+            others += [self.refine(found, tempered=False), *found.with_grown()]
         if narrow:
             far = self.refine(given, fixed=form, tempered=False)
             others += [far, *far.on_one_side()]
