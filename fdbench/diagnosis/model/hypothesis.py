@@ -10,13 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdbench.diagnosis.model.friction_parameters import FrictionForm, KnownAmplitude
-from fdbench.diagnosis.model.known_effects import (
-    WIDTH,
-    first_friction,
-    sliding_alike,
-    with_known,
-    without,
-)
+from fdbench.diagnosis.model.known_effects import WIDTH, first_friction, sliding_alike, with_known, without
 from fdbench.diagnosis.model.nominal import Covered, Nominal
 from fdbench.diagnosis.model.nominal_parameter import NominalParameter
 from fdbench.diagnosis.model.nominal_parameters import nominal_parameters

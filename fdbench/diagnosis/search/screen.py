@@ -56,24 +56,23 @@ class Screen:
         """
         places = self.split.fitted
         if len(places) > 1:
-            on_part = self._of_right_size(every, gap, [min(places, key=lambda place: self.split.runs[place].n_samples)])
-            every = on_part.every if n_classes is None else self._of_best_classes(on_part, n_classes)
+            shortest = [min(places, key=lambda place: self.split.runs[place].n_samples)]
+            if n_classes is None:
+                every = _not_oversized(self.fits(every, shortest), gap)
+            else:
+                every = self._of_best_classes(self._of_right_size(every, gap, shortest), n_classes)
         return self._of_right_size(every, gap, places)
 
     def _of_right_size(self, every: Sequence[Candidate], gap: float, places: Sequence[int]) -> Screened:
         """Return the candidates on some runs; where a response is by far larger than the gap, of one as large."""
         found = self.fits(every, places)
-        ratios = [size / gap for size in found.sizes]
-        large = [
-            place
-            for place, ratio in enumerate(ratios)
-            if ratio > SEARCH.oversized and found.every[place].replaces is None
-        ]
+        smaller = _not_oversized(found, gap)
+        large = [place for place, item in enumerate(smaller) if item is not found.every[place]]
         if large:
-            again = self.fits([found.every[place].sizes([1.0 / ratios[place]])[0] for place in large], places)
-            for place, item, fit in zip(large, again.every, again.fits, strict=True):
-                found.every[place], found.fits[place] = item, fit
-        return found
+            again = self.fits([smaller[place] for place in large], places)
+            for place, fit in zip(large, again.fits, strict=True):
+                found.fits[place] = fit
+        return dataclasses.replace(found, every=smaller)
 
     def sized(self, found: Screened) -> tuple[OfClass, Fit]:
         """Return the best candidate of the best classes at the best of several sizes, and the fit of the base alone.
@@ -167,6 +166,15 @@ def foremost(gains: Mapping[type[Effect], float], least: float = 0.0) -> set[typ
     most = max(gains.values(), default=0.0)
     first = sorted(gains, key=lambda kind: -gains[kind])[: SEARCH.refined]
     return {kind for kind in first if gains[kind] >= max(SEARCH.serious * most, least)} if most > 0.0 else set()
+
+
+def _not_oversized(found: Screened, gap: float) -> list[Candidate]:
+    """Return candidates as they are, or as large as the gap where their response is by far larger."""
+    ratios = [size / gap for size in found.sizes]
+    return [
+        item if ratio <= SEARCH.oversized or item.replaces is not None else item.sizes([1.0 / ratio])[0]
+        for item, ratio in zip(found.every, ratios, strict=True)
+    ]
 
 
 def _within_bounds(candidate: Candidate, scores: Scores, nuisances: Sequence[int], own: Sequence[int]) -> Fit:
