@@ -122,7 +122,7 @@ def test_other_records_than_those_of_tier_l(given: Records, kind: str) -> None:
         gone |= {"motor_torque_Nm": None, "motor_current_A": lambda item: drive().motor_force(item) / 100.0}
     records = [with_columns(group, gone) for group in (fitted, judged)]
     setup = recording_setup.recording_setup(Nominal(plant=plant, simulation=Simulation(substeps=10)), *records)
-    found = machine_calibration._case(setup, setup.noises(), 0)
+    found = machine_calibration._case(setup, setup.noises(), 4)
     assert set(found["features"]) == set(learn.KINDS)
     assert set(found["truth"]) == {"listed", "unlisted"}
 
@@ -297,9 +297,9 @@ def test_causes_show_and_are_no_larger_than_the_measured_gap_asks_for(given: Rec
 def test_a_process_of_its_own_finds_the_same_case(given: Records) -> None:
     setup = recording_setup.recording_setup(*given)
     noises = setup.noises()
-    asked = machine_calibration._CaseAsked(setup=pickle.dumps(given), effect_files=(), noises=noises, number=1)
+    asked = machine_calibration._CaseAsked(setup=pickle.dumps(given), effect_files=(), noises=noises, number=9)
     beside = machine_calibration._case_beside(asked)
-    assert json.dumps(beside) == json.dumps(machine_calibration._case(setup, noises, 1))
+    assert json.dumps(beside) == json.dumps(machine_calibration._case(setup, noises, 9))
 
 
 # ---- what is said of them ----

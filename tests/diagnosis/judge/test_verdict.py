@@ -13,11 +13,12 @@ from search_lab import refined_rival
 
 from fdbench.diagnosis.answer.cause import VALUE, Cause, ForceBalances, RivalReduction
 from fdbench.diagnosis.diagnose import diagnose
-from fdbench.diagnosis.judge import verdict
+from fdbench.diagnosis.judge import probability_models, verdict
 from fdbench.diagnosis.judge.contested import Contested, is_no_cause, size_as_cause
+from fdbench.diagnosis.judge.findings import Findings
 from fdbench.diagnosis.judge.look_alikes import akin, divided, force_balances
 from fdbench.diagnosis.judge.nominal_values import Deviating
-from fdbench.diagnosis.judge.probability_models import Beside, effect_features
+from fdbench.diagnosis.judge.probability_models import Beside, ProbabilityModels, effect_features
 from fdbench.diagnosis.model.hypothesis import start
 from fdbench.diagnosis.model.known_effects import known_friction
 from fdbench.diagnosis.model.nominal import Nominal, Simulation, Uncertainty
@@ -153,9 +154,16 @@ def test_another_friction_in_what_is_judged_on_is_no_gap(monkeypatch: pytest.Mon
     cogging = effects.get("cogging").typical().scaled(0.25)
     recorded = rubbing(cogging, 0.04, 1.16)
     model = Nominal(plant=drive(), simulation=Simulation(substeps=10), exclude=("cogging",))
+    judged: list[Findings] = []
+
+    def spied(findings: Findings, models: ProbabilityModels) -> verdict.Verdict:
+        judged.append(findings)
+        return verdict.verdict(findings, models)
+
+    monkeypatch.setattr("fdbench.diagnosis.diagnose.verdict", spied)
     found = diagnose(model, *recorded).answer
     monkeypatch.setattr("fdbench.diagnosis.judge.left._of_another_day", lambda found: np.inf)
-    before = diagnose(model, *recorded).answer
+    before = verdict.verdict(*judged, probability_models.models())
     assert found.no_gap_probability > 0.9 > 0.1 > before.no_gap_probability
     assert before.unknown_probability > 0.9 > 0.1 > found.unknown_probability
 
