@@ -44,12 +44,10 @@ def inverse_dynamics_residuals(
     on_motor = force - inertia_and_drag(motor.mass_kg, motor.viscous_friction_N_s_per_m, x_t + deflection, h) - spring
     on_table = spring - inertia_and_drag(table.mass_kg, table.viscous_friction_N_s_per_m, x_t, h)
     jerky = noise["position_m"] / h**2
-    return np.stack(
-        [
-            on_motor / math.hypot(noise["motor_force_N"], motor.mass_kg * jerky, spread),
-            on_table / math.hypot(table.mass_kg * jerky, spread),
-        ]
-    )
+    found = np.empty((2, *spring.shape))
+    np.divide(on_motor, math.hypot(noise["motor_force_N"], motor.mass_kg * jerky, spread), out=found[0])
+    np.divide(on_table, math.hypot(table.mass_kg * jerky, spread), out=found[1])
+    return found
 
 
 def inertia_and_drag(mass_kg: float, viscous: float, x: FloatArray, h: float) -> FloatArray:

@@ -14,12 +14,12 @@ from fdbench.diagnosis.evidence.response_columns import ResponseColumns
 from fdbench.diagnosis.evidence.run_to_run import Change
 from fdbench.diagnosis.evidence.split import Split
 from fdbench.diagnosis.model.kept_responses import Block
-from fdbench.diagnosis.model.replay import PIECE
 from fdbench.diagnosis.records.runs import RecordedRun
 from fdbench.diagnosis.settings import EVIDENCE
 from fdbench.record import FloatArray
 
 HUGE = 1e30  # gap or response of a simulation that diverges, while its square is still a number
+AT_ONCE = 2**18  # readings of all columns together, which stay in the processor's cache
 DIVERGED = 1e6  # gap, in units of the floor, of a simulation that diverges
 
 
@@ -147,7 +147,8 @@ def _fill(
 ) -> None:
     """Fill in the products of a channel's signals: those of a run, see `segment_products`."""
     n_samples, n_columns = len(signals.measured), signals.columns.n_columns
-    n_rows, at_once = n_columns + len(signals.directions), length * max(1, PIECE // length)
+    n_rows = n_columns + len(signals.directions)
+    at_once = min(length * max(1, AT_ONCE // (n_rows * length)), n_samples)
     buffer = np.empty((n_rows, at_once))
     for first in range(0, n_samples, at_once):
         n = min(at_once, n_samples - first)

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
+from scipy.fft import irfft, next_fast_len, rfft
 
 from fdbench.diagnosis.evidence.inverse_dynamics import inverse_dynamics_residuals
 from fdbench.diagnosis.evidence.least_squares import distance, solved
@@ -78,7 +78,7 @@ def smoothed(forces: FloatArray, period_s: float) -> FloatArray:
     """Return forces low-passed without delay by a Gaussian that is down by 3 dB at ``JUDGE.force_balance_Hz``."""
     n = forces.shape[-1]
     length = next_fast_len(n, real=True)
-    return np.asarray(np.fft.irfft(np.fft.rfft(forces, length) * low_pass(length, period_s), length)[..., :n])
+    return np.asarray(irfft(rfft(forces, length) * low_pass(length, period_s), length)[..., :n])
 
 
 def low_pass(n_samples: int, period_s: float) -> FloatArray:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.fft import next_fast_len
+from scipy.fft import next_fast_len, rfft
 
 from fdbench.diagnosis.evidence.inverse_dynamics import inverse_dynamics_residuals
 from fdbench.diagnosis.evidence.split import Split
@@ -107,7 +107,7 @@ def _lines_in_position(
                 slow = [_local_mean(sums, visits, width) for width in widths]
                 profiles = np.stack([sums - visits * mean for mean in slow])
                 left.append(own[moving] - slow[:2][-1][place[moving]])  # a short travel has long waves alone
-                power += np.abs(np.fft.rfft(profiles / np.sqrt(np.maximum(visits, 1.0)), n_padded)) ** 2
+                power += np.abs(rfft(profiles / np.sqrt(np.maximum(visits, 1.0)), n_padded)) ** 2
             parts.append((position[moving], np.stack(left)))
     resolved = max(3, round(2.0 / travel / float(wavenumber[1])))
     # What is slower has more power than any pitch, also at the ways of a sample at its speeds; it goes before.
