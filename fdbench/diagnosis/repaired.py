@@ -42,7 +42,8 @@ def write_repaired(found: Diagnosis, path: str | Path) -> None:
         raise FdbenchError(
             f"{path}: not written: on {found.answer.shrinkage.judged_on_words} the repaired model predicts worse than "
             f"the re-calibrated one ({with_effects:.3g} against {recalibrated:.3g} times the noise, in the mean over "
-            "the channels). Leave --write-model out to read the answer; it needs more records, or other motions."
+            "the channels). The answer stands without it; a model that predicts better needs more records, or other "
+            "motions."
         )
     write_text(path, model_text(dataclasses.replace(found, final=found.calibrated) if is_worse else found))
 

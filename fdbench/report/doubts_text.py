@@ -184,9 +184,10 @@ def _among(found: CauseSet) -> str:
             f"More is left unexplained than on any of {found.axes} simulated axes with one cause, so no set of causes "
             "is promised to hold that of this axis."
         )
-    held = f"with a probability of {percent(found.holds)} at least, if it is like {found.axes} simulated axes with one"
+    held = f"with a probability of {percent(found.holds)} at least, on axes like {found.axes} simulated ones"
     if found.everything:
         return f"No effect can be left out {held}."
     if not found.causes:
-        return f"An axis with one cause of the library would have left it among those named or suspected {held}."
-    return f"One cause of the library is among {', '.join(found.causes)} {held}."
+        return f"One effect of the library as the cause would be among those named or suspected {held}."
+    among = "among " if len(found.causes) > 1 else ""
+    return f"If one effect of the library is the cause, it is {among}{', '.join(found.causes)} {held}."

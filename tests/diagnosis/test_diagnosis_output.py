@@ -348,9 +348,10 @@ def test_it_is_said_what_the_cause_is_among_if_there_is_one(found: Diagnosis) ->
     def said(**changed: Any) -> str:
         return " ".join(summary(replace(found.answer, cause_set=replace(like, **changed))).split())
 
-    assert "One cause of the library is among backlash, dead_time with a probability of 90 % at least" in said()
+    assert "If one effect of the library is the cause, it is among backlash, dead_time with a prob" in said()
+    assert "the cause, it is backlash with a probability of 90 % at least, on axes like" in said(causes=("backlash",))
     assert "No effect can be left out" in said(everything=True)
-    assert "would have left it among those named" in said(causes=())
+    assert "would be among those named or suspected" in said(causes=())
     assert "no set of causes is promised" in said(exchangeable=False)
 
 

@@ -200,6 +200,13 @@ def test_degrees_and_turns_are_converted(tmp_path: Path) -> None:
     np.testing.assert_allclose(record["reference_velocity_rad_per_s"], 2.0 * math.pi)
 
 
+def test_an_angle_in_degrees_is_told_by_the_limits_of_the_model(tmp_path: Path) -> None:
+    record = turning(0)
+    record["position_rad"] = np.degrees(record["position_rad"])
+    with pytest.raises(RecordError, match=r'travel_rad is 200.* is not rad or s; a mapping file .* unit = "deg"'):
+        diagnose(model(tmp_path), [record])
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

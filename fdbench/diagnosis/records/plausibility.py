@@ -11,6 +11,7 @@ from fdbench.diagnosis.settings import PLAUSIBLE
 from fdbench.errors import RecordError
 from fdbench.plants.feed_drive import FeedDrive
 from fdbench.record import FloatArray, Record
+from fdbench.rotary import spoken_unit
 from fdbench.units import time_text
 
 PREFIXES = {1e3: "a thousand: millimetres, milliseconds or kilonewtons", 1e6: "a million: micrometres"}
@@ -102,10 +103,11 @@ def check_record(run: RecordedRun, drive: FeedDrive) -> None:
         ("reaches", fastest, 1.0, drive.velocity_limit_m_per_s, "velocity_limit_m_per_s", "m/s"),
     ):
         if value > PLAUSIBLE.outside * sides * limit:
+            usual = spoken_unit("m")
             raise RecordError(
                 f"{run.name}: the {'motion' if followed else 'command'} {does} {value:.4g} {unit}, the model's {key} "
-                f"is {limit:g}. Probably the unit of {name} or time_s is not m or s; a mapping file converts it: "
-                'unit = "mm".'
+                f"is {limit:g}. Probably the unit of {name} or time_s is not {usual} or s; a mapping file converts it: "
+                f'unit = "{"mm" if usual == "m" else "deg"}".'
             )
     if span == 0.0 and float(np.ptp(position)) > PLAUSIBLE.unmoved * drive.travel_m:
         raise RecordError(
