@@ -348,7 +348,8 @@ def test_it_is_said_what_the_cause_is_among_if_there_is_one(found: Diagnosis) ->
     def said(**changed: Any) -> str:
         return " ".join(summary(replace(found.answer, cause_set=replace(like, **changed))).split())
 
-    assert "If one effect of the library is the cause, it is among backlash, dead_time with a prob" in said()
+    assert "If one effect of the library is the cause, it is among backlash, dead_time with" in said()
+    assert "is among backlash, dead_time with a probability of 90 % at least, on axes like" in said()
     assert "the cause, it is backlash with a probability of 90 % at least, on axes like" in said(causes=("backlash",))
     assert "No effect can be left out" in said(everything=True)
     assert "would be among those named or suspected" in said(causes=())

@@ -43,7 +43,7 @@ def test_gains_that_are_off_are_found_and_no_cause() -> None:
     assert found.answer.no_gap_probability > 0.5 > found.answer.unknown_probability
 
 
-@pytest.mark.parametrize("name", [None, "cogging", "lead_error"])
+@pytest.mark.parametrize("name", [None, "backlash"])
 def test_feedforward_that_is_far_off_is_unknown_and_what_is_beside_it_is_named(name: str | None) -> None:
     extra = () if name is None else (effects.get(name).typical(),)
     axis = with_gains(axis_lab.as_built(3), {"velocity_feedforward": -0.15})
